@@ -31,7 +31,7 @@ def test_says_its_version(run):
         ("fly", "No such command 'fly'; see minorloop --help"),
         ("--bogus", "No such option: --bogus; see minorloop --help"),
         ("identify", "Missing argument 'file'; see minorloop identify --help"),
-        ("identify good.csv --output length", "--input is missing; name a column"),
+        ("identify good.csv --output length", "input (--input) is missing; name a column"),
     ],
 )
 def test_refuses_wrong_command_lines_in_one_line(line, says, refused):

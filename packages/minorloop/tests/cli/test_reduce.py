@@ -72,7 +72,10 @@ def test_calibrations_agree(answer):
         ("--range 3", "--range is '3'; give LOW:HIGH, such as 10:30"),
         ("--laser 20,1.05 --range 18.9:21.1 --shortest 11", "0 holds of 11 s or more found"),
         ("--laser 2000,15", "none of the 8 holds has a usable output"),
-        ("--time voltage", "--input and --time are both 'voltage [V]'; give two columns"),
+        (
+            "--time voltage",
+            "time (--time) are both 'voltage [V]'; give two columns",
+        ),
         ("--output nothing", "has no column 'nothing', it has 'time [s]', 'voltage [V]'"),
     ],
 )
@@ -102,7 +105,7 @@ def test_a_second_clock_is_named_and_a_duration_is_not(answer):
     two = [f"{header},t2 [s],held [s]", *(f"{row},{k},{-k}" for k, row in enumerate(rows))]
     Path("two.csv").write_text("\n".join(two) + "\n")
     said = " ".join(answer(LINE.replace("log.csv", "two.csv"))["notes"])
-    assert "is the time; 't2 [s]' could be too: name the right one with --time" in said
+    assert "is the time; 't2 [s]' could be too: name it with time= (--time)" in said
 
 
 def spoilt(column, value, every=150):

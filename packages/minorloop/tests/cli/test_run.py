@@ -105,7 +105,7 @@ def test_a_dead_meter_is_warned_of_and_ends_a_run_that_is_safe(run):
 
 def test_a_store_knows_its_columns(run, refused):
     run(f"{RUN} --store runs.sqlite")
-    assert "leave --input, --output, --time" in refused("identify runs.sqlite --input voltage")
+    assert "leave input, output, time" in refused("identify runs.sqlite --input voltage")
     assert "continue it with minorloop resume --store runs.sqlite" in refused(
         f"{RUN} --store runs.sqlite"
     )
@@ -161,7 +161,7 @@ def test_warns_of_points_that_did_not_settle():
 def test_refuses_too_few_hours_and_holdouts_of_adaptive_runs(run, refused):
     assert "give 0.278 h or more" in refused(f"{ADAPTIVE} --hours 0.2 --store a.sqlite")
     run(f"{ADAPTIVE} --holds 3 --store a.sqlite")
-    assert "leave --rows, --skip and --holdout out" in refused("identify a.sqlite --holdout 0.3")
+    assert "leave rows, skip and holdout out" in refused("identify a.sqlite --holdout 0.3")
     assert "nosuch.sqlite does not exist" in refused("identify nosuch.sqlite")
 
 

@@ -47,7 +47,7 @@ def test_a_lag_in_seconds_needs_time(answer, refused):
     assert "the lag is 0.025 s and the record has no time; name its column (--time)" in refused(
         f"{LINE} --time none --lag 25ms"
     )
-    assert "--lag is '3 rows'; give it in one of s, ms" in refused(f"{LINE} --lag '3 rows'")
+    assert "lag is '3 rows'; give it in one of s, ms" in refused(f"{LINE} --lag '3 rows'")
 
 
 def test_a_raw_log_is_not_to_be_trusted(run):

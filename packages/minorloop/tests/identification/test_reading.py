@@ -40,7 +40,7 @@ def test_times_that_cannot_be_used_are_left_out_and_said(header, said, file):
 
 
 def test_a_column_that_is_missing_or_wrong_is_named(file):
-    with pytest.raises(ParameterError, match="--output is missing; name a column of"):
+    with pytest.raises(ParameterError, match=r"output \(--output\) is missing; name a column of"):
         ml.read(file, input="u")
     with pytest.raises(RecordError, match="does not exist"):
         ml.read(file.with_name("none.csv"))

@@ -80,7 +80,7 @@ def test_without_time_samples_are_counted(file):
 
 def test_a_column_cannot_be_used_twice_or_have_another_unit(file):
     write(file, T, U, U)
-    with pytest.raises(ParameterError, match=r"--input and --time are both 'u \[V\]'"):
+    with pytest.raises(ParameterError, match=r"input .* and time \(--time\) are both 'u \[V\]'"):
         read_log(file, input="u", output="y", time="u [V]")
     with pytest.raises(RecordError, match=r"'y \[um\]' must be in one of s, ms, us, ns, min, h, d"):
         read_log(file, input="u", output="time", time="y")

@@ -15,7 +15,6 @@ import numpy as np
 from minorloop.arrays import FloatArray, IntArray, as_finite, as_whole, check_option
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.identification.pipeline import Options
-from minorloop.identification.record_checks import checked_record
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
 
@@ -112,7 +111,6 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         u = self._input(X)
         options = ("levels", "relay", "diagonal", "smoothness", "slope", "signed", "prior", "start")
         asked = Options.of({**{name: getattr(self, name) for name in options}, "lag": 0})
-        checked_record(u, y)
         self.model_ = asked.identify(Record(u, y)).model
         low, high = map(float, self.model_.levels[[0, -1]])
         before = self.model_.memory(self.start).extrema

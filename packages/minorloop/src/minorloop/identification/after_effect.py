@@ -178,7 +178,7 @@ class Viscosity:
             raise ParameterError(
                 f"holdout is {holdout}, and laws of time are scored on parts left out; leave it out"
             )
-        inputs, outputs, coded = checks.checked_record(used.u, used.y)
+        inputs, outputs, coded = used.checked
         clock = as_times(used.t)
         check_option("creep", self.creep, tuple(CREEP))
         check_option("diagonal", self.diagonal, ("uniform", "reversible"))

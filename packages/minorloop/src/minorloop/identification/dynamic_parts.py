@@ -65,7 +65,7 @@ class DynamicRecord:
     @classmethod
     def of(cls, record: Record, holdout: float) -> DynamicRecord:
         """Return a checked record without left-out pieces."""
-        inputs, outputs, coded = checks.checked_record(record.u, record.y)
+        inputs, outputs, coded = record.checked
         interval = as_sampled((record.t, inputs, np.zeros(inputs.size)), "end").interval
         skipped = checks.as_skip(record.skip, np.arange(inputs.size))
         fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)

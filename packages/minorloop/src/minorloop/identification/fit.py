@@ -100,7 +100,7 @@ class Plane:
 
         Parameters and errors are as of `identify`.
         """
-        inputs, outputs, coded = checks.checked_record(record.u, record.y)
+        inputs, outputs, coded = record.checked
         check_option("spacing", self.spacing, ("uniform", "adaptive"))
         check_option("relay", self.relay, (*RELAYS, "auto"))
         check_option("diagonal", self.diagonal, ("uniform", "reversible", "auto"))

@@ -26,9 +26,9 @@ from minorloop.identification.prior_fit import (
     is_few,
 )
 from minorloop.identification.prior_system import is_cheap, is_quick
-from minorloop.identification.record_checks import FEWEST
 from minorloop.identification.regularisation import Gaussian, Prior, Smooth
 from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, Ridge, fit_ridge
+from minorloop.lab.codes import FEWEST
 
 LONGEST_LAG = 20
 """Samples up to which ``lag="auto"`` searches."""

@@ -6,10 +6,9 @@ from typing import Any, Protocol, TypeVar, overload
 
 import numpy.typing as npt
 
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.identification.fit import Plane, Say, silent
 from minorloop.identification.plane_result import Identification
-from minorloop.identification.record_checks import checked_record
 from minorloop.identification.regularisation import Gaussian, Prior, Smooth, prior_of
 from minorloop.lab.records import Record
 
@@ -120,8 +119,10 @@ def identify(
     elif y is None or _is_law(y):
         raise ParameterError("y is missing; give the outputs, or a record of minorloop.read")
     else:
-        checked_record(u, y)
-        record = Record(u, y)
+        try:
+            record = Record(u, y)
+        except RecordError as error:
+            raise SignalError(str(error)) from None
     if law is not None and not _is_law(law):
         raise ParameterError(
             f"the law is {_short(law)}; give Plane(), Dynamics(), Viscosity() or Vibration(); "

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from minorloop.errors import ParameterError, RecordError
-from minorloop.identification.record_checks import checked_record
 from minorloop.lab.holds import looks_like_raw_log
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import parse_lag
@@ -87,7 +86,7 @@ def fit_prepared(
     -------
     Identification
     """
-    checked_record(record.u, record.y)
+    u, y, _ = record.checked
     delay = parse_lag(lag) if isinstance(lag, str) else None
     known = record if record.curves is None else record.with_memory_reset()
     used = even = known.with_known_memory() if delay is None else known.without_lag(delay)
@@ -105,7 +104,7 @@ def fit_prepared(
         said = f"weights: by the standard deviations in the column {column}"
         told = replace(told, chosen=(*told.chosen, said), sd=column)
     if not record.origin.settled:
-        raw = looks_like_raw_log(record.t if record.timed else None, record.u, record.y)
+        raw = looks_like_raw_log(record.t if record.timed else None, u, y)
         told = replace(told, warnings=(*((raw,) if raw else ()), *told.warnings))
     t = even.cut().t if even.timed else None
     interval = None if record.check is None else record.check.interval
@@ -118,7 +117,6 @@ def moving_samples(record: Record) -> tuple[Record, RecordAdvice]:
     Raises a `ParameterError` if the record has no times, has curves or groups, or is of settled
     points.
     """
-    checked_record(record.u, record.y)
     if record.origin.settled:
         raise ParameterError(
             "dynamics need a record of transients, and this is a store of settled points; "
@@ -141,7 +139,6 @@ def samples_in_time(record: Record) -> tuple[Record, RecordAdvice]:
 
     Raises a `ParameterError` if the record has no times; a `RecordError` if the clock was set back.
     """
-    checked_record(record.u, record.y)
     check = record.check
     if check is None:
         raise ParameterError(

@@ -66,20 +66,22 @@ def read(
     ParameterError
         If a column is missing, is given twice or belongs to no table, or there are no such rows.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise ParameterError(f"path is {path!r}; give the name of a file")
     if is_store(path):
         named = (input, output, curves, groups, None if time == AUTO else time)
         if any(named) or sd not in (AUTO, None):
             raise ParameterError(
                 f"{path} is an experiment store, which has one input and one output; "
-                "leave --input, --output, --time, --sd, --curves and --groups out"
+                "leave input, output, time, sd, curves and groups out"
             )
         log = _points(path, weighted=sd == AUTO)
     else:
         if input is None or output is None:
             if not os.path.exists(path):
                 raise RecordError(f"{path} does not exist; give a CSV file or an experiment store")
-            missing = "--input" if input is None else "--output"
-            raise ParameterError(f"{missing} is missing; name a column of {path}")
+            missing = "input" if input is None else "output"
+            raise ParameterError(f"{missing} (--{missing}) is missing; name a column of {path}")
         log = read_log(
             path,
             input=input,
@@ -135,7 +137,7 @@ def _identify_run(
     """Return the model of an adaptive run, with the settings of the run; validation held out."""
     if not record.whole or holdout != 0 or record.skip != 0:
         raise ParameterError(
-            "an adaptive run holds out its own validation; leave --rows, --skip and --holdout out"
+            "an adaptive run holds out its own validation; leave rows, skip and holdout out"
         )
     u, y = record.u.tolist(), record.y.tolist()
     result = chooser.identification(u, y, law, prior, record.start)

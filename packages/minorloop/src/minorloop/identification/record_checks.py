@@ -11,77 +11,16 @@ from minorloop.arrays import (
     Levels,
     as_finite,
     as_levels,
-    as_samples,
-    check_magnitude,
 )
-from minorloop.errors import ParameterError, SignalError, are, counted
+from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
-from minorloop.lab.codes import OVERLOAD, Code, codes
+from minorloop.lab.codes import FEWEST
 
 _LEAST_SD = 0.1
 """Standard deviations below this share of their median count as so much."""
-FEWEST = 3
-"""Measured samples below which nothing is fitted."""
 _ROUNDINGS = 4
 """Least width of a band, in distances of neighbouring numbers: areas are shares of bands."""
-
-
-def checked_record(
-    u: npt.ArrayLike, y: npt.ArrayLike
-) -> tuple[FloatArray, FloatArray, tuple[Code, ...]]:
-    """Checked inputs, outputs with NaN instead of codes, and these codes."""
-    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
-    for name, values in (("u", inputs), ("y", outputs)):
-        if values.ndim != 1:
-            raise SignalError(f"{name} has shape {values.shape}; give one record, (T,)")
-    if inputs.size != outputs.size:
-        raise SignalError(
-            f"u has {inputs.size} samples and y has {outputs.size}; give one output for every "
-            "input, NaN where nothing was measured"
-        )
-    outputs, coded = _without_codes(inputs, outputs)
-    finite = outputs[np.isfinite(outputs)]
-    if finite.size < FEWEST:
-        raise SignalError(
-            f"{counted(finite.size, 'output')} {are(finite.size)} finite; at least {FEWEST} are "
-            "needed"
-        )
-    for name, values in (("input", inputs), ("output", finite)):
-        check_magnitude(name, values)
-        if 0 < np.ptp(values) < 1 / LARGEST:
-            raise SignalError(
-                f"the {name} changes by {np.ptp(values):g} only; scale it to above {1 / LARGEST:g}"
-            )
-        if np.ptp(values) == 0:
-            raise SignalError(
-                f"the {name} is {values[0]:g} throughout; a constant identifies nothing"
-            )
-    return inputs, outputs, coded
-
-
-def _without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code, ...]]:
-    for code in codes(u):
-        if abs(code.value) >= OVERLOAD:
-            raise SignalError(
-                f"u is {code.value:g} at index {code.sample}, which is an overload code and no "
-                "input; give what was applied, or cut these rows"
-            )
-    finite = y[np.isfinite(y)]
-    sound = int(np.count_nonzero(np.abs(finite) < OVERLOAD))
-    if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= LARGEST:
-        raise SignalError(
-            f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
-            f"codes, as {finite[np.abs(finite) >= OVERLOAD][0]:g} is, and no measurement; check "
-            "the range of the instrument and repeat, or scale what was measured to below "
-            f"{OVERLOAD:g}"
-        )
-    coded = codes(y)
-    if not coded:
-        return y, ()
-    measured = y.copy()
-    measured[[code.sample for code in coded]] = np.nan
-    return measured, coded
 
 
 def split(

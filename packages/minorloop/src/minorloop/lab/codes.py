@@ -4,9 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import LARGEST, BoolArray, FloatArray
+from minorloop.errors import SignalError
 
-__all__ = ["OVERLOAD", "SENTINELS", "Code", "codes"]
+__all__ = ["FEWEST", "OVERLOAD", "SENTINELS", "Code", "codes", "without_codes"]
+
+FEWEST = 3
+"""Measured samples below which nothing is fitted."""
 
 OVERLOAD = 9e36
 """Magnitude from which a reading is an overload code, as 9.9e37 and 9.91e37 are."""
@@ -60,6 +64,39 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
     apart = _CODE_DISTANCE * (high - low)
     suspect &= (y < low - apart) | (y > high + apart)
     return tuple(Code(int(k), float(y[k])) for k in np.flatnonzero(suspect))
+
+
+def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code, ...]]:
+    """Return the outputs with NaN in place of codes, and these codes.
+
+    Raises a `SignalError` if an input is an overload code, or hardly any output is none.
+
+    Parameters
+    ----------
+    u, y : (T,) array
+        Inputs, and outputs; NaN where nothing was measured.
+    """
+    for code in codes(u):
+        if abs(code.value) >= OVERLOAD:
+            raise SignalError(
+                f"u is {code.value:g} at index {code.sample}, which is an overload code and no "
+                "input; give what was applied, or cut these rows"
+            )
+    finite = y[np.isfinite(y)]
+    sound = int(np.count_nonzero(np.abs(finite) < OVERLOAD))
+    if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= LARGEST:
+        raise SignalError(
+            f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
+            f"codes, as {finite[np.abs(finite) >= OVERLOAD][0]:g} is, and no measurement; check "
+            "the range of the instrument and repeat, or scale what was measured to below "
+            f"{OVERLOAD:g}"
+        )
+    coded = codes(y)
+    if not coded:
+        return y, ()
+    measured = y.copy()
+    measured[[code.sample for code in coded]] = np.nan
+    return measured, coded
 
 
 def _absurd(y: FloatArray) -> BoolArray:

@@ -77,9 +77,9 @@ def read_log(
         if time == AUTO:
             found, why = _time_column(table, (input, output), strict)
         others = [] if found is None else other_clocks(table.headers, found, but=(input, output))
-        named = {"--input": input, "--output": output, "--time": found}
+        named = {"input": input, "output": output, "time": found}
         headers = _headers(table, {key: name for key, name in named.items() if name is not None})
-        deviation = _deviation(table, headers["--output"], sd)
+        deviation = _deviation(table, headers["output"], sd)
         clock = [] if found is None else [found]
         columns = table.read(
             [input, output, *clock, *([] if deviation is None else [deviation]), *others],
@@ -93,9 +93,9 @@ def read_log(
     try:
         if found is not None:
             _usable(columns[found])
-            columns, kept, filled = _merged(columns, found, input, output, headers["--input"])
+            columns, kept, filled = _merged(columns, found, input, output, headers["input"])
             said += filled
-            quantity, check = _checked(columns[found], headers["--time"])
+            quantity, check = _checked(columns[found], headers["time"])
             check = with_lost_rows(check, _usable(columns[input]))
     except RecordError as error:
         if strict or time != AUTO:
@@ -110,15 +110,15 @@ def read_log(
     chosen = (f"time: none, because {why}",) if why else ()
     if found is not None and time == AUTO and other:
         shown = ", ".join(f"'{header}'" for header in other)
-        said += (f"'{found}' is the time; {shown} could be too: name the right one with --time",)
+        said += (f"'{found}' is the time; {shown} could be too: name it with time= (--time)",)
     elif found is not None and time == AUTO:
         chosen = (f"time: column '{found}'; name another one, or none, with time= (--time)",)
     return Record(
         u,
         y,
         np.arange(u.size, dtype=np.float64) if check is None else check.t,
-        headers["--input"],
-        headers["--output"],
+        headers["input"],
+        headers["output"],
         quantity,
         curves=None if curves is None else columns[curves],
         groups=None if groups is None else columns[groups],
@@ -147,7 +147,10 @@ def _headers(table: OpenTable, named: Mapping[str, str]) -> dict[str, str]:
         header = table.find(name)
         for other, others in named.items():
             if other in found and table.find(others) == header:
-                raise ParameterError(f"{other} and {option} are both '{header}'; give two columns")
+                raise ParameterError(
+                    f"{other} (--{other}) and {option} (--{option}) are both '{header}'; give two "
+                    "columns"
+                )
         found[option] = with_unit(name, header)
     return found
 

@@ -10,9 +10,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples, as_samples, frozen
+from minorloop.arrays import (
+    LARGEST,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Samples,
+    as_samples,
+    check_magnitude,
+    frozen,
+)
 from minorloop.errors import ParameterError, RecordError, SignalError, are, counted
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
+from minorloop.lab.codes import FEWEST, Code, without_codes
 from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
 from minorloop.lab.headers import split_header
 from minorloop.lab.timebase import (
@@ -106,8 +116,9 @@ class Record:
     y : (T,) or (channels, T) array_like
         Outputs; NaN marks a sample that was not measured.
     t : (T,) array_like, optional
-        Time in seconds, or in the unit of its name if it is a column of a data frame; never running
-        backwards. The samples are counted if not given.
+        Time in seconds, or in the unit of its name if it is a column of a data frame. Where the
+        clock was set back, it continues with the usual interval. The samples are counted if not
+        given.
     inputs, outputs : str, Quantity, or sequence of them, optional
         Name and unit of each channel, such as ``voltage [V]``; those of a column of a data frame or
         of xarray if not given.
@@ -142,7 +153,7 @@ class Record:
     Raises
     ------
     RecordError
-        If the shapes do not match, or a number cannot be used.
+        If the shapes do not match, a number cannot be used, or the clock often runs backwards.
     ParameterError
         If there are no rows from ``first`` to ``last``.
     """
@@ -252,6 +263,36 @@ class Record:
             Fields of `Origin`.
         """
         return self.replace(origin=replace(self.origin, **changes))
+
+    @cached_property
+    def checked(self) -> tuple[FloatArray, FloatArray, tuple[Code, ...]]:
+        """Inputs (T,), outputs (T,) with NaN in place of codes, and these codes, to be fitted.
+
+        Raises a `SignalError` if there are several channels, fewer than three outputs, an input or
+        output that never changes, or a number whose square is beyond a float64.
+        """
+        for name, values in (("u", self.u), ("y", self.y)):
+            if values.ndim != 1:
+                raise SignalError(f"{name} has shape {values.shape}; give one record, (T,)")
+        outputs, coded = without_codes(self.u, self.y)
+        finite = outputs[np.isfinite(outputs)]
+        if finite.size < FEWEST:
+            raise SignalError(
+                f"{counted(finite.size, 'output')} {are(finite.size)} finite; at least {FEWEST} "
+                "are needed"
+            )
+        for name, values in (("input", self.u), ("output", finite)):
+            check_magnitude(name, values)
+            if 0 < np.ptp(values) < 1 / LARGEST:
+                raise SignalError(
+                    f"the {name} changes by {np.ptp(values):g} only; scale it to above "
+                    f"{1 / LARGEST:g}"
+                )
+            if np.ptp(values) == 0:
+                raise SignalError(
+                    f"the {name} is {values[0]:g} throughout; a constant identifies nothing"
+                )
+        return self.u, outputs, coded
 
     @cached_property
     def check(self) -> TimeCheck | None:
@@ -504,6 +545,11 @@ class Record:
     def _check(self) -> None:
         if self.t.ndim != 1 or self.t.size == 0:
             raise RecordError(f"t has shape {self.t.shape}; give (T,) times of at least one sample")
+        if self.u.ndim == self.y.ndim == 1 and self.u.size != self.y.size:
+            raise RecordError(
+                f"u has {self.u.size} samples and y has {self.y.size}; give one output "
+                "for every input, NaN where nothing was measured"
+            )
         for name, values, names in (("u", self.u, self.inputs), ("y", self.y, self.outputs)):
             channels = 1 if values.ndim == 1 else values.shape[0]
             if values.shape[-1] != self.t.size:
@@ -519,13 +565,11 @@ class Record:
                 f"rows {self.first} to {self.last} are given, and there are {len(self)}; give two "
                 f"numbers from 0 to {len(self)}, the first below the last"
             )
-        steps = np.diff(self.t)
-        if (steps < 0).any():
-            row = int(np.argmax(steps < 0))
-            raise RecordError(
-                f"{self.time.name} runs backwards from {self.t[row]:g} to {self.t[row + 1]:g} "
-                f"at sample {row + 1}; sort the record or leave the time column out"
-            )
+        if (np.diff(self.t) < 0).any():
+            check = check_times(self.t, name=f"column '{self.time}'", unit=self.time.unit)
+            origin = replace(self.origin, check=with_lost_rows(check, self.u))
+            object.__setattr__(self, "t", frozen(check.t))
+            object.__setattr__(self, "origin", origin)
 
 
 def _samples(values: npt.ArrayLike, name: str, *, gaps: bool = False) -> Samples:

@@ -119,7 +119,8 @@ def time_column(
     if len(found) > 1:
         shown = " and ".join(f"'{header}'" for header in found[:4])
         raise RecordError(
-            f"{source} has {len(found)} columns that could be time, {shown}; name one with --time"
+            f"{source} has {len(found)} columns that could be time, {shown}; name one with time= "
+            "(--time)"
         )
     return found[0] if found else None
 
@@ -277,10 +278,10 @@ def parse_lag(text: str) -> float | None:
         return None
     if match[2] not in SECONDS:
         units = ", ".join(unit for unit in SECONDS if unit.isascii() and unit)
-        raise ParameterError(f"--lag is {text!r}; give it in one of {units}, or in rows")
+        raise ParameterError(f"lag is {text!r}; give it in one of {units}, or in rows")
     lag = value * SECONDS[match[2]]
     if not 0 <= lag < np.inf:
-        raise ParameterError(f"--lag is {text!r}; give a lag >= 0")
+        raise ParameterError(f"lag is {text!r}; give a lag >= 0")
     return lag
 
 
