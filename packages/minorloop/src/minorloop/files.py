@@ -255,7 +255,7 @@ def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: 
     Parameters
     ----------
     before, now : mapping
-        Objects of JSON, nested to any depth.
+        Objects of JSON, nested to any depth; elements of lists count from 0.
     within : str
         Name of the object that they are part of: in ``meter``, ``scale`` is ``meter.scale``.
 
@@ -267,6 +267,10 @@ def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: 
     for name in [*before, *(name for name in now if name not in before)]:
         path = f"{within}.{name}" if within else name
         one, other = before.get(name), now.get(name)
+        if isinstance(one, list) and isinstance(other, list):
+            if len(one) != len(other):
+                return f"{path} had {len(one)} elements and has {len(other)} now"
+            one, other = (dict(zip(map(str, range(len(x))), x, strict=True)) for x in (one, other))
         if isinstance(one, Mapping) and isinstance(other, Mapping):
             if found := first_difference(one, other, path):
                 return found

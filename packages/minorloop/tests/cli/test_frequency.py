@@ -9,7 +9,8 @@ from minorloop import modelfile
 from minorloop.connect import connect
 from minorloop.lab import sines
 from minorloop.lab.drivers.bench import Bench
-from minorloop.lab.sine_run import run_sines, sine_design
+from minorloop.lab.plan import Plan
+from minorloop.lab.run import run as carry_out
 from minorloop.lab.store import Setup, Store
 from minorloop.operators.preisach import Preisach
 
@@ -118,7 +119,7 @@ def test_a_simulated_bench_measures_sines(run, refused, monkeypatch):
         (f"{PLAN} --low -1", "--low is not for a plan of sines"),
         (PLAN.replace("0.7,1", "0.7;1"), "--amplitudes is '0.7;1'; give numbers separated"),
         (PLAN.replace("--preamble -1.2", ""), "--preamble is missing"),
-        (f"{RUN} --tolerance 1", "--tolerance is for plans of holds"),
+        (f"{RUN} --tolerance 1", "tolerance is for plans of holds"),
         (f"{RUN} --levels 4", "--levels is for --plan adaptive"),
         ("frequency none.csv", "none.csv does not exist"),
         ("frequency good.csv --input voltage", "--output is missing"),
@@ -165,12 +166,12 @@ class Streamed:
 
 
 def test_held_inputs_stay_held_in_the_log_of_a_store(answer):
-    grid = {"preamble": -1.2, "hold": 5.0, "input": "voltage [V]"}
-    plan = sines.SinePlan.grid([1.0], [0.7, 1.0], tick=0.05, **grid)
+    planned = sines.grid([1.0], [0.7, 1.0], tick=0.05, preamble=-1.2, hold=5.0)
+    plan = Plan.of_sines(planned, "voltage [V]")
     strip = Streamed(connect("twin:ipmc", specimen=1001, tick=0.05, substeps=8))
-    setup = Setup("", "voltage [V]", "curvature [1/m]", design=sine_design(plan, strip))
-    with Store.create("held.sqlite", plan.holds(), setup) as store:
-        run_sines(strip, store)
+    setup = Setup("", "voltage [V]", "curvature [1/m]")
+    with Store.create("held.sqlite", plan, setup) as store:
+        carry_out(strip, plan, store)
     found = answer("frequency held.sqlite --samples log.csv --model strip.json")
     with open("log.csv", newline="") as file:
         header, *rows = csv.reader(file)

@@ -43,7 +43,8 @@ def test_a_damaged_store_does_not_hide_the_others(run, answer):
 def test_a_run_that_goes_on_can_be_read_by_every_verb(run, answer):
     run(f"{RUN} --store runs.sqlite")
     with Store.open("runs.sqlite", write=True) as store:
-        store.begin_session("restored")
+        begun = store.session("restored")
+        begun.__enter__()
         assert answer("runs list --store .")["runs"][0]["running"]
         shown = answer("runs show --store runs.sqlite")
         assert (shown["running"], shown["points"], shown["left_s"]) == (True, 11, None)
@@ -62,7 +63,8 @@ def test_a_run_is_followed_until_it_ends(run, monkeypatch):
     with Store.open("whole.sqlite") as whole:
         points, traces = whole.points(), [whole.trace(k) for k in range(len(whole))]
         store = Store.create("runs.sqlite", whole.plan, whole.setup)
-    store.begin_session("fresh")
+    begun = store.session("fresh")
+    begun.__enter__()
     left = iter(zip(points, traces, strict=True))
 
     def measured(seconds):

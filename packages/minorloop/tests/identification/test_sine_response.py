@@ -11,13 +11,12 @@ from minorloop.identification.sine_response import (
     sine_response,
     unsaturated,
 )
-from minorloop.lab.sine_run import MeasuredSine
-from minorloop.lab.sines import SinePlan
+from minorloop.lab.sines import MeasuredSine, grid
 from minorloop.operators.preisach import Preisach
 
 G = Linear.from_poles([-20.0, -1.5], [-1.0])
 PLANE = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(0, 1, (8, 8))))
-PLAN = SinePlan.grid([0.1, 0.5], [0.4, 0.8], preamble=-1.0, hold=10.0, settling=8.0, input="u")
+PLAN = grid([0.1, 0.5], [0.4, 0.8], preamble=-1.0, hold=10.0, settling=8.0)
 
 
 def applied(sine):

@@ -277,7 +277,7 @@ def test_refuses_before_anything_is_applied(store, twin):
     with pytest.raises(ParameterError, match=r"'voltage \[mV\]' and the actuator takes"):
         run(bench, milli, store)
     other = Plan(LEVELS[::-1], 40.0, sample_interval=0.5, input="voltage [V]")
-    with pytest.raises(StoreError, match="belongs to another run: its level 0 is"):
+    with pytest.raises(StoreError, match=r"another run: inputs.0 was -1.2 and is 0.7 now"):
         run(bench, other, store)
     bench.inputs = bench.inputs * 2
     with pytest.raises(ParameterError, match="2 inputs and 1 output;"):

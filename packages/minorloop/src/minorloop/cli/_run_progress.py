@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -18,22 +18,21 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def watching(store: Store, what: Sequence[str] = ()) -> Iterator[Callable[[RunProgress], None]]:
+def watching(store: Store) -> Iterator[Callable[[RunProgress], None]]:
     """Yield a function that shows each `RunProgress` of a run on stderr.
 
     On a terminal it shows a bar and the time left. Elsewhere it prints one line for each
-    settled point. ``what`` says what each level of the plan is; its input if not given.
+    settled point.
     """
     if sys.stderr.isatty():
-        with _live(store, what) as show:
+        with _live(store) as show:
             yield show
         return
-    units = [quantity.unit for quantity in store.outputs]
 
     def log(progress: RunProgress) -> None:
         if progress.point is not None or _repeats(progress):
             with suppress(OSError):  # the reader of the log may end; the run continues
-                print(_line(progress, units[0], units[1], what), file=sys.stderr, flush=True)
+                print(_line(progress, store), file=sys.stderr, flush=True)
                 if progress.warning:
                     print(f"! {progress.warning}", file=sys.stderr, flush=True)
 
@@ -48,9 +47,18 @@ def _repeats(progress: RunProgress) -> bool:
     return progress.point is None and progress.held > 0 and math.isnan(progress.output)
 
 
-def _line(progress: RunProgress, input_unit: str, output_unit: str, what: Sequence[str]) -> str:
+def _applied(progress: RunProgress, store: Store, digits: int) -> str:
+    """Return what a segment of the plan is: its sine, or its level with some digits."""
+    unit = store.outputs[0].unit
+    if not store.plan.sines:
+        return f"{progress.input:.{digits}g} {unit}"
+    sine = store.plan.sines[progress.index]
+    return f"{sine.frequency:.6g} Hz, {sine.amplitude:.6g} {unit}"
+
+
+def _line(progress: RunProgress, store: Store) -> str:
     verdict = progress.point.verdict if progress.point else ""
-    level = what[progress.index] if what else f"{progress.input:.6g} {input_unit}"
+    level = _applied(progress, store, 6)
     if _repeats(progress):
         return (
             f"{progress.index + 1}/{progress.total}  {level}  repeated for {progress.held:.6g} s, "
@@ -58,12 +66,12 @@ def _line(progress: RunProgress, input_unit: str, output_unit: str, what: Sequen
         )
     return (
         f"{progress.index + 1}/{progress.total}  {level}  "
-        f"{progress.output:.6g} {output_unit}  {verdict} after {progress.held:.6g} s"
+        f"{progress.output:.6g} {store.outputs[1].unit}  {verdict} after {progress.held:.6g} s"
     )
 
 
 @contextmanager
-def _live(store: Store, what: Sequence[str]) -> Iterator[Callable[[RunProgress], None]]:
+def _live(store: Store) -> Iterator[Callable[[RunProgress], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -71,8 +79,7 @@ def _live(store: Store, what: Sequence[str]) -> Iterator[Callable[[RunProgress],
     begun, began = len(store), time.monotonic()
 
     def show(progress: RunProgress) -> None:
-        level = f"{progress.input:.5g} {store.outputs[0].unit}"
-        doing = f"{what[progress.index] if what else level} for {progress.held:.0f} s"
+        doing = f"{_applied(progress, store, 5)} for {progress.held:.0f} s"
         if _repeats(progress):
             doing = f"repeating what was measured: {doing}"
         bar.update(task, description=doing, completed=max(progress.index, begun))

@@ -16,7 +16,7 @@ from minorloop.errors import ParameterError, RecordError
 if TYPE_CHECKING:
     from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.sine_response import SinePeriods
-    from minorloop.lab.sine_run import MeasuredSine
+    from minorloop.lab.sines import MeasuredSine
     from minorloop.modelfile import ModelFile
 
 NAME = "frequency"
@@ -115,11 +115,11 @@ def _of_store(
     file: Path, known: ModelFile | None
 ) -> tuple[list[SinePeriods], tuple[str, str], list[MeasuredSine]]:
     from minorloop.identification.sine_response import measured_periods
-    from minorloop.lab.sine_run import measured_sines
+    from minorloop.lab.run import measured_sines
     from minorloop.lab.store import Store
 
     with Store.open(file) as store:
-        measured = list(measured_sines(store))
+        measured = measured_sines(store)
         names = store.setup.input, store.setup.output
     return [measured_periods(one, _operator(known)) for one in measured], names, measured
 
@@ -170,7 +170,7 @@ def _check_units(known: ModelFile | None, names: tuple[str, str]) -> None:
 
 
 def _slow(measured: list[MeasuredSine]) -> list[str]:
-    from minorloop.lab.sine_run import SLOW
+    from minorloop.lab.sines import SLOW
 
     slowest = max((one.slow for one in measured), default=1.0)
     if slowest <= SLOW:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -141,7 +142,8 @@ def _plan_sines(
     given: dict[str, Any], input: str, save: Path | None, force: bool, as_json: bool
 ) -> None:
     """Write and print a plan of sines."""
-    from minorloop.lab.sines import SinePlan
+    from minorloop.lab.plan import Plan
+    from minorloop.lab.sines import grid
 
     check_name("--input", input)
     names = {"offset": "offset", "settling": "settling", "cycles": "measured"}
@@ -149,21 +151,22 @@ def _plan_sines(
     options: dict[str, Any] = {
         theirs: given[mine] for mine, theirs in names.items() if given[mine] is not None
     }
-    plan = SinePlan.grid(
+    sines = grid(
         _numbers("frequencies", given["frequencies"]),
         _numbers("amplitudes", given["amplitudes"]),
         preamble=given["preamble"],
         hold=given["hold"],
-        input=input,
         **options,
     )
+    plan = Plan.of_sines(sines, input)
     if save is not None:
         plan.to_csv(save, force=force)
     if as_json:
-        _common.print_json({**plan.to_dict(), "hours": plan.duration / 3600})
+        known = {"input": str(plan.input), "sines": [asdict(sine) for sine in sines]}
+        _common.print_json({**known, "hours": plan.duration / 3600})
         return
     typer.echo(f"{counted(len(plan), 'sine')}, {as_duration(plan.duration)} in all")
-    kinds = dict.fromkeys((s.frequency, s.discarded, s.measured, s.samples) for s in plan)
+    kinds = dict.fromkeys((s.frequency, s.discarded, s.measured, s.samples) for s in sines)
     rows = [[f"{row[0]:.6g}", *map(str, row[1:])] for row in kinds]
     _common.print_table(("frequency [Hz]", "discarded", "measured periods", "samples"), rows)
     if save is not None:

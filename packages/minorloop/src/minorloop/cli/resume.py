@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from minorloop.cli import _common, _sines, drive
+from minorloop.cli import _common, drive
 from minorloop.cli._conversion import ConversionOptions
 from minorloop.cli.run import carry_out
 
@@ -33,7 +33,5 @@ def run(
             plant = conversion.converted(channel, begun=len(opened) > 0)
             if drive.is_drive(setup):
                 drive.carry_out(plant, opened, as_json)
-            elif _sines.is_sines(setup):
-                _sines.carry_out(plant, opened, as_json)
             else:
                 carry_out(plant, opened, as_json)

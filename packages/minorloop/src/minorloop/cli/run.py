@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from minorloop.cli import _adaptive, _common, _conversion, _sines
+from minorloop.cli import _adaptive, _common, _conversion
 from minorloop.cli._run_progress import watching
 from minorloop.errors import InstrumentError
 from minorloop.lab.durations import as_duration
@@ -122,7 +122,6 @@ def run(
 ) -> None:
     """Carry out a plan: levels held until the output settles, or sines; resume continues it."""
     from minorloop.lab.run import answer_time, check_plan
-    from minorloop.lab.sines import is_sine_plan
     from minorloop.lab.store import Setup, Store
     from minorloop.lab.wrapped_actuator import single_channel
 
@@ -132,9 +131,7 @@ def run(
     if not adaptive:
         why = f"is for --plan adaptive, not for a plan in a file ({plan})"
         _common.refuse_given(options, why)
-    settings: dict[str, Any] = {"tolerance": tolerance, "sample_interval": interval}
-    if shortest is not None:
-        settings["shortest"] = shortest
+    settings = {"tolerance": tolerance, "sample_interval": interval, "shortest": shortest}
     conversion = _conversion.ConversionOptions(laser, linear, polynomial, table, name, unit)
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as whole:
         channel = single_channel(whole, _input(whole, plan, input), output)
@@ -144,17 +141,13 @@ def run(
         names = str(plant.inputs[0]), str(plant.outputs[0])
         given_to = {"noise": noise, **conversion.for_setup(channel.outputs[0])}
         setup = Setup(actuator, *names, specimen, seed, given_to)
-        if not adaptive and is_sine_plan(plan):
-            why = "is for plans of holds, and this one has sines"
-            _common.refuse_given({**settings, "shortest": shortest}, why)
-            _sines.begin(plant, plan, store, setup, as_json)
-            return
         if adaptive:
             setup = replace(setup, design=_adaptive.design_of(plant, options))
         wanted = _wanted(plan, setup, _common.HOLD if hold is None else hold, settings)
         if interval is None:
             wanted = wanted.slowed(answer_time(plant))
         check_plan(plant, wanted)
+        _note_left_out(wanted)
         with Store.create(store, wanted, setup) as opened:
             carry_out(plant, opened, as_json)
 
@@ -183,6 +176,19 @@ def _wanted(plan: str, setup: Setup, longest: float, settings: dict[str, Any]) -
     return Plan(levels_left_open, longest, input=setup.input, **settings)
 
 
+def _note_left_out(plan: Plan) -> None:
+    """Print which sines will be left out; refuse a plan of sines that cannot be evaluated.
+
+    Raises a `SignalError` if no frequency has a sine at every amplitude.
+    """
+    from minorloop.identification.sine_response import at_every_amplitude
+
+    if plan.sines:
+        sines = [(sine.frequency, sine.amplitude) for sine in plan.sines]
+        if left := at_every_amplitude(*map(list, zip(*sines, strict=True)))[1]:
+            typer.echo(f"note: when this run is evaluated, {left}", err=True)
+
+
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Carry out the rest of the plan in a store, and print the results."""
     chooser = None
@@ -192,6 +198,9 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         chooser = chooser_of(store.setup, store.points())
     choose = None if chooser is None else partial(_adaptive.next_level, chooser)
     mode, faults = carry_out_levels(plant, store, choose)
+    if store.plan.sines:
+        _print_sines(store, mode, as_json)
+        return
     figures = summary(store)
     found = None if chooser is None else _adaptive.findings_of(chooser, store)
     if found is not None:
@@ -213,6 +222,20 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         _adaptive.print_findings(found)
     _common.print_advice(figures["warnings"])
     typer.echo(f"kept in {store.path}; next: minorloop identify {store.path}")
+
+
+def _print_sines(store: Store, mode: ResumeMode, as_json: bool) -> None:
+    """Print how many sines there are."""
+    totals, planned = store.totals(), len(store.plan)
+    count, held = totals["points"], totals["held"]
+    if as_json:
+        about = {"store": str(store.path), "actuator": store.setup.address}
+        counts = {"sines": count, "planned": planned, "finished": store.finished}
+        _common.print_json({**about, **counts, "held_s": held, "mode": mode})
+        return
+    print_mode(mode)
+    typer.echo(f"{count} of {planned} sines measured, {as_duration(held)} in all")
+    typer.echo(f"kept in {store.path}; next: minorloop frequency {store.path}")
 
 
 def carry_out_levels(
@@ -257,7 +280,8 @@ def carry_out_levels(
 
 
 def _kept(store: Store) -> str:
-    return f"{len(store)} of {len(store.plan)} levels are kept"
+    what = "sines" if store.plan.sines else "levels"
+    return f"{len(store)} of {len(store.plan)} {what} are kept"
 
 
 def print_mode(mode: ResumeMode) -> None:

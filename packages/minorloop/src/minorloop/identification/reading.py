@@ -95,16 +95,16 @@ def read(
     return log if rows == slice(None) else log.only(rows.start, rows.stop)
 
 
-def is_adaptive(setup: Setup) -> bool:
+def is_adaptive(store: Store) -> bool:
     """Whether a run chose its inputs to identify; a drive has a design of its own.
 
     Raises a `ParameterError` if it has sines and no settled points.
     """
-    if "sines" in (setup.design or {}):
+    if store.plan.sines:
         raise ParameterError(
             "the store has sines and no settled points; evaluate it with minorloop frequency"
         )
-    return "holds" in (setup.design or {})
+    return "holds" in (store.setup.design or {})
 
 
 def chooser_of(setup: Setup, points: list[Point]) -> Adaptive:
@@ -118,7 +118,7 @@ def _points(path: PathLike, *, weighted: bool) -> Record:
     """Return the points of a store, and what chose them."""
     with Store.open(path) as store:
         points = store.points()
-        chooser = chooser_of(store.setup, points) if is_adaptive(store.setup) else None
+        chooser = chooser_of(store.setup, points) if is_adaptive(store) else None
         sd = np.array([point.sd for point in points])
         log = store.record().with_origin(settled=True)
         if weighted and np.isfinite(sd[np.isfinite(log.y)]).any():

@@ -24,7 +24,7 @@ from minorloop.identification.frequency import (
 from minorloop.operators.operator import Operator
 
 if TYPE_CHECKING:
-    from minorloop.lab.sine_run import MeasuredSine
+    from minorloop.lab.sines import MeasuredSine
 
 __all__ = [
     "SinePeriods",

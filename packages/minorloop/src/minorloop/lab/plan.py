@@ -1,10 +1,14 @@
-"""A plan: levels to apply, how long to hold them, and when they count as settled."""
+"""A plan: what to apply, one segment after the other.
+
+A segment is a level that is held until the output settles, or a sine with the inputs before it.
+"""
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,12 +16,13 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_samples, frozen
 from minorloop.errors import ParameterError, RecordError, SignalError, counted
-from minorloop.files import PathLike, check_writable, table_text, write_atomically
+from minorloop.files import PathLike, check_writable, first_difference, table_text, write_atomically
 from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import opened
 from minorloop.lab.durations import as_duration
 from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity
+from minorloop.lab.sines import Sine, read_sines, sine_columns
 from minorloop.lab.timebase import SECONDS
 
 LONGEST = Quantity("hold", "s")
@@ -36,7 +41,7 @@ MAX_SAMPLES = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Inputs to hold one after the other, each until the output has settled.
+    """Inputs to hold one after the other, each until the output has settled; or sines.
 
     A level is held for ``shortest`` at least and ``longest`` at most. Between these the hold ends
     as soon as the slope of the output over the last ``window`` is known to be below ``tolerance``.
@@ -60,6 +65,9 @@ class Plan:
         Time between samples, in seconds; 1/200 of the least of ``longest`` if not given.
     input : str or Quantity
         Name and unit of the input, such as ``voltage [V]``.
+    sines : sequence of Sine
+        One for each level, which is its offset, and each hold its duration; see `of_sines`. None in
+        a plan of holds.
 
     Raises
     ------
@@ -74,6 +82,7 @@ class Plan:
     tolerance: float | None
     sample_interval: float
     input: Quantity
+    sines: tuple[Sine, ...]
 
     def __init__(
         self,
@@ -85,6 +94,7 @@ class Plan:
         tolerance: float | None = None,
         sample_interval: float | None = None,
         input: str | Quantity = "input",
+        sines: Sequence[Sine] = (),
     ) -> None:
         u = _levels(inputs)
         most = _each("longest hold", longest, u.size)
@@ -101,10 +111,23 @@ class Plan:
             "tolerance": None if tolerance is None else _positive("tolerance", tolerance),
             "sample_interval": interval,
             "input": Quantity.parse(str(input)),
+            "sines": tuple(sines),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         self._check()
+
+    @classmethod
+    def of_sines(cls, sines: Sequence[Sine], input: str | Quantity = "input") -> Plan:
+        """Return a plan of sines.
+
+        Raises a `ParameterError` if there are none, or too many.
+        """
+        durations = [sine.duration for sine in sines]
+        brief = min(durations, default=1.0)
+        settings: dict[str, Any] = {"window": brief, "sample_interval": brief / 10}
+        offsets = [sine.offset for sine in sines]
+        return cls(offsets, durations, input=input, sines=sines, **settings)
 
     def __len__(self) -> int:
         return int(self.inputs.size)
@@ -115,8 +138,13 @@ class Plan:
         return bool(np.isnan(self.inputs).any())
 
     def __str__(self) -> str:
-        time = as_duration(float(self.longest.sum()))
-        return f"{counted(len(self), 'level')} of {self.input}, {time} at most"
+        what = counted(len(self), "sine" if self.sines else "level")
+        return f"{what} of {self.input}, {as_duration(self.duration)} at most"
+
+    @property
+    def duration(self) -> float:
+        """Seconds in all, at most."""
+        return float(self.longest.sum())
 
     @classmethod
     def from_csv(cls, path: PathLike, *, input: str | None = None, **settings: Any) -> Plan:
@@ -126,11 +154,12 @@ class Plan:
         ----------
         path : str or path
             A file with a column ``hold [s]`` (or ms, min, h), optionally a column
-            ``shortest hold [s]``, and one of the input.
+            ``shortest hold [s]``, and one of the input; or one of sines.
         input : str, optional
             The column of the input; needed if there are several other columns.
         **settings
-            ``window``, ``tolerance``, ``sample_interval``, and ``shortest`` in place of the column.
+            ``window``, ``tolerance``, ``sample_interval``, and ``shortest`` in place of the column;
+            None as if it were left out. A plan of sines has none.
 
         Raises
         ------
@@ -139,8 +168,13 @@ class Plan:
         ParameterError
             If a number is out of range.
         """
+        settings = {name: value for name, value in settings.items() if value is not None}
         with opened(path) as table:
             headers = table.headers
+            if (found := read_sines(table, path)) is not None:
+                for name in settings:
+                    raise ParameterError(f"{name} is for plans of holds, and {path} has sines")
+                return cls.of_sines(*found)
             hold, least = (_time_column(str(name), headers) for name in (LONGEST, SHORTEST))
             if hold is None:
                 raise RecordError(f"{path} has no column '{LONGEST}'; a plan says how long to hold")
@@ -162,26 +196,30 @@ class Plan:
         return cls(columns[header], longest, input=header, **settings)
 
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
-        """Write inputs, longest and shortest holds as CSV, without the other settings."""
+        """Write sines, or inputs, longest and shortest holds without the other settings, as CSV."""
         check_writable(path, force=force)
-        header = [str(self.input), str(LONGEST), str(SHORTEST)]
-        columns = (self.inputs, self.longest, self.shortest)
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        write_atomically(path, table_text(header, rows))
+        columns: dict[str, list[Any]] = {
+            str(self.input): self.inputs.tolist(),
+            str(LONGEST): self.longest.tolist(),
+            str(SHORTEST): self.shortest.tolist(),
+        }
+        if self.sines:
+            columns = sine_columns(self.sines, self.input)
+        write_atomically(path, table_text(columns, zip(*columns.values(), strict=True)))
 
     def to_json(self) -> str:
         """Return the whole plan as JSON; equal plans give equal text."""
-        return json.dumps(
-            {
-                "input": str(self.input),
-                "window": self.window,
-                "tolerance": self.tolerance,
-                "sample_interval": self.sample_interval,
-                "inputs": [None if math.isnan(u) else u for u in self.inputs.tolist()],
-                "longest": self.longest.tolist(),
-                "shortest": self.shortest.tolist(),
-            }
-        )
+        known: dict[str, Any] = {
+            "input": str(self.input),
+            "window": self.window,
+            "tolerance": self.tolerance,
+            "sample_interval": self.sample_interval,
+            "inputs": [None if math.isnan(u) else u for u in self.inputs.tolist()],
+            "longest": self.longest.tolist(),
+            "shortest": self.shortest.tolist(),
+        }
+        sines = [asdict(sine) for sine in self.sines]
+        return json.dumps({**known, "sines": sines} if sines else known)
 
     @classmethod
     def from_json(cls, text: str) -> Plan:
@@ -200,6 +238,7 @@ class Plan:
         try:
             fields = json.loads(text)
             fields["inputs"] = [math.nan if u is None else u for u in fields["inputs"]]
+            fields["sines"] = [Sine(**sine) for sine in fields.get("sines", ())]
             return cls(**fields)
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ParameterError(f"that is not a plan: {error}") from None
@@ -212,19 +251,7 @@ class Plan:
         other : Plan
             To compare with.
         """
-        for name in ("input", "window", "tolerance", "sample_interval"):
-            mine, theirs = getattr(self, name), getattr(other, name)
-            if mine != theirs:
-                return f"its {name.replace('_', ' ')} is {mine}, not {theirs}"
-        if len(self) != len(other):
-            return f"it has {counted(len(self), 'level')}, not {len(other)}"
-        for name, what in (("inputs", "level"), ("longest", "hold"), ("shortest", "shortest hold")):
-            mine, theirs = getattr(self, name), getattr(other, name)
-            differs = (mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))
-            if differs.any():
-                index = int(np.argmax(differs))
-                return f"its {what} {index} is {mine[index]}, not {theirs[index]}"
-        return ""
+        return first_difference(json.loads(self.to_json()), json.loads(other.to_json()))
 
     def slowed(self, seconds: float) -> Plan:
         """Return the same plan with a sample interval and a window for a slow meter.
@@ -240,12 +267,19 @@ class Plan:
             This plan if the meter is fast enough, or too slow for any interval.
         """
         brief = float(self.longest.min())
-        if not self.sample_interval < seconds <= brief / (1.1 * ENOUGH):
+        if self.sines or not self.sample_interval < seconds <= brief / (1.1 * ENOUGH):
             return self
         interval = rounded_up(seconds)
         window = max(self.window, min(10 * interval, brief))
-        settings = {"window": window, "tolerance": self.tolerance, "sample_interval": interval}
-        return Plan(self.inputs, self.longest, self.shortest, input=self.input, **settings)
+        return Plan(
+            self.inputs,
+            self.longest,
+            self.shortest,
+            window=window,
+            tolerance=self.tolerance,
+            sample_interval=interval,
+            input=self.input,
+        )
 
     def check_answers(self, seconds: float) -> None:
         """Refuse a plan that needs more readings than a meter can give.

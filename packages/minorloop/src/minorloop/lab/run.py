@@ -1,13 +1,13 @@
-"""Carry out a plan; a run can be stopped and continued without losing a settled point.
+"""Carry out a plan; a run can be stopped and continued without losing what was measured.
 
-Each level is held until its output has settled. The settled point is in the store, with its raw
-trace, before the next level is applied. Whatever stops the run, the actuator is left on its safe
-input. Another call of ``run`` with the same store continues after the last point.
+Each level is held until its output has settled. The settled point, or the sine, is in the store,
+with its raw trace, before the next one is applied. Whatever stops the run, the actuator is left on
+its safe input. Another call of ``run`` with the same store continues after the last point.
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import (
     InstrumentError,
-    MinorloopError,
+    LimitError,
     ParameterError,
     SafetyError,
     StoreError,
@@ -27,11 +27,11 @@ from minorloop.lab.actuator import ROUNDING, SIX_DIGITS, Actuator, Rounding, Tim
 from minorloop.lab.frozen import RepeatedReadings
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
-from minorloop.lab.records import Quantity
 from minorloop.lab.settling import SPAN_SHARE, judge, settled_after, trend
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
+from minorloop.lab.sines import Driven, MeasuredSine, Sine, apply_sine
 from minorloop.lab.spikes import spikes
-from minorloop.lab.store import Point, Store
+from minorloop.lab.store import Point, Store, reason_of
 
 __all__ = [
     "Choose",
@@ -40,8 +40,11 @@ __all__ = [
     "ResumeMode",
     "RunProgress",
     "Stopped",
+    "answer_time",
     "check_plan",
+    "left_safe",
     "long_enough",
+    "measured_sines",
     "run",
 ]
 
@@ -115,18 +118,21 @@ def run(
     plan : Plan
         What to apply.
     store : Store
-        Where the points are written, open to write; it may contain the first of them already.
+        Where the points are written, open to write; it may contain the first of them already. A
+        sine is a point whose trace has its samples.
     choose : callable, optional
         Chooses the levels that the plan leaves open, from the points so far.
     watch : callable
-        Called with a ``RunProgress`` while a level is held, and when its point is in the store.
+        Called with a ``RunProgress`` while a level or a sine is applied, and when its point is in
+        the store.
 
     Returns
     -------
     str
         How the actuator was brought to the first level of this session: ``fresh``; ``restored``
         to exactly the state at the last settled point, as twins can be; ``replayed``: its recorded
-        inputs were applied again, unmeasured; or ``finished``: there was nothing left to do.
+        inputs were applied again, unmeasured; or ``finished``: there was nothing left to do. On
+        instruments the next sine begins with its preamble, so nothing is replayed.
 
     Raises
     ------
@@ -134,12 +140,13 @@ def run(
         If the plan has another unit than the actuator, the actuator has several channels or a meter
         too slow for the plan, or the plan has open levels and there is no ``choose``.
     LimitError
-        If a level is beyond the limits of the actuator; it is not applied then.
+        If a level or a sine is beyond the limits of the actuator; it is not applied then.
     StoreError
         If the store belongs to another plan, was measured on another bench, or cannot be written;
         its points are kept.
     InstrumentError
-        If the sensor repeats one reading exactly, whatever the input is; the points are kept.
+        If the sensor repeats one reading exactly, whatever the input is, or a sine has no reading
+        somewhere in its measured periods, and stays open; the points are kept.
     SafetyError
         If the actuator does not confirm at the end that it is safe; the points are kept.
     """
@@ -162,39 +169,21 @@ def run(
         store.check_bench(actuator.description)
     with left_safe(actuator):
         mode, ended = _reach_last_point(actuator, store, watch)
-        with noted_session(store, mode):
-            _measure_rest(actuator, store, choose, watch, ended)
+        with store.session(mode):
+            if plan.sines:
+                for index in range(len(store), len(plan)):
+                    _measure_sine(actuator, store, plan.sines[index], index, watch)
+            else:
+                _measure_rest(actuator, store, choose, watch, ended)
     return mode
 
 
 def check_plan(actuator: Actuator, plan: Plan) -> None:
     """Refuse a plan that an actuator cannot carry out; nothing is applied.
 
-    Raises a `ParameterError` if the plan has another unit, the actuator has several channels, or
-    its meter is too slow for the plan. A level that its source would write as another input is
-    refused too; a `LimitError` if a level is beyond the limits.
-    """
-    check_channels(actuator, plan.input)
-    channel = actuator.inputs[0]
-    known = plan.inputs[np.isfinite(plan.inputs)]
-    for level in (known.min(), known.max()) if known.size else ():
-        check_input(actuator.inputs, level)
-    if isinstance(actuator, Rounding):
-        check_written(actuator, plan.inputs, channel.high - channel.low)
-    plan.check_answers(answer_time(actuator))
-
-
-def check_channels(actuator: Actuator, input: Quantity) -> None:
-    """Refuse an actuator with several channels, or with another unit than the plan.
-
-    Raises a `ParameterError` if the actuator cannot be used.
-
-    Parameters
-    ----------
-    actuator : Actuator
-        What the plan is for.
-    input : Quantity
-        The input of the plan.
+    Raises a `ParameterError` if the plan has another unit, the actuator has several channels, its
+    tick or its meter is too slow for the plan, or its source would write another input; a
+    `LimitError` if an input is beyond the limits, or a sine is faster than the rate limit.
     """
     if len(actuator.inputs) != 1 or len(actuator.outputs) != 1:
         raise ParameterError(
@@ -202,30 +191,56 @@ def check_channels(actuator: Actuator, input: Quantity) -> None:
             f"{counted(len(actuator.outputs), 'output')}; a plan is for one of each"
         )
     channel = actuator.inputs[0]
-    if input.unit and input.unit != channel.unit:
+    if plan.input.unit and plan.input.unit != channel.unit:
         raise ParameterError(
-            f"the plan is for '{input}' and the actuator takes '{channel}'; "
+            f"the plan is for '{plan.input}' and the actuator takes '{channel}'; "
             f"give the levels in {channel.unit or 'pure numbers'}"
         )
+    if plan.sines:
+        _check_sines(actuator, plan.sines)
+        return
+    known = plan.inputs[np.isfinite(plan.inputs)]
+    for level in (known.min(), known.max()) if known.size else ():
+        check_input(actuator.inputs, level)
+    _check_written(actuator, plan.inputs)
+    plan.check_answers(answer_time(actuator))
 
 
-def check_written(actuator: Rounding, levels: FloatArray, span: float) -> None:
-    """Refuse a level that the source would write as another input.
+def _check_sines(actuator: Actuator, sines: Sequence[Sine]) -> None:
+    """Refuse sines that an actuator cannot carry out."""
+    channel, driven = actuator.inputs[0], isinstance(actuator, Driven)
+    answer = 0.0 if driven else answer_time(actuator)
+    if answer > actuator.tick:
+        raise ParameterError(
+            f"the meter takes {answer:.3g} s for an answer, and a tick of the actuator is "
+            f"{actuator.tick:g} s; give the bench a slower tick or a faster meter"
+        )
+    for number, sine in enumerate(sines, 1):
+        named = f"sine {number} ({sine.frequency:g} Hz)"
+        ends = sine.offset - sine.amplitude, sine.offset + sine.amplitude
+        try:
+            for level in (sine.preamble, *ends):
+                check_input(actuator.inputs, level)
+            if not driven:
+                sine.ticks(actuator.tick)
+        except (LimitError, ParameterError) as error:
+            raise type(error)(f"{named}: {error}") from None
+        span = sine.interval if driven else actuator.tick
+        step = 2 * sine.amplitude * math.sin(math.pi / sine.samples)
+        if step > channel.rate * span:
+            raise LimitError(
+                f"{named} changes by {step:.3g} {channel.unit} within {span:g} s, faster than the "
+                f"limit {channel.rate:g} {channel.unit}/s; lower its amplitude or its frequency"
+            )
+        period = sine.inputs[: sine.samples]
+        _check_written(actuator, np.array([sine.preamble, sine.offset, *period]))
 
-    Parameters
-    ----------
-    actuator : Rounding
-        The actuator.
-    levels : (n,) array
-        Levels of the input; NaN is not checked.
-    span : float
-        Range of the input.
 
-    Raises
-    ------
-    ParameterError
-        Naming the first such level.
-    """
+def _check_written(actuator: Actuator, levels: FloatArray) -> None:
+    """Refuse levels (n,) that the source would write as another input; NaN is not checked."""
+    if not isinstance(actuator, Rounding):
+        return
+    span = actuator.inputs[0].high - actuator.inputs[0].low
     for index in np.flatnonzero(np.isfinite(levels)):
         level = float(levels[index])
         written = actuator.written(level)
@@ -260,9 +275,9 @@ def _reach_last_point(
         if state is not None:
             actuator.restore(state)
             return ("fresh" if last is None else "restored"), None
-    if last is None:
-        return "fresh", None
     plan, record = store.plan, None
+    if last is None or plan.sines:
+        return "fresh", None
     for point in store.points():
         record = actuator.apply(point.input, point.held, min(plan.sample_interval, point.held))
         watch(RunProgress(point.index, len(plan), point.input, float("nan"), point.held))
@@ -400,6 +415,66 @@ def _stored_point(
     return point
 
 
+def _measure_sine(
+    actuator: Actuator,
+    store: Store,
+    sine: Sine,
+    index: int,
+    watch: Callable[[RunProgress], None],
+) -> None:
+    """Measure one sine and write it to the store."""
+    total, last, driven = len(store.plan), store.last(), isinstance(actuator, Driven)
+    before = 2 * sine.hold
+
+    def said(t: float, y: float, point: Point | None = None) -> None:
+        watch(RunProgress(index, total, sine.offset, y, t, point))
+
+    said(0.0, math.nan)
+    took, t, y = apply_sine(actuator, sine, lambda t, y: said(before + t, y))
+    measured = y[-sine.measured * sine.samples :]
+    lost = int(np.count_nonzero(~np.isfinite(measured)))
+    if lost:
+        raise InstrumentError(
+            f"sine {index + 1} ({sine.frequency:g} Hz, amplitude {sine.amplitude:g}) has no "
+            f"reading in {lost} of the {measured.size} samples of its measured periods, and every "
+            "one is needed; check the sensor"
+        )
+    point = Point(
+        index=index,
+        input=sine.offset,
+        value=float(np.mean(measured)),
+        sd=math.nan,
+        verdict="settled",
+        t=before + took + (0.0 if last is None else last.t),
+        held=before + took,
+        checkpoint=actuator.checkpoint() if isinstance(actuator, Restorable) else None,
+        sample_interval=took / sine.count,
+        time_uncertainty=0.0 if driven else sine.interval,
+    )
+    store.add(point, t, y)
+    said(point.held, float(y[-1]), point)
+
+
+def measured_sines(store: Store) -> list[MeasuredSine]:
+    """Return the sines that a store has.
+
+    Raises a `StoreError` if its plan has none.
+    """
+    sines = store.plan.sines
+    if not sines:
+        raise StoreError(f"{store.path} has settled points and no sines; give a store of sines")
+    return [
+        MeasuredSine(
+            sine,
+            sine.inputs,
+            store.trace(point.index)[1],
+            held=point.time_uncertainty > 0,
+            slow=point.sample_interval / sine.interval,
+        )
+        for point, sine in zip(store.points(), sines, strict=False)
+    ]
+
+
 def _tolerance(plan: Plan, index: int, seen: FloatArray) -> float:
     if plan.tolerance is not None:
         return plan.tolerance
@@ -423,33 +498,6 @@ def long_enough(store: Store) -> float:
             found.append(settled_after(t, y, change=change, window=plan.window))
     known = [seconds for seconds in found if math.isfinite(seconds)]
     return float(np.percentile(known, _MOST)) if known else math.nan
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
-    return str(error) or type(error).__name__
-
-
-@contextmanager
-def noted_session(store: Store, mode: str) -> Iterator[None]:
-    """Note in the store that a session begins, and how it ended.
-
-    Parameters
-    ----------
-    store : Store
-        Open to write.
-    mode : str
-        How the actuator was brought to the first level.
-    """
-    session = store.begin_session(mode)
-    try:
-        yield
-    except BaseException as error:
-        with suppress(MinorloopError):
-            store.end_session(session, _reason(error))
-        raise
-    store.end_session(session, "finished")
 
 
 @contextmanager
@@ -485,4 +533,4 @@ def _make_safe(actuator: Actuator, cause: BaseException | None) -> None:
             message = f"the actuator may still be on, switch it off by hand: {error}"
         if cause is None:
             raise SafetyError(message) from error
-        raise SafetyError(f"{message}; the run ended because of: {_reason(cause)}") from cause
+        raise SafetyError(f"{message}; the run ended because of: {reason_of(cause)}") from cause

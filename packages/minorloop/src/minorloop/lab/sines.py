@@ -1,39 +1,59 @@
-"""A plan of sines: frequencies and amplitudes to measure the frequency response of an actuator.
+"""Sines of a plan, which measure the frequency response of an actuator.
 
 Each sine begins with an input that saturates the actuator, so that its memory is known. Then the
 offset is held, and the sine follows about the offset: first the periods that are discarded, then
-those that are measured.
+those that are measured. A simulated actuator gets each sine as a waveform, linear between samples.
+A bench gets it sample by sample: an input is held for a whole number of ticks, and the output is
+read at the end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_samples
-from minorloop.errors import ParameterError, RecordError
-from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
-from minorloop.lab.columns import opened, read_headers
+from minorloop.errors import ParameterError
+from minorloop.files import PathLike, check_name
+from minorloop.lab.actuator import Actuator
 from minorloop.lab.headers import split_header
-from minorloop.lab.plan import Plan
-from minorloop.lab.records import Quantity
+from minorloop.lab.records import Quantity, Record
+from minorloop.lab.tables import OpenTable
 
-__all__ = ["FEWEST_SAMPLES", "Sine", "SinePlan", "is_sine_plan"]
+__all__ = [
+    "FEWEST_SAMPLES",
+    "SLOW",
+    "Driven",
+    "MeasuredSine",
+    "Sine",
+    "apply_sine",
+    "grid",
+    "read_sines",
+    "sine_columns",
+]
 
 FEWEST_SAMPLES = 20
 """Least samples of a period: the correction for held inputs is then below 10 degrees."""
 FEWEST_PERIODS = 3
 """Periods that are discarded at least in a new plan."""
-MAX_SINES = 10_000
-"""Most sines of a plan."""
 MAX_SAMPLES = 2_000_000
 """Most samples of a sine."""
+SLOW = 1.01
+"""The bench was too slow if a sine took longer than planned by more than this factor."""
 _WHOLE = 1e-6
 """Largest relative distance of a number of ticks from a whole number, because of rounding."""
+
+
+@runtime_checkable
+class Driven(Protocol):
+    """A plant to which a whole waveform can be applied, such as a twin."""
+
+    def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
+        """Apply a waveform, linear between samples, and record it and the output."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +176,60 @@ class Sine:
         return Sine(**known)
 
 
+def grid(
+    frequencies: npt.ArrayLike,
+    amplitudes: npt.ArrayLike,
+    *,
+    preamble: float,
+    hold: float,
+    settling: float = 0.0,
+    tick: float | None = None,
+    **options: Any,
+) -> tuple[Sine, ...]:
+    """Return every frequency at every amplitude.
+
+    Raises a `ParameterError` if a number is out of range, or the tick is too slow for a frequency.
+
+    Parameters
+    ----------
+    frequencies : (F,) array_like
+        In Hz.
+    amplitudes : (A,) array_like
+        Amplitudes, in the unit of the input.
+    preamble : float
+        Input that saturates the actuator, before each sine.
+    hold : float
+        Seconds for which the preamble is held, and then the offset.
+    settling : float
+        Seconds of the sine that are discarded, rounded up to whole periods; three at least.
+    tick : float, optional
+        How long an exchange of the actuator takes, in seconds. Frequencies are rounded so that
+        each sample takes a whole number of ticks.
+    **options
+        ``offset`` (0), ``measured`` (2) and ``samples`` (240) of each `Sine`; with ``tick`` as many
+        samples as are possible.
+    """
+    if as_finite("settling", settling) < 0:
+        raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
+    if tick is not None and as_finite("tick", tick) <= 0:
+        raise ParameterError(f"tick is {tick:g} s; give a positive time")
+    known = {"offset": 0.0, "measured": 2, "samples": 240, **options}
+    found = []
+    for frequency in _all_positive("frequencies", frequencies):
+        discarded = max(FEWEST_PERIODS, int(np.ceil(min(settling * frequency, MAX_SAMPLES))))
+        for amplitude in _all_positive("amplitudes", amplitudes):
+            sine = Sine(
+                frequency=float(frequency),
+                amplitude=float(amplitude),
+                preamble=float(preamble),
+                hold=hold,
+                discarded=discarded,
+                **known,
+            )
+            found.append(sine if tick is None else sine.on_ticks(tick))
+    return tuple(found)
+
+
 _HEADERS = {
     "frequency": "frequency [Hz]",
     "amplitude": "{name} amplitude{unit}",
@@ -169,157 +243,78 @@ _HEADERS = {
 _AMPLITUDE = " amplitude"
 
 
-@dataclass(frozen=True)
-class SinePlan:
-    """Sines to apply one after the other.
+def sine_columns(sines: tuple[Sine, ...], input: Quantity) -> dict[str, list[Any]]:
+    """Return the columns of a CSV file, by their headers."""
+    headers = _headers(input)
+    return {headers[name]: [getattr(sine, name) for sine in sines] for name in headers}
 
-    Raises
-    ------
-    ParameterError
-        If there are none, or too many.
+
+def read_sines(table: OpenTable, path: PathLike) -> tuple[tuple[Sine, ...], Quantity] | None:
+    """Return the sines of a file and their input; None if its headers are not those of sines.
+
+    Raises a `RecordError` if a column cannot be used; a `ParameterError` if a number is out of
+    range.
     """
+    input = _input_of(table.headers)
+    if input is None or _HEADERS["frequency"] not in table.headers:
+        return None
+    wanted = _headers(input)
+    columns = table.read(list(wanted.values()))
+    rows = zip(*(columns[header].tolist() for header in wanted.values()), strict=True)
+    found = []
+    for number, row in enumerate(rows, 1):
+        try:
+            found.append(Sine(*row))
+        except ParameterError as error:
+            raise ParameterError(f"sine {number} of {path}: {error}") from None
+    return tuple(found), input
 
-    sines: tuple[Sine, ...]
-    """The sines, in order."""
-    input: Quantity
-    """Name and unit of the input."""
 
-    def __post_init__(self) -> None:
-        if not 0 < len(self.sines) <= MAX_SINES:
-            raise ParameterError(f"there are {len(self.sines)} sines; give 1 to {MAX_SINES}")
+@dataclass(frozen=True, eq=False)
+class MeasuredSine:
+    """A sine and what was measured."""
 
-    def __len__(self) -> int:
-        return len(self.sines)
-
-    def __iter__(self) -> Iterator[Sine]:
-        return iter(self.sines)
+    sine: Sine
+    """The sine as planned."""
+    u: FloatArray
+    y: FloatArray
+    """``u`` and ``y``: shape (count,). Inputs and outputs of its samples."""
+    held: bool
+    """Whether each input was held until its output was read; otherwise it is linear in between."""
+    slow: float = 1.0
+    """How long the sine took, as a multiple of the planned time."""
 
     @property
-    def duration(self) -> float:
-        """Seconds in all."""
-        return sum(sine.duration for sine in self.sines)
-
-    @classmethod
-    def grid(
-        cls,
-        frequencies: npt.ArrayLike,
-        amplitudes: npt.ArrayLike,
-        *,
-        preamble: float,
-        hold: float,
-        settling: float = 0.0,
-        offset: float = 0.0,
-        measured: int = 2,
-        samples: int = 240,
-        tick: float | None = None,
-        input: str | Quantity = "input",
-    ) -> SinePlan:
-        """Return a plan with every frequency at every amplitude.
-
-        Raises a `ParameterError` if a number is out of range, or the tick is too slow for a
-        frequency.
-
-        Parameters
-        ----------
-        frequencies : (F,) array_like
-            In Hz.
-        amplitudes : (A,) array_like
-            Amplitudes, in the unit of the input.
-        preamble : float
-            Input that saturates the actuator, before each sine.
-        hold : float
-            Seconds for which the preamble is held, and then the offset.
-        settling : float
-            Seconds of the sine that are discarded, rounded up to whole periods; three at least.
-        offset : float
-            Mean of the sines.
-        measured : int
-            Periods that are measured, 2 at least.
-        samples : int
-            Samples of a period; with ``tick`` as many as are possible.
-        tick : float, optional
-            How long an exchange of the actuator takes, in seconds. Frequencies are rounded so that
-            each sample takes a whole number of ticks.
-        input : str or Quantity
-            Name and unit of the input, such as ``voltage [V]``.
-        """
-        if as_finite("settling", settling) < 0:
-            raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
-        if tick is not None and as_finite("tick", tick) <= 0:
-            raise ParameterError(f"tick is {tick:g} s; give a positive time")
-        found = []
-        for frequency in _all_positive("frequencies", frequencies):
-            discarded = max(FEWEST_PERIODS, int(np.ceil(min(settling * frequency, MAX_SAMPLES))))
-            for amplitude in _all_positive("amplitudes", amplitudes):
-                levels = float(amplitude), float(offset), float(preamble)
-                sine = Sine(float(frequency), *levels, hold, discarded, measured, samples)
-                found.append(sine if tick is None else sine.on_ticks(tick))
-        return cls(tuple(found), Quantity.parse(str(input)))
-
-    @classmethod
-    def from_csv(cls, path: PathLike) -> SinePlan:
-        """Read a plan from a CSV file, as ``minorloop plan sines --save`` writes it.
-
-        Raises a `RecordError` if the file or a column in it cannot be used; a `ParameterError` if a
-        number is out of range.
-        """
-        with opened(path) as table:
-            input = _input_of(table.headers)
-            if input is None:
-                raise RecordError(f"{path} has no column of an amplitude; plan sines writes one")
-            columns = table.read(list(_headers(input).values()))
-        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-        found = []
-        for number, row in enumerate(rows, 1):
-            try:
-                found.append(Sine(*row))
-            except ParameterError as error:
-                raise ParameterError(f"sine {number} of {path}: {error}") from None
-        return cls(tuple(found), input)
-
-    def columns(self) -> dict[str, list[Any]]:
-        """Return the columns of the CSV file, by their headers."""
-        return {
-            header: [getattr(sine, name) for sine in self.sines]
-            for name, header in _headers(self.input).items()
-        }
-
-    def to_csv(self, path: PathLike, *, force: bool = False) -> None:
-        """Write the plan as CSV."""
-        check_writable(path, force=force)
-        columns = self.columns()
-        write_atomically(path, table_text(columns, zip(*columns.values(), strict=True)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the plan, ready for JSON."""
-        return {"input": str(self.input), "sines": [asdict(sine) for sine in self.sines]}
-
-    @classmethod
-    def from_dict(cls, content: dict[str, Any]) -> SinePlan:
-        """Return the plan that ``to_dict`` gave.
-
-        Raises a `ParameterError` if it is not such a plan.
-        """
-        try:
-            sines = tuple(Sine(**sine) for sine in content["sines"])
-            return cls(sines, Quantity.parse(content["input"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ParameterError(f"that is not a plan of sines: {error}") from None
-
-    def holds(self) -> Plan:
-        """Return the plan of an experiment store: one level for each sine, its offset."""
-        longest = [sine.duration for sine in self.sines]
-        settings = {"window": min(longest), "sample_interval": min(longest) / 10}
-        return Plan([s.offset for s in self.sines], longest, input=self.input, **settings)
+    def before(self) -> FloatArray:
+        """The inputs before the sine, which bring the actuator to a known memory."""
+        return np.array([self.sine.preamble, self.sine.offset])
 
 
-def is_sine_plan(path: PathLike) -> bool:
-    """Whether the headers of a file are those of a plan of sines.
+def apply_sine(
+    actuator: Actuator, sine: Sine, watch: Callable[[float, float], None]
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return how long a sine took, in seconds, and times and outputs of its samples, (count,) each.
 
-    Raises a `RecordError` if the file cannot be read.
+    Preamble and offset are held before. ``watch`` is called with time and output after each period.
     """
-    headers = read_headers(path)
-    return _HEADERS["frequency"] in headers and _input_of(headers) is not None
+    for level in (sine.preamble, sine.offset):
+        before = actuator.apply(level, sine.hold, sine.hold)
+    if isinstance(actuator, Driven):
+        times: FloatArray = sine.interval * np.arange(sine.count + 1, dtype=np.float64)
+        record = actuator.drive(times, np.concatenate([[sine.offset], sine.inputs]))
+        return sine.length, times[1:], np.asarray(record.y[1:])
+    ticks = sine.ticks(actuator.tick)
+    t: FloatArray = sine.interval * np.arange(1, sine.count + 1, dtype=np.float64)
+    y = np.empty(sine.count)
+    for k, u in enumerate(sine.inputs):
+        for _ in range(ticks):
+            y[k] = actuator.exchange(float(u))
+        if (k + 1) % sine.samples == 0:
+            watch(float(t[k]), float(y[k]))
+    after = actuator.apply(sine.offset, actuator.tick, actuator.tick)
+    if before.timing and after.timing:
+        return after.timing.began - before.timing.ended, t, y
+    return sine.length, t, y
 
 
 def _headers(input: Quantity) -> dict[str, str]:

@@ -12,14 +12,17 @@ store is opened next.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import os
 import sqlite3
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, astuple, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -28,26 +31,121 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError, RecordError, StoreError, counted
+from minorloop.errors import (
+    MinorloopError,
+    OutputError,
+    ParameterError,
+    RecordError,
+    StoreError,
+    counted,
+)
 from minorloop.files import PathLike, check_writable, first_difference, lock_path
-from minorloop.lab import _store_rows as rows
-from minorloop.lab._store_rows import Point, RunSession, Setup
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.signals import Deferred
 
-__all__ = ["Point", "RunSession", "Setup", "Store", "is_store"]
+__all__ = ["Point", "RunSession", "Setup", "Store", "is_store", "reason_of"]
 
 APPLICATION = 0x6D6C6F70
 """The application id in the header of the file: 'mlop'."""
 VERSION = 2
-"""Format 1 has no sample interval and no time uncertainty; it can be read and continued."""
 _LOCK_WAIT = 1.0
 """Seconds to wait for another process that is just finishing."""
 _LOCK_EVERY = 0.02
 """Seconds between two attempts to lock."""
 _READ_WAIT = 30.0
 """Seconds that a writer waits, before its first point only, for others that are just reading."""
+_MAGIC = b"SQLite format 3\0"
+_IN_USE = "another process has it open; wait until that one has ended"
+_TABLES = {
+    "about": "name TEXT PRIMARY KEY, value TEXT NOT NULL",
+    "sitting": "id INTEGER PRIMARY KEY, began TEXT NOT NULL, ended TEXT, first INTEGER NOT NULL, "
+    "way TEXT NOT NULL, end TEXT",
+    "point": "id INTEGER PRIMARY KEY, input REAL NOT NULL, value REAL, sd REAL, "
+    "verdict TEXT NOT NULL, t REAL NOT NULL, held REAL NOT NULL, checkpoint TEXT, "
+    "sample_interval REAL, time_uncertainty REAL",
+    "trace": "id INTEGER PRIMARY KEY REFERENCES point (id), t BLOB NOT NULL, y BLOB NOT NULL",
+}
+"""Columns of the tables; the last one of each is a digest of the others."""
+_COUNTS = (
+    "SELECT (SELECT coalesce(max(id) + 1, 0) FROM point WHERE id < ?1), "
+    "(SELECT coalesce(max(id) + 1, 0) FROM trace WHERE id < ?1)"
+)
+_FIGURES = "SELECT verdict, held, value, sample_interval, time_uncertainty FROM point WHERE id < ?"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The actuator and specimen that a plan is carried out on."""
+
+    address: str
+    """Address of the actuator, such as ``twin:ipmc``."""
+    input: str
+    output: str
+    """Name and unit of each channel, such as ``voltage [V]``."""
+    specimen: int | None = None
+    """Seed of the specimen; None for the nominal one."""
+    seed: int = 0
+    """Seed of the noise."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Further options of `connect`, such as ``noise``; ready for JSON."""
+    design: dict[str, Any] | None = None
+    """Parameters of what chooses the levels that the plan leaves open: of an adaptive run or, under
+    ``drive``, of a drive. Ready for JSON."""
+
+    def to_json(self) -> str:
+        """Return the setup as JSON; equal setups give equal text."""
+        try:
+            return json.dumps(asdict(self), sort_keys=True)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"the setup cannot be written as JSON: {error}") from None
+
+
+@dataclass(frozen=True)
+class Point:
+    """The result of one hold."""
+
+    index: int
+    """Which level of the plan, counted from 0."""
+    input: float
+    """The level, in the unit of the input."""
+    value: float
+    sd: float
+    """``value`` and ``sd``: settled output and its standard deviation, in the unit of the output;
+    NaN where nothing was measured."""
+    verdict: str
+    """``settled``, ``extrapolated`` or ``unsettled``; see ``lab.settling``."""
+    t: float
+    """Time at the end of the hold since the first level was applied, by the clock of the actuator,
+    in seconds. It includes the time to write points between holds, but not the time between two
+    sessions."""
+    held: float
+    """Duration of the hold in seconds, from when the input was on."""
+    checkpoint: dict[str, Any] | None = None
+    """The state of a twin at the end of the hold."""
+    sample_interval: float = math.nan
+    """Mean time between samples, in seconds; longer than that of the plan where the meter was
+    slower. NaN where there is only one sample."""
+    time_uncertainty: float = math.nan
+    """Largest error of a time of the hold, in seconds: half the exchange that set the input and
+    half the longest that read the output; 0 for a twin."""
+
+
+@dataclass(frozen=True)
+class RunSession:
+    """One process that carried out part of the plan."""
+
+    began: str
+    """When, in UTC."""
+    ended: str | None
+    """When it ended; None if it was killed or is still running."""
+    first: int
+    """The point that it began with."""
+    mode: str
+    """How the actuator was brought there: ``fresh``, ``restored`` to exactly the state at the last
+    settled point, or ``replayed``: its recorded inputs were applied again, unmeasured."""
+    end: str | None
+    """How it ended: ``finished``, ``interrupted``, or what went wrong."""
 
 
 def is_store(path: PathLike) -> bool:
@@ -57,7 +155,7 @@ def is_store(path: PathLike) -> bool:
     file gives up all its locks on it.
     """
     with suppress(OSError, ValueError), open(path, "rb") as file:
-        return file.read(len(rows.MAGIC)) == rows.MAGIC
+        return file.read(len(_MAGIC)) == _MAGIC
     return False
 
 
@@ -84,8 +182,7 @@ class Store:
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None = None) -> None:
         self.path = path
         self._connection, self._lock = connection, lock
-        (self._version,) = connection.execute("PRAGMA user_version").fetchone()
-        about = dict(rows.unsealed(row) for row in self._select(rows.ABOUT))
+        about = dict(self._read("about"))
         self.plan = Plan.from_json(about["plan"])
         self.setup = Setup(**json.loads(about["setup"]))
         self._end = sys.maxsize
@@ -116,13 +213,13 @@ class Store:
         StoreError
             If the disk is full.
         """
-        target = rows.with_room_beside(check_writable(path))
+        target = _with_room_beside(check_writable(path))
         scratch = target.with_name(f".minorloop-{os.urandom(6).hex()}.tmp")
         try:
             _write_header(scratch, plan, setup)
-            rows.take_name(scratch, target)
+            _take_name(scratch, target)
         except sqlite3.Error as error:
-            raise StoreError(f"{target} cannot be created: {rows.reason(error)}") from None
+            raise StoreError(f"{target} cannot be created: {_in_words(error)}") from None
         finally:
             for leftover in (scratch, scratch.with_name(scratch.name + "-journal")):
                 with suppress(OSError):
@@ -193,7 +290,7 @@ class Store:
 
     def __len__(self) -> int:
         with _explained(self.path):
-            count, traces = self._select(rows.COUNTS, self._end)[0]
+            count, traces = self._execute(_COUNTS, self._end).fetchone()
             if count != traces:
                 raise ValueError(f"it has {counted(count, 'point')} and {counted(traces, 'trace')}")
         return int(count)
@@ -201,9 +298,7 @@ class Store:
     @property
     def finished(self) -> bool:
         """Whether every level of the plan has its point, or no further level was chosen."""
-        with _explained(self.path):
-            enough = self._select("SELECT 1 FROM about WHERE name = 'enough'")
-        return bool(enough) or len(self) == len(self.plan)
+        return self._noted("enough") is not None or len(self) == len(self.plan)
 
     @property
     def running(self) -> bool:
@@ -242,7 +337,7 @@ class Store:
         """
         difference = self.plan.difference(plan)
         if not difference and setup is not None:
-            difference = self.setup.difference(setup)
+            difference = first_difference(asdict(self.setup), asdict(setup))
         if difference:
             raise StoreError(
                 f"{self.path} belongs to another run: {difference}; "
@@ -258,8 +353,8 @@ class Store:
             Index of the first point to return.
         """
         with _explained(self.path):
-            found = self._select(rows.POINTS[self._version], first, self._end)
-            points = [rows.as_point(row) for row in found]
+            found = self._read("point", "WHERE id >= ? AND id < ? ORDER BY id", first, self._end)
+            points = [_as_point(row) for row in found]
             for index, point in enumerate(points, first):
                 if point.index != index or not self._is_level(index, point.input):
                     raise ValueError(f"point {index} is missing or is not that of the plan")
@@ -279,9 +374,21 @@ class Store:
         where nothing is known.
         """
         with _explained(self.path):
-            known = rows.TOTALS[self._version]
-            figures = self._select(known, self._end)[0]
-            return dict(zip(rows.TOTAL_NAMES, figures, strict=True))
+            rows = self._execute(_FIGURES, self._end).fetchall()
+        verdicts = [row[0] for row in rows]
+        figures = np.array([row[1:] for row in rows], dtype=np.float64).reshape(-1, 4).T
+        held, values, intervals, doubts = (each[np.isfinite(each)] for each in figures)
+        sampled = intervals[intervals > 0]
+        found = {
+            "lowest": values.min() if values.size else None,
+            "highest": values.max() if values.size else None,
+            "median_interval": np.median(sampled) if sampled.size else None,
+            "longest_interval": intervals.max() if intervals.size else None,
+            "time_uncertainty": doubts.max() if doubts.size else None,
+        }
+        found = {name: None if each is None else float(each) for name, each in found.items()}
+        counts = {name: verdicts.count(name) for name in ("settled", "extrapolated", "unsettled")}
+        return {"points": len(rows), **counts, "held": float(held.sum()), **found}
 
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Return times and outputs of the whole hold of a point, (T,) each.
@@ -298,8 +405,9 @@ class Store:
         """
         with _explained(self.path):
             if index in range(len(self)):
-                found = self._select(f"{rows.TRACES} WHERE id = ?", index)
-                return rows.as_trace(found[0])
+                _, *found = self._read("trace", "WHERE id = ?", index)[0]
+                t, y = (np.frombuffer(x, dtype="<f8").astype(np.float64) for x in found)
+                return t, y
         raise ParameterError(f"there is no point {index}; {self.path} has the first {len(self)}")
 
     def record(self) -> Record:
@@ -336,11 +444,12 @@ class Store:
     def sessions(self) -> list[RunSession]:
         """Return every session that carried out part of the plan, and how it ended."""
         with _explained(self.path):
-            return [rows.as_session(row) for row in self._select(rows.SESSIONS)]
+            return [RunSession(*row[1:]) for row in self._read("sitting", "ORDER BY id")]
 
     def origin(self) -> dict[str, Any] | None:
         """Return the state of the actuator before the first level, if it was saved."""
-        return self._noted("origin")
+        found: dict[str, Any] | None = self._noted("origin")
+        return found
 
     def set_origin(self, checkpoint: dict[str, Any]) -> None:
         """Save the state of the actuator before the first level, once.
@@ -350,12 +459,12 @@ class Store:
         checkpoint : dict
             State of the actuator, as its ``checkpoint`` gave it.
         """
-        with self._transaction():
-            self._execute(rows.INSERT_ABOUT, *rows.sealed("origin", json.dumps(checkpoint)))
+        self._note("origin", checkpoint)
 
     def bench(self) -> dict[str, Any] | None:
         """Return the description of the instruments, if the actuator has one."""
-        return self._noted("bench")
+        found: dict[str, Any] | None = self._noted("bench")
+        return found
 
     def check_bench(self, description: dict[str, Any]) -> None:
         """Refuse other instruments than those the run began with; save their description, once.
@@ -372,8 +481,7 @@ class Store:
         """
         before = self.bench()
         if before is None:
-            with self._transaction():
-                self._execute(rows.INSERT_ABOUT, *rows.sealed("bench", json.dumps(description)))
+            self._note("bench", description)
         elif difference := first_difference(before, description):
             raise StoreError(
                 f"{self.path} was measured on another bench: {difference}; restore the bench, or "
@@ -382,37 +490,29 @@ class Store:
 
     def set_enough(self) -> None:
         """Note that the points are enough: the remaining levels stay open."""
-        with self._transaction():
-            self._execute(rows.INSERT_ABOUT, *rows.sealed("enough", "true"))
+        self._note("enough", True)
 
-    def begin_session(self, mode: str) -> int:
-        """Note that a session begins at the next point; return its number.
+    @contextmanager
+    def session(self, mode: str) -> Iterator[None]:
+        """Note that a session begins at the next point, and how it ended.
 
         Parameters
         ----------
         mode : str
             How the actuator was brought there.
         """
-        number = len(self.sessions()) + 1
-        row = rows.sealed(number, _now(), None, len(self), mode, None)
-        with self._transaction():
-            self._execute(rows.REPLACE_SESSION, *row)
-        return number
+        number, session = len(self.sessions()) + 1, RunSession(_now(), None, len(self), mode, None)
+        self._write("sitting", number, *astuple(session))
+        try:
+            yield
+        except BaseException as error:
+            with suppress(MinorloopError):
+                self._end_session(number, session, reason_of(error))
+            raise
+        self._end_session(number, session, "finished")
 
-    def end_session(self, number: int, end: str) -> None:
-        """Note how a session ended.
-
-        Parameters
-        ----------
-        number : int
-            Number of the session.
-        end : str
-            How it ended.
-        """
-        session = self.sessions()[number - 1]
-        row = rows.sealed(number, session.began, _now(), session.first, session.mode, end)
-        with self._transaction():
-            self._execute(rows.REPLACE_SESSION, *row)
+    def _end_session(self, number: int, begun: RunSession, end: str) -> None:
+        self._write("sitting", number, begun.began, _now(), begun.first, begun.mode, end)
 
     def add(self, point: Point, t: FloatArray, y: FloatArray) -> None:
         """Write a point and its trace, both or neither.
@@ -445,14 +545,15 @@ class Store:
             raise ParameterError(f"point {count} was taken at {point.input}; its level is {wanted}")
         if np.shape(t) != np.shape(y):
             raise ParameterError(f"the trace has times {np.shape(t)} and outputs {np.shape(y)}")
+        trace = (np.asarray(values, dtype="<f8").tobytes() for values in (t, y))
         with self._transaction():
-            self._execute(rows.INSERT_POINT[self._version], *rows.point_row(point, self._version))
-            self._execute(rows.INSERT_TRACE, *rows.trace_row(point.index, t, y))
+            self._insert("point", *_row_of(point))
+            self._insert("trace", point.index, *trace)
 
     def _check_points(self) -> None:
         """Check that all points and traces are there and unchanged."""
         count = len(self.points())
-        traces = [rows.unsealed(row)[0] for row in self._execute(f"{rows.TRACES} ORDER BY id")]
+        traces = [row[0] for row in self._read("trace", "ORDER BY id")]
         if traces != list(range(count)):
             raise ValueError(f"it has {counted(count, 'point')}, and traces of others")
 
@@ -460,14 +561,37 @@ class Store:
         planned = self.plan.inputs[index : index + 1]
         return bool(np.isfinite(level) and (np.isnan(planned) | (planned == level)).any())
 
-    def _noted(self, name: str) -> dict[str, Any] | None:
+    def _noted(self, name: str) -> Any:
         """Return a note about the whole run by its name; None if there is none."""
         with _explained(self.path):
-            found = self._select(f"{rows.ABOUT} WHERE name = ?", name)
-            return json.loads(rows.unsealed(found[0])[1]) if found else None
+            found = self._read("about", "WHERE name = ?", name)
+            return json.loads(found[0][1]) if found else None
 
-    def _select(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
-        return self._execute(statement, *values).fetchall()
+    def _note(self, name: str, content: Any) -> None:
+        """Write a note, unless there is one of this name."""
+        with self._transaction():
+            self._insert("about", name, json.dumps(content), how="INSERT OR IGNORE")
+
+    def _write(self, table: str, *content: Any) -> None:
+        """Write a row alone, in place of one with its key."""
+        with self._transaction():
+            self._insert(table, *content, how="REPLACE")
+
+    def _insert(self, table: str, *content: Any, how: str = "INSERT") -> None:
+        places = ", ".join("?" * (len(content) + 1))
+        self._execute(f"{how} INTO {table} VALUES ({places})", *content, _digest(content))
+
+    def _read(self, table: str, which: str = "", *values: object) -> list[tuple[Any, ...]]:
+        """Return rows of a table without their digests.
+
+        Raises a `ValueError` if one was changed since it was written.
+        """
+        rows = []
+        for *content, written in self._execute(f"SELECT * FROM {table} {which}", *values):
+            if _digest(content) != written:
+                raise ValueError(f"row {content[0]!r:.40} was altered")
+            rows.append(tuple(content))
+        return rows
 
     def _execute(self, statement: str, *values: object) -> sqlite3.Cursor:
         return self._connection.execute(statement, values)
@@ -490,7 +614,7 @@ class Store:
                     self._execute("ROLLBACK")
             if isinstance(error, sqlite3.Error):
                 raise StoreError(
-                    f"{self.path} cannot be written: {rows.reason(error)}; "
+                    f"{self.path} cannot be written: {_in_words(error)}; "
                     "its points are kept, and the run can be continued from there"
                 ) from None
             raise
@@ -502,7 +626,7 @@ def _explained(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        raise StoreError(f"{path} cannot be used: {rows.reason(error)}") from None
+        raise StoreError(f"{path} cannot be used: {_in_words(error)}") from None
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise StoreError(f"{path} is damaged: {error}; restore a copy of it") from None
 
@@ -537,7 +661,7 @@ def _locked(file: Path) -> int:
         elif time.monotonic() < deadline:
             time.sleep(_LOCK_EVERY)
         else:
-            raise StoreError(f"{file} cannot be used: {rows.IN_USE}")
+            raise StoreError(f"{file} cannot be used: {_IN_USE}")
 
 
 def _unlock(file: Path, lock: int | None) -> None:
@@ -554,9 +678,9 @@ def _prepare(connection: sqlite3.Connection, write: bool) -> None:
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != APPLICATION:
         raise sqlite3.DatabaseError("it is a database, but not an experiment store")
-    if version > VERSION:
+    if version != VERSION:
         raise sqlite3.DatabaseError(
-            f"it has format {version} and this minorloop reads {VERSION}; install a newer one"
+            f"it has format {version} and this minorloop reads {VERSION}; install one that reads it"
         )
     if not write:
         connection.execute("PRAGMA query_only = ON")
@@ -575,9 +699,10 @@ def _write_header(scratch: Path, plan: Plan, setup: Setup) -> None:
         connection.execute(f"PRAGMA user_version = {VERSION}")
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("BEGIN")
-        for statement in rows.SCHEMA:
-            connection.execute(statement)
-        connection.executemany(rows.INSERT_ABOUT, (rows.sealed(*text) for text in texts.items()))
+        for name, columns in _TABLES.items():
+            connection.execute(f"CREATE TABLE {name} ({columns}, digest TEXT NOT NULL)")
+        rows = [(*text, _digest(text)) for text in texts.items()]
+        connection.executemany("INSERT INTO about VALUES (?, ?, ?)", rows)
         connection.execute("COMMIT")
     finally:
         connection.close()
@@ -585,3 +710,109 @@ def _write_header(scratch: Path, plan: Plan, setup: Setup) -> None:
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def reason_of(error: BaseException) -> str:
+    """Return how a session ended, in words."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    return str(error) or type(error).__name__
+
+
+def _row_of(point: Point) -> list[Any]:
+    """Return a point as it is written: SQLite keeps neither NaN nor negative zeros."""
+    state = None if point.checkpoint is None else json.dumps(point.checkpoint)
+    known = {**vars(point), "checkpoint": state}
+    return [_or_none(each) if isinstance(each, float) else each for each in known.values()]
+
+
+def _as_point(row: tuple[Any, ...]) -> Point:
+    """Return the point of a row."""
+    index, input, value, sd, verdict, t, held, state, *times = row
+    checkpoint = None if state is None else json.loads(state)
+    value, sd, *times = (math.nan if x is None else x for x in (value, sd, *times))
+    return Point(index, input, value, sd, verdict, t, held, checkpoint, *times)
+
+
+def _with_room_beside(target: Path) -> Path:
+    """Return the name of a new store; refuse one that leaves no room for those beside it.
+
+    Raises an `OutputError` if ``NAME-journal``, the longest of them, is too long for the file
+    system.
+    """
+    try:
+        os.lstat(f"{target}-journal")
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise OutputError(
+            f"{target} cannot be a store, because files beside it have the same name with up to 8 "
+            f"more characters ({error.strerror}); give a shorter name"
+        ) from None
+    return target
+
+
+def _in_words(error: sqlite3.Error) -> str:
+    """Return the error of SQLite in words."""
+    name = getattr(error, "sqlite_errorname", "")
+    for begin, words in (
+        ("SQLITE_FULL", "the disk is full; make room"),
+        ("SQLITE_BUSY", _IN_USE),
+        ("SQLITE_LOCKED", _IN_USE),
+        ("SQLITE_READONLY", "it is protected against writing"),
+        ("SQLITE_CORRUPT", "it is damaged; restore a copy of it"),
+        ("SQLITE_NOTADB", "it is not an experiment store, or damaged; run makes a new one"),
+        ("SQLITE_CANTOPEN", "it, or the journal beside it, cannot be opened"),
+        ("SQLITE_IOERR", f"the disk cannot read or write it ({error})"),
+    ):
+        if name.startswith(begin):
+            return words
+    return str(error)
+
+
+def _take_name(scratch: Path, target: Path) -> None:
+    """Rename a finished file in one step; never replace an existing one.
+
+    Raises an `OutputError` if the name exists, or the folder cannot be written.
+    """
+    try:
+        try:
+            os.link(scratch, target)  # unlike a rename, never replaces a file
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            if target.exists():
+                raise FileExistsError from None
+            os.rename(scratch, target)
+    except FileExistsError:
+        raise OutputError(f"{target} exists already; give another name") from None
+    except OSError as error:
+        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from None
+    _sync_folder(target.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the new name survive a power cut, where the system can guarantee it."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass
+    finally:
+        os.close(handle)
+
+
+def _digest(content: Iterable[object]) -> str:
+    summary = hashlib.sha256()
+    for item in content:
+        data = item if isinstance(item, bytes) else repr(item).encode()
+        summary.update(len(data).to_bytes(8, "little") + data)
+    return summary.hexdigest()
+
+
+def _or_none(value: float) -> float | None:
+    # SQLite keeps no negative zero, and the digest is of what is read back.
+    return float(value) + 0.0 if math.isfinite(value) else None
