@@ -786,10 +786,7 @@ def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, s
         status, _, error = run(f"{INSPECT} {options}")
         assert (status, sentence in error) == (2, True), error
     Path("found/journal.jsonl").write_text("".join(lines[:-1]))
-    assert (
-        "advances [mm].1 was 5.0 and is 4.0 now"
-        in run(f"{INSPECT} --advances 0,4 --resume")[2]
-    )
+    assert "advances [mm].1 was 5.0 and is 4.0 now" in run(f"{INSPECT} --advances 0,4 --resume")[2]
     # A picture that the disk lost is taken again.
     Path("found/pictures/hole 1.png").unlink()
     scripted.clear()
