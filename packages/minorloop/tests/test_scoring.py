@@ -75,6 +75,24 @@ def test_a_model_that_cannot_be_simulated_so_is_refused(model):
         simulate(model, counted)
 
 
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: score(Record(U, Y), PLANE), "the model is a Record; give a model"),
+        (lambda: score(PLANE, "other.csv"), "the record is a str; give what minorloop.read"),
+        (lambda: ml.save(PLANE, "m.json", input=3), "the name is 3; give one such as"),
+    ],
+)
+def test_arguments_of_another_type_are_refused_in_one_sentence(call, says):
+    with pytest.raises(ml.ParameterError, match=says):
+        call()
+
+
+def test_clipped_readings_are_named():
+    found = score(PLANE, Record(U, np.minimum(Y, np.quantile(Y, 0.7)), T))
+    assert "is clipped" in str(found.advice)
+
+
 def test_an_identification_is_scored_like_its_model():
     fit = ml.identify(U, Y + 0.01 * CHANCE.normal(size=U.size), ml.Plane(5, lag=1), holdout=0.3)
     found = score(fit, Record(U, Y, T))

@@ -541,6 +541,8 @@ def _quantity(named: Named) -> Quantity:
 
 
 def _named(quantity: str | Quantity) -> dict[str, str]:
+    if not isinstance(quantity, str | Quantity):
+        raise ParameterError(f"the name is {quantity!r}; give one such as 'voltage [V]'")
     known = quantity if isinstance(quantity, Quantity) else Quantity.parse(quantity)
     return {"name": known.name, "unit": known.unit}
 

@@ -126,7 +126,7 @@ def simulate(
     between : {"band", "straight", "held"}, optional
         Force of an oscillator between rows; ``"band"`` if not given.
     """
-    known, log = _as_file(model), record.cut()
+    known, log = _as_file(model), _checked(record).cut()
     u = _in_unit(np.asarray(log.u), log.input, known.input)
     parts = as_curves(log.curves, u.size, log.start, log.start_of_curve)
     if isinstance(known.model, Oscillator):
@@ -186,10 +186,24 @@ def _as_file(model: AnyModel) -> ModelFile:
     names = Quantity("input"), Quantity("output")
     if isinstance(model, Model):
         return ModelFile(model, *names, 0, Provenance())
+    if not isinstance(model, Identified):
+        raise ParameterError(
+            f"the model is a {type(model).__name__}; give a model, its file or the result of an "
+            "identification, and then the record"
+        )
     scores = Provenance(scores=dict(model.scores))
     warnings = tuple(model.warnings)
     bands = getattr(model, "band_model", None)
     return ModelFile(model.model, *names, model.lag, scores, warnings, model.lag_seconds, bands)
+
+
+def _checked(record: Record) -> Record:
+    if not isinstance(record, Record):
+        raise ParameterError(
+            f"the record is a {type(record).__name__}; give what minorloop.read returns, or "
+            "Record(u, y)"
+        )
+    return record
 
 
 def _in_unit(values: FloatArray, found: Quantity, wanted: Quantity) -> FloatArray:
@@ -568,7 +582,7 @@ def score(
     ParameterError, RecordError
         As of `simulate`, or if no row is left to be scored.
     """
-    known, log = _as_file(model), record.cut()
+    known, log = _as_file(model), _checked(record).cut()
     found = simulate(known, log, between=between)
     y = _in_unit(np.asarray(log.y), log.output, known.output)
     rows = np.isfinite(y) & np.isfinite(found.y) & ~_early(found)

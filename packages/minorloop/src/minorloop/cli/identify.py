@@ -1,8 +1,8 @@
 """``minorloop identify``: a model from a CSV file."""
 
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -11,16 +11,13 @@ from minorloop.cli._completion import one_of
 from minorloop.cli._identification import (
     OF_RECORD,
     PRINTED,
-    Data,
     Outputs,
+    Written,
     identify,
     refuse_others,
     rough_oscillator,
 )
 from minorloop.errors import ParameterError
-
-if TYPE_CHECKING:
-    from minorloop.identification.pipeline import Law
 
 NAME = "identify"
 EXAMPLE = (
@@ -194,15 +191,15 @@ def run(
     _common.refuse_given({"field": field}, "is given without --from-loop")
     _common.check_outputs([save, report], inputs=[file], force=force)
     columns = {"input": input, "output": output, "time": time, "curves": curves}
-    data = Data(file, columns, rows)
-    strength = _common.number_or_auto("smoothness", smoothness, float)
     of_record: dict[str, Any] = {"skip": skip}
+    strength = _common.number_or_auto("smoothness", smoothness, float)
     if oscillator is not None:
         refuse_others(context, _OF_OSCILLATORS, "--oscillator")
         from minorloop.identification.oscillator import Vibration
 
-        law: Law[Any] = Vibration(rough_oscillator(oscillator), period, between or "band")  # type: ignore[arg-type]
-        outputs.finish(*identify(data, law, of_record, timed="--oscillator"))
+        rough: Any = rough_oscillator(oscillator)
+        vibration = Vibration(rough, period, between or "band")  # type: ignore[arg-type]
+        _finish(outputs, identify(file, columns, rows, vibration, of_record, "--oscillator"))
         return
     _common.refuse_given({"period": period, "between": between}, "is given without --oscillator")
     of_record |= {"start": start, "start_of_curve": start_of_curve}
@@ -211,10 +208,11 @@ def run(
         from minorloop.identification import Smooth, Viscosity
 
         viscous: Any = True if rate else "auto" if creep == "auto" else False
-        shape: Any = diagonal or "reversible"
-        law = Viscosity(levels or Viscosity.levels, creep, viscous, shape, spacing)  # type: ignore[arg-type]
-        timed = "a fit with --creep or --rate"
-        outputs.finish(*identify(data, law, of_record, Smooth(strength), timed=timed))
+        kind: Any = (creep, viscous, diagonal or "reversible", spacing)
+        viscosity, timed = Viscosity(levels or 25, *kind), "a fit with --creep or --rate"
+        prior_used = Smooth(strength)
+        done = identify(file, columns, rows, viscosity, of_record, timed, prior=prior_used)
+        _finish(outputs, done)
         return
     from minorloop.arrays import check_option
     from minorloop.identification import Dynamics
@@ -224,6 +222,7 @@ def run(
     for name, used in (("noise", noise), ("dynamics", dynamics != _common.NONE)):
         if sd not in (None, _common.NONE) and used not in (None, False):
             raise ParameterError(f"--sd cannot be combined with --{name}; leave one of them out")
+    lag_used = _common.as_lag(lag)
     asked = Options.of(
         {
             "levels": levels,
@@ -236,15 +235,28 @@ def run(
             "prior": prior,
             "noise": noise,
             "mean": mean,
-            "lag": _common.as_lag(lag),
+            "lag": lag_used,
         }
     )
-    law = asked.law if dynamics == _common.NONE else Dynamics(asked.law, dynamics)  # type: ignore[arg-type]
-    data = replace(data, columns={**columns, "sd": sd, "groups": groups})
-    done = identify(data, law, {**of_record, **asked.of_record}, asked.prior, holdout)
+    law: Any = asked.law
+    if dynamics != _common.NONE:
+        law = Dynamics(asked.law, dynamics)  # type: ignore[arg-type]
+    columns |= {"sd": sd, "groups": groups}
+    of_record |= asked.of_record
+    done = identify(file, columns, rows, law, of_record, prior=asked.prior, holdout=holdout)
     if rank:
         _ = getattr(done[0], "static", done[0]).rank  # shown where it was computed
-    outputs.finish(*done)
+    _finish(outputs, done)
+
+
+def _finish(outputs: Outputs, done: tuple[Any, Any, float]) -> None:
+    """Write and print a fit with the origin of its record and its seconds."""
+    found, provenance, seconds = done
+    save = partial(found.save, provenance=provenance, force=outputs.force)
+    draw = partial(found.report, str(provenance.data))
+    files = Written(outputs.save, save, "model written to {}"), outputs.drawn(draw)
+    outputs.finish(found, found.headline, files, {"seconds": seconds})
+    outputs.judge(found)
 
 
 def _from_loop(
@@ -256,9 +268,13 @@ def _from_loop(
     except ValueError:
         given = " ".join(texts)
         raise ParameterError(f"--from-loop is {given!r}; give three numbers, HC BR BMAX") from None
+    from minorloop import modelfile
     from minorloop.identification.data_sheet import from_loop
 
     _common.check_outputs([outputs.save], force=outputs.force)
     with _common.working("drawing ridges with this loop"):
         found = from_loop(hc, br, bmax, field)
-    outputs.finish_sheet(found, *names)
+    options = {"input": names[0], "output": names[1], "force": outputs.force}
+    save = Written(outputs.save, partial(modelfile.save, found, **options), "model written to {}")  # type: ignore[arg-type]
+    title = f"{names[1]} against {names[0]}: Preisach, {found.model.bands} bands"
+    outputs.finish(found, title, [save], {})

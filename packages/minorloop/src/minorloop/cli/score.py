@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._identification import DISTRUSTED, Outputs
+from minorloop.cli._identification import Outputs, Written
 
 NAME = "score"
 EXAMPLE = "minorloop score model.json other.csv --report score.html"
@@ -65,32 +65,27 @@ def run(
         now(f"scoring {len(log)} samples")
         log = log.replace(start=start, start_of_curve=start_of_curve, skip=skip)
         found = scoring.score(known, log, between=between)  # type: ignore[arg-type]
-        if save is not None:
-            _common.write_csv(save, _columns(found, log.time), force=force)
-            if not as_json:
-                typer.echo(f"residuals written to {save}")
     outputs = Outputs(save, report, force, as_json, verbose)
-    if report is not None:
-        outputs.write_report(partial(found.report, model.name, file.name), report)
+    files = (
+        Written(save, partial(_write, found, log.time, force), "residuals written to {}"),
+        outputs.drawn(partial(found.report, model.name, file.name)),
+    )
     _common.print_warnings(known.warnings)
-    if as_json:
-        residual = {} if save is not None else {"residuals": found.error}
-        _common.print_json({**found.figures, **residual})
-    else:
-        notes = found.simulation.notes
-        outputs.show(found, f"{model.name} on {file.name}", notes=notes)
-    if found.warnings:
-        raise typer.Exit(DISTRUSTED)
+    residual = {} if save is not None else {"residuals": found.error}
+    title, notes = f"{model.name} on {file.name}", found.simulation.notes
+    outputs.finish(found, title, files, residual, notes)
+    outputs.judge(found)
 
 
-def _columns(found: ModelScore, time: Quantity) -> dict[str, object]:
-    """Return inputs, outputs and residuals by header; what is not known is empty."""
+def _write(found: ModelScore, time: Quantity, force: bool, path: Path) -> None:
+    """Write inputs, outputs and residuals by header; what is not known is empty."""
     known, t = found.simulation.model, found.simulation.t
     columns = {} if t is None else {str(time): t}
     columns |= {str(known.input): found.u, f"measured {known.output}": found.y}
     columns |= {f"predicted {known.output}": found.prediction}
     columns |= {f"residual {known.output}": found.error}
-    return {
+    cells = {
         header: ["" if isnan(value) else value for value in values.tolist()]
         for header, values in columns.items()
     }
+    _common.write_csv(path, cells, force=force)

@@ -376,31 +376,31 @@ class Fit(Scored, Generic[M]):
         given = {"warnings": self.warnings, **names, **options}
         modelfile.save(self.saved, path, force=force, **given)
 
-    def headline(self, input: str = "input", output: str = "output") -> str:
-        """Return what was identified, in a few words."""
-        return self.HEADLINE.format(fit=self, input=input, output=output)
+    @property
+    def labels(self) -> dict[str, str]:
+        """Names and units of input and output, by the options of `plot`."""
+        record, names = self.record, ("input", "output")
+        return {
+            f"{one}_label": one if record is None else str(getattr(record, one)) for one in names
+        }
 
-    def report(
-        self, source: str = "the record", input_label: str = "", output_label: str = ""
-    ) -> Report:
-        """Return an HTML report on the model and its quality.
+    @property
+    def headline(self) -> str:
+        """What was identified, in a few words."""
+        u, y = self.labels.values()
+        return self.HEADLINE.format(fit=self, input=u, output=y)
+
+    def report(self, source: str = "the record") -> Report:
+        """Return an HTML report on the model and its quality, with the names of the record.
 
         Parameters
         ----------
         source : str
             Name of the record.
-        input_label, output_label : str
-            Name and unit of input and output, such as ``voltage [V]``; those of the record if not
-            given.
         """
-        labels = [
-            given or ("" if self.record is None else str(getattr(self.record, name))) or name
-            for name, given in (("input", input_label), ("output", output_label))
-        ]
-        report = Report(self.headline(*labels), self._summary(source))
+        report = Report(self.headline, self._summary(source))
         # A dollar in a label does not begin a formula.
-        shown = [label.replace("$", r"\$") for label in labels]
-        self._add_to(report, dict(zip(("input_label", "output_label"), shown, strict=True)))
+        self._add_to(report, {name: one.replace("$", r"\$") for name, one in self.labels.items()})
         return report
 
     def _summary(self, source: str) -> str:
