@@ -16,11 +16,17 @@ if TYPE_CHECKING:
 COLOURS = {"Preisach": "C0", "quadratic": "C3", "plays": "C2", "polynomial": "C3"}
 MINUTE, HOUR = 60.0, 3600.0
 """In seconds."""
+_BETWEEN = 12
+"""Points from one voltage of the staircase to the next, to draw a line."""
 
 
 def positioning_report(result: Positioning) -> Report:
     """Return the experiment as a page: method, figures, and the errors of both inverses."""
     setup, figures = result.protocol, result.summary
+    c0, c1, c2 = result.polynomial.coefficients
+    scores = [
+        (name, f"{drive.rms:.3f}", f"{drive.worst:.3f}") for name, drive in _drives(result).items()
+    ]
     report = Report(
         "Positioning an ionic polymer strip without a sensor",
         f"{setup.targets} target curvatures, reached open loop: {figures['rms_preisach']:.2f} 1/m "
@@ -39,26 +45,21 @@ def positioning_report(result: Positioning) -> Report:
             f"noise of {result.noise:g} 1/m. Identification and inversion use only voltages and "
             "measured curvatures.",
         ),
-        table=_scores(result),
+        table=Table(("inverse", "rms error, 1/m", "largest error, 1/m"), scores),
     )
     report.add(
         "Measuring: a decaying staircase",
         text=f"{result.voltages.size} holds of {setup.hold:g} s, one level shorter each turn and "
-        "measured at every level: as many points as the model has unknowns.",
+        "measured at every level: as many points as the model has unknowns. For comparison, least "
+        f"squares on the same points gives a single-valued y = {c2:.2f} u^2 + {c1:.2f} u + "
+        f"{c0:.2f} in 1/m; the paper's strip gave -0.35 u^2 + 8.2 u + 0.34.",
         pictures=[
             Picture(draw_staircase(result), "Voltage and curvature in time (compare Figs 7, 8)."),
             Picture(
                 draw_model(result),
-                "Settled curvature at each level with the loops of the model, and its density on "
-                "the Preisach plane (compare Figs 8, 9).",
+                "Settled curvature at each level with the loops of the model and the quadratic, "
+                "and the density on the Preisach plane (compare Figs 8, 9 and Fig 11).",
             ),
-        ],
-    )
-    report.add(
-        "For comparison: a single-valued quadratic",
-        text=_quadratic_text(result),
-        pictures=[
-            Picture(draw_quadratic(result), "The quadratic through all points (compare Fig 11).")
         ],
     )
     report.add(
@@ -67,8 +68,10 @@ def positioning_report(result: Positioning) -> Report:
         f"holds each voltage for {setup.hold:g} s; the last sample counts.",
         table=_target_table(result),
         pictures=[
-            Picture(draw_sequences(result), "The voltages of each inverse (Fig 12)."),
-            Picture(draw_trajectories(result), "The curvature of the strip (compare Fig 13)."),
+            Picture(
+                draw_drives(result),
+                "The voltages of each inverse (Fig 12), and the curvature of the strip (Fig 13).",
+            ),
             Picture(
                 draw_errors(result),
                 "Settled error at each target (compare Fig 14). Whiskers: 90 % band of the error "
@@ -80,36 +83,14 @@ def positioning_report(result: Positioning) -> Report:
     return report
 
 
-def _scores(result: Positioning) -> Table:
-    rows = [
-        (name, f"{drive.rms:.3f}", f"{drive.worst:.3f}")
-        for name, drive in (("Preisach", result.preisach), ("quadratic", result.quadratic))
-    ]
-    return Table(("inverse", "rms error, 1/m", "largest error, 1/m"), rows)
-
-
 def _target_table(result: Positioning) -> Table:
     columns = ("target, 1/m", "Preisach, V", "achieved, 1/m", "quadratic, V", "achieved, 1/m")
-    one, other = result.preisach, result.quadratic
+    each = [(drive.voltages, drive.achieved) for drive in _drives(result).values()]
     rows = [
-        (
-            f"{target:.2f}",
-            f"{one.voltages[k]:.3f}",
-            f"{one.achieved[k]:.2f}",
-            f"{other.voltages[k]:.3f}",
-            f"{other.achieved[k]:.2f}",
-        )
+        (f"{target:.2f}", *(text for u, y in each for text in (f"{u[k]:.3f}", f"{y[k]:.2f}")))
         for k, target in enumerate(result.targets)
     ]
     return Table(columns, rows)
-
-
-def _quadratic_text(result: Positioning) -> str:
-    c0, c1, c2 = result.polynomial.coefficients
-    return (
-        f"Least squares on the same points gives y = {c2:.2f} u^2 + {c1:.2f} u + {c0:.2f} in 1/m; "
-        "the paper's strip gave -0.35 u^2 + 8.2 u + 0.34."
-    )
 
 
 def draw_staircase(result: Positioning) -> Any:
@@ -127,12 +108,15 @@ def draw_staircase(result: Positioning) -> Any:
 
 
 def draw_model(result: Positioning) -> Any:
-    """Measured points with the model's loops, and the density."""
+    """Measured points with the model's loops and the quadratic, and the density."""
     figure, (left, right) = new_figure(1, 2, height=4.2)
-    model = result.identification.model
-    fine = _between(result.voltages)
-    left.plot(fine, model.simulate(fine), color="C0", lw=0.9, label="model")
-    left.plot(result.voltages, result.settled, "o", ms=3, color="C1", label="measured")
+    model, voltages = result.identification.model, result.voltages
+    places = np.linspace(0, voltages.size - 1, (voltages.size - 1) * _BETWEEN + 1)
+    fine = np.interp(places, np.arange(voltages.size), voltages)
+    left.plot(fine, model.simulate(fine), color=COLOURS["Preisach"], lw=0.9, label="model")
+    left.plot(voltages, result.settled, "o", ms=3, color="C1", label="measured")
+    u = np.sort(fine)
+    left.plot(u, result.polynomial.simulate(u), color=COLOURS["quadratic"], label="quadratic")
     left.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Settled curvature")
     left.legend(frameon=False)
     right.grid(False)
@@ -140,47 +124,21 @@ def draw_model(result: Positioning) -> Any:
     return figure
 
 
-def draw_quadratic(result: Positioning) -> Any:
-    """Measured points with the quadratic."""
-    figure, axes = new_figure()
-    u = np.linspace(-result.protocol.voltage, result.protocol.voltage, 200)
-    axes.plot(result.voltages, result.settled, "o", ms=3, color="C1", label="measured")
-    axes.plot(u, result.polynomial.simulate(u), color=COLOURS["quadratic"], label="quadratic")
-    axes.set(xlabel="voltage [V]", ylabel="curvature [1/m]")
-    axes.legend(frameon=False)
-    return figure
-
-
-def draw_sequences(result: Positioning) -> Any:
-    """The two voltage sequences."""
-    figure, axes = new_figure()
-    for name, drive in _drives(result):
-        steps = np.append(drive.voltages, drive.voltages[-1])
-        minutes = np.arange(steps.size) * result.protocol.hold / MINUTE
-        axes.step(minutes, steps, where="post", color=COLOURS[name], label=f"{name} inverse")
-    axes.set(xlabel="time [min]", ylabel="voltage [V]")
-    axes.legend(frameon=False)
-    return figure
-
-
-def draw_trajectories(result: Positioning) -> Any:
-    """Curvature under both sequences, and what was wanted."""
-    figure, axes = new_figure(height=4.2)
+def draw_drives(result: Positioning) -> Any:
+    """Voltages of both inverses, and the curvature under them with what was wanted."""
+    figure, (upper, lower) = new_figure(2, 1, height=6.0, sharex=True)
     steps = np.append(result.targets, result.targets[-1])
     minutes = np.arange(steps.size) * result.protocol.hold / MINUTE
-    axes.step(minutes, steps, where="post", color="0.2", lw=1.6, ls="--", label="wanted")
-    for name, drive in _drives(result):
+    lower.step(minutes, steps, where="post", color="0.2", lw=1.6, ls="--", label="wanted")
+    for name, drive in _drives(result).items():
+        line: dict[str, Any] = {"color": COLOURS[name], "label": f"{name} inverse"}
+        held = np.append(drive.voltages, drive.voltages[-1])
+        upper.step(minutes, held, where="post", **line)
         t = (drive.record.t - drive.record.t[0]) / MINUTE
-        axes.plot(
-            t,
-            drive.record.y,
-            color=COLOURS[name],
-            lw=0.9,
-            label=f"{name} inverse",
-            rasterized=True,
-        )
-    axes.set(xlabel="time [min]", ylabel="curvature [1/m]")
-    axes.legend(frameon=False)
+        lower.plot(t, drive.record.y, lw=0.9, rasterized=True, **line)
+    upper.set_ylabel("voltage [V]")
+    lower.set(xlabel="time [min]", ylabel="curvature [1/m]")
+    lower.legend(frameon=False)
     return figure
 
 
@@ -188,15 +146,12 @@ def draw_errors(result: Positioning) -> Any:
     """Settled error at each target, side by side."""
     figure, axes = new_figure()
     place = np.arange(result.targets.size) + 1
-    for shift, (name, drive) in zip((-0.2, 0.2), _drives(result), strict=True):
+    for shift, (name, drive) in zip((-0.2, 0.2), _drives(result).items(), strict=True):
         label = f"{name} inverse: {drive.rms:.2f} 1/m rms"
         axes.bar(place + shift, drive.errors, width=0.38, color=COLOURS[name], label=label)
-    bands = result.bands
-    middle, reach = bands.y - result.targets, bands.half_width
-    label = "90 % band, predicted"
-    axes.errorbar(
-        place - 0.2, middle, reach, fmt="none", color="0.1", lw=0.9, capsize=2, label=label
-    )
+    off, reach = result.bands.y - result.targets, result.bands.half_width
+    whiskers: dict[str, Any] = {"fmt": "none", "color": "0.1", "lw": 0.9, "capsize": 2}
+    axes.errorbar(place - 0.2, off, reach, label="90 % band, predicted", **whiskers)
     axes.axhline(0.0, color="0.3", lw=0.8)
     axes.set(xlabel="target", ylabel="achieved minus target [1/m]")
     axes.set_xticks(place)
@@ -204,11 +159,5 @@ def draw_errors(result: Positioning) -> Any:
     return figure
 
 
-def _drives(result: Positioning) -> tuple[tuple[str, AppliedSequence], tuple[str, AppliedSequence]]:
-    return ("Preisach", result.preisach), ("quadratic", result.quadratic)
-
-
-def _between(voltages: Any, points: int = 12) -> Any:
-    """Return the staircase with points in between, to draw a line."""
-    places = np.linspace(0, voltages.size - 1, (voltages.size - 1) * points + 1)
-    return np.interp(places, np.arange(voltages.size), voltages)
+def _drives(result: Positioning) -> dict[str, AppliedSequence]:
+    return {"Preisach": result.preisach, "quadratic": result.quadratic}

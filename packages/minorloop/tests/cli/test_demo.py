@@ -50,7 +50,7 @@ def test_the_report_opens_offline(run):
     assert run("demo --out result --json")[0] == 0
     page = Path("result/report.html").read_text(encoding="utf-8")
     sources = re.findall(r'(?:src|href|action|data)="([^"]*)"', page)
-    assert len(sources) == 6
+    assert len(sources) == 4
     assert all(source.startswith("data:image/svg+xml;base64,") for source in sources)
     assert not re.search(r"https?://|@import|url\(|<script|<link", page)
 

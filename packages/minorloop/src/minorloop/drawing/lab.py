@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.drawing.layout import new_figure
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -18,16 +20,11 @@ _MOST_DRAWN = 20_000
 
 def draw_reduction(result: Reduction) -> Any:
     """Return a figure: the log in time, its points against the input, and their uncertainty."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 7.5), layout="constrained")
-    axes = figure.subplots(2, 2)
+    figure, axes = new_figure(2, 2, 7.5, 10.5)
     _draw_log(axes[0, 0], result)
     _draw_input(axes[1, 0], result)
     _draw_loop(axes[0, 1], result)
     _draw_uncertainty(axes[1, 1], result)
-    for each in axes.flat:
-        each.grid(alpha=0.25)
     return figure
 
 

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import base64
 import io
+from dataclasses import fields, is_dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from minorloop._modelschema import StaticModel
 from minorloop.drawing.identification import draw_loop_and_plane
 from minorloop.drawing.operators import input_range
 from minorloop.figures import plot
+from minorloop.operators.relays import RelayModel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Iterator, Sequence
 
 Rows = list[tuple[str, str]]
 
@@ -28,7 +33,7 @@ def as_html(result: Any) -> str:
     A result without a table of its own is shown as it prints.
     """
     name = type(result).__name__
-    rows = _ROWS[name](result) if name in _ROWS else _summary(result)
+    rows = _summary(result)
     text = _table(rows) if rows else f"<pre>{escape(str(result))}</pre>"
     advice = getattr(result, "advice", getattr(result, "notes", ())) if rows else ()
     figure = draw_loop_and_plane(result) if name == "Identification" else plot(result)
@@ -55,61 +60,26 @@ def _list(sentences: Sequence[str]) -> str:
 
 
 def _summary(result: Any) -> Rows:
-    return [*result.summary()] if hasattr(result, "summary") else []
+    """Rows of a result, or the parameters of an operator with its ranges; none of other types."""
+    if hasattr(result, "summary"):
+        return [*result.summary()]
+    if not isinstance(result, StaticModel):
+        return []
+    ranges = [("input", input_range(result))]
+    if not isinstance(result, RelayModel):
+        ranges.append(("output", result.range))
+    rows = [(name, f"{low:.6g} to {high:.6g}") for name, (low, high) in ranges]
+    return [*rows, *_parameters(result)]
 
 
-def _preisach(model: Any) -> Rows:
-    return [
-        ("bands", f"{model.bands}"),
-        *_ranges(model),
-        ("offset", f"{model.offset:.6g}"),
-        ("slope", f"{model.slope:.6g}"),
-        ("relay", model.relay),
-        ("diagonal", model.diagonal),
-    ]
-
-
-def _relays(model: Any) -> Rows:
-    return [
-        ("levels", f"{model.levels.size}"),
-        ("input", _interval(input_range(model))),
-        ("offset", f"{model.offset:.6g}"),
-        ("relay", model.relay),
-    ]
-
-
-def _plays(model: Any) -> Rows:
-    return [
-        ("plays", f"{model.radii.size}"),
-        ("radii", _interval((model.radii[0], model.radii[-1]))),
-        ("slope after a reversal", f"{model.slopes[0]:.6g}"),
-        ("slope with all plays", f"{model.slopes[-1]:.6g}"),
-        ("offset", f"{model.offset:.6g}"),
-    ]
-
-
-def _bent_plays(model: Any) -> Rows:
-    zones = [("dead zones", f"{model.zones.thresholds.size}"), ("output", _interval(model.range))]
-    return [*_plays(model.plays)[:-1], *zones, ("offset", f"{model.offset:.6g}")]
-
-
-def _polynomial(model: Any) -> Rows:
-    terms = [(f"coefficient of u^{k}", f"{c:.6g}") for k, c in enumerate(model.coefficients)]
-    return [("degree", f"{len(terms) - 1}"), *_ranges(model), *terms]
-
-
-def _ranges(model: Any) -> Rows:
-    return [("input", _interval(input_range(model))), ("output", _interval(model.range))]
-
-
-def _interval(ends: tuple[float, float]) -> str:
-    return f"{ends[0]:.6g} to {ends[1]:.6g}"
-
-
-_ROWS: dict[str, Callable[[Any], Rows]] = {
-    "Preisach": _preisach,
-    "RelayModel": _relays,
-    "PrandtlIshlinskii": _plays,
-    "GeneralisedPrandtlIshlinskii": _bent_plays,
-    "Polynomial": _polynomial,
-}
+def _parameters(model: Any) -> Iterator[tuple[str, str]]:
+    """Give the parameters of a model; of arrays their shapes and ranges."""
+    for one in fields(model):
+        value = getattr(model, one.name)
+        if is_dataclass(value):
+            yield from _parameters(value)
+        elif isinstance(value, np.ndarray):
+            shape = " x ".join(map(str, value.shape))
+            yield one.name, f"{shape} from {value.min():.6g} to {value.max():.6g}"
+        else:
+            yield one.name, value if isinstance(value, str) else f"{value:.6g}"

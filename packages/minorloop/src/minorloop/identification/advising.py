@@ -84,7 +84,7 @@ def _codes(fit: Fit) -> Iterator[str]:
 
 
 def _input_codes(fit: Fit) -> Iterator[str]:
-    """Name sentinels among the inputs, which are not left out: memory depends on every input."""
+    """Name sentinels among the inputs, which are fitted: memory depends on every input."""
     found = codes(fit.u)
     if found and len(found) <= max(fit.u.size // _RARE, 1):
         listed = _listed(*zip(*((code.sample, code.value) for code in found), strict=True))
@@ -99,7 +99,7 @@ def _outliers(fit: Fit) -> Iterator[str]:
     for index in fit.suspects:
         yield (
             f"sample {index} (input {fit.u[index]:.6g}, output {fit.y[index]:.6g}) lies far "
-            "outside the band of a fit without it, and was left out; repeat it"
+            "outside the band of a fit without it, and was not fitted; repeat it"
         )
 
 

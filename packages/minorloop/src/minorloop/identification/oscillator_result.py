@@ -69,7 +69,7 @@ def _beginning(fit: OscillatorIdentification) -> Iterator[str]:
         first = "first period differs" if left == 1 else f"first {left} periods differ"
         yield (
             f"the {first} from the later ones more than these from each other, as a motion "
-            f"does that has not settled; {'it is' if left == 1 else 'they are'} left out"
+            f"does that has not settled; {'it is' if left == 1 else 'they are'} not fitted"
         )
     elif not fit.motion.periodic and ratio and fit.share >= _SMALL:
         yield (

@@ -35,6 +35,7 @@ from minorloop.identification.result import (
     ScoreRow,
     if_finite,
     of_range,
+    unless_0,
 )
 from minorloop.identification.ridge import Ridge
 from minorloop.identification.rough_model import Basis, RecordFault, few, one_of_each
@@ -82,12 +83,9 @@ class Identification(Fit[Preisach]):
         ScoreRow("baseline_nrmse_holdout", "_baseline_held_out"),
         ScoreRow("lag_samples", "lag_of_model"),
         ScoreRow("lag_s", lambda fit: fit.lag_seconds or None),
-        ScoreRow("held_out", lambda fit: int(fit.held_out.sum())),
-        ScoreRow("", lambda fit: int(fit.held_out.sum()) or None, "samples held out"),
-        ScoreRow("skipped", "skipped"),
-        ScoreRow("", lambda fit: fit.skipped or None, "rows skipped"),
-        ScoreRow("left_out", lambda fit: list(fit.of_record.left_out)),
-        ScoreRow("", lambda fit: fit.of_record.left_out, "outliers left out", _holds),
+        ScoreRow("held_out", lambda fit: int(fit.held_out.sum()), "samples held out", unless_0),
+        ScoreRow("skipped", "skipped", "rows skipped", unless_0),
+        ScoreRow("left_out", "of_record.not_fitted", "outliers not fitted", _holds),
         ScoreRow("jumps", lambda fit: [asdict(one) for one in fit.jumps]),
         ScoreRow("", "jumps", "jumps at", lambda jumps: ", ".join(map(str, jumps))),
         ScoreRow("ridge", lambda fit: None if fit.ridge is None else asdict(fit.ridge)),
@@ -134,7 +132,7 @@ class Identification(Fit[Preisach]):
     posterior: Posterior | None = None
     """Posterior distribution of the unknowns; None without the prior."""
     suspects: tuple[int, ...] = ()
-    """Samples far outside the band of a fit without them; they were left out."""
+    """Samples far outside the band of a fit without them; they were not fitted."""
     codes: tuple[Code, ...] = ()
     """Readings that are overload codes or sentinels, and count as not measured."""
     searched: bool = False

@@ -32,7 +32,7 @@ class RecordAdvice:
     """Row of the record that is sample 0."""
     sd: str | None = None
     """Column of the standard deviations by which the samples count; None if they are alike."""
-    left_out: tuple[int, ...] = ()
+    not_fitted: tuple[int, ...] = ()
     """Points of a run that chose its own inputs that are not fitted."""
 
     def with_model(

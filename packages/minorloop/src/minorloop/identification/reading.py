@@ -143,5 +143,5 @@ def _identify_run(
     result = chooser.identification(u, y, law, prior, record.start)
     found = chooser.findings(u, y)
     new = tuple(text for text in found.warnings if text not in result.advice)
-    told = RecordAdvice(notes=record.origin.notes, warnings=new, left_out=found.outliers)
+    told = RecordAdvice(notes=record.origin.notes, warnings=new, not_fitted=found.outliers)
     return replace(result, t=record.t, told=told, record=record)

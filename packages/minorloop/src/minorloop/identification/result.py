@@ -98,6 +98,11 @@ def _of_worst(errors: Accuracy) -> str:
     return worst_error(errors, f", sample {errors.worst_sample}")
 
 
+def unless_0(value: float) -> str:
+    """Return a count as text; nothing for none."""
+    return f"{value}" if value else ""
+
+
 def if_finite(value: float) -> str:
     """Return a correlation as text; nothing where it is not known."""
     return f"{value:.2f}" if isfinite(value) else ""
