@@ -167,7 +167,7 @@ def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tupl
 def clipped(record: RoughRecord) -> Iterator[RecordFault]:
     """Find extremes where the output suddenly stays within its noise while the input goes on."""
     u, size, places = _landings(record)
-    y, noise = record.y[places], _least_noise(record)
+    y, noise = record.y[places], noise_of(np.diff(record.values, 2), 2)
     for word, way in (("highest", 1), ("lowest", -1)):
         depth = float((way * record.values).max()) - way * record.values
         live = noise_above_resolution(record.values[depth > _EQUAL * record.span]) > 0
@@ -193,12 +193,6 @@ def _landings(record: RoughRecord) -> tuple[FloatArray, FloatArray, IntArray]:
     number = np.cumsum(change != 0)
     places = record.places[np.append(np.diff(number[record.places]) != 0, True)]
     return record.u[places], np.append(0.0, change[change != 0])[number[places]], places
-
-
-def _least_noise(record: RoughRecord) -> float:
-    """Standard deviation of the noise: the lesser of two estimates, each too large at times."""
-    values = record.values
-    return min(spread(values - record.rough[record.places]), noise_of(np.diff(values, 2), 2))
 
 
 def _rail(

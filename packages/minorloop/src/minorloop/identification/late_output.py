@@ -7,12 +7,11 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.rough_model import RecordFault, RoughRecord, few, least_error
 
-LONGEST_LAG, _REVERSAL_WIDTHS, _FEWEST_REVERSALS, _JUST_BEFORE = 10, (6, 4, 3), 4, 2
+LONGEST_LAG, _REVERSAL_WIDTH, _FEWEST_REVERSALS, _JUST_BEFORE = 10, 4, 4, 2
 _BETTER, _BETTER_BY = 0.72, 0.007
 """A lag is found if a shift reduces the error to this share, and by this many spans."""
-_OVERSHOOT, _HINT = 0.007, 0.85
-"""Overshoot after reversals, in spans, that shows a lag, unless an earlier output reduces the error
-to that share."""
+_OVERSHOOT = 0.007
+"""Overshoot after reversals, in spans, that shows a lag."""
 
 
 def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[RecordFault]:
@@ -33,13 +32,12 @@ def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[R
     shift = shifts[best]
     better = errors[best] < _BETTER * here and here - errors[best] > _BETTER_BY * record.span
     late, overshoot = _late(record)
-    hinted = errors[best] < _HINT * here
     if better and shift:
         why = (
             f"the error of a rough model falls from {here / record.span:.1%} to "
             f"{errors[best] / record.span:.1%} of range with it"
         )
-    elif overshoot > _OVERSHOOT and not (hinted and shift < 0):
+    elif overshoot > _OVERSHOOT:
         shift = late
         why = f"it continues by {overshoot:.1%} of range after the input has reversed"
     else:
@@ -70,11 +68,9 @@ def _late(record: RoughRecord) -> tuple[int, float]:
     sound = np.zeros(record.u.size, dtype=np.bool_)
     sound[record.places] = True
     sound[record.curves.begins] = False
-    for width in _REVERSAL_WIDTHS:
-        reversals = _reversals(record.u, sound, width)
-        if reversals.size >= _FEWEST_REVERSALS:
-            break
-    else:
+    width = _REVERSAL_WIDTH
+    reversals = _reversals(record.u, sound, width)
+    if reversals.size < _FEWEST_REVERSALS:
         return 0, 0.0
     y = record.y
     before = np.sign(y[reversals] - y[reversals - _JUST_BEFORE])

@@ -14,15 +14,9 @@ from minorloop.threads import one_thread
 _FEWEST = 12
 """Readings below which a record is not checked."""
 _SHOWN = 6
-_FAR, _FAR_INPUT = 3.0, 30.0
-"""Distance of an outlier from the middle 90 % of the readings, over their width; and what is added
-for each width by which its input is outside."""
 _OFF_SD, _OFF, _UNUSUAL = 8.0, 0.2, 0.5
 """Error of an outlier against the rough model, in robust deviations and in ranges; and the distance
 of its input from the middle 90 % above which the rough model is not reliable."""
-_STAYS, _STRAIGHT = 0.25, 0.5
-"""Step of the output after a jump, or before it, over the jump, up to which it stays; and distance
-from the line between the neighbours, over the least error, up to which a reading is on it."""
 
 
 def record_faults(
@@ -57,11 +51,7 @@ def _faults(
     u: FloatArray, y: FloatArray, known: BoolArray, curves: Curves, lag: int, searched: bool
 ) -> tuple[RecordFault, ...]:
     record = RoughRecord.of(u, y, known, curves, lag)
-    far = _far_outside(record)
     sound = known.copy()
-    sound[far] = False
-    if far.size:
-        record = RoughRecord.of(u, y, sound, curves, lag)
     cut = [*clipped(record)]
     flat = [*cut, *stuck(record, {k for one in cut for k in one.samples})]
     sound[[k for one in flat if one.kind == "stuck" for k in one.samples]] = False
@@ -71,14 +61,7 @@ def _faults(
     late = [*lagging(record, sound, searched)]
     if late:  # A lagging output does not move at the beginning, and belongs to other inputs.
         flat = [one for one in flat if one.kind == "stuck" and one.samples[-1] > LONGEST_LAG]
-    return (*_outliers(y, np.union1d(far, off), known), *flat, *late)
-
-
-def _far_outside(record: RoughRecord) -> IntArray:
-    """Readings far outside the others, while their inputs are not."""
-    out, far = _outside(record.values), _outside(record.u[record.places])
-    # An input far outside the others explains such an output.
-    return _if_few(record.places[out > _FAR + _FAR_INPUT * far], record)
+    return (*_outliers(y, off, known), *flat, *late)
 
 
 def _off_rough_model(record: RoughRecord) -> IntArray:
@@ -92,22 +75,7 @@ def _off_rough_model(record: RoughRecord) -> IntArray:
     limit = max(_OFF_SD * spread(off), _OFF * float(np.ptp(record.values)))
     usual = _outside(record.u[record.places]) < _UNUSUAL
     places = np.flatnonzero((alone > limit) & usual)
-    return _if_few(record.places[places[~_follows(record, places, limit)]], record)
-
-
-def _follows(record: RoughRecord, places: IntArray, height: float) -> BoolArray:
-    """Whether readings follow their neighbours: on a straight line, or before or after a jump.
-
-    The rough model is smooth: it is wrong around a jump.
-    """
-    u, y = record.u[record.places], record.values
-    before, after = y[places] - y[places - 1], y[places + 1] - y[places]
-    jump = np.maximum(np.abs(before), np.abs(after))
-    stays = (jump > height) & (np.minimum(np.abs(before), np.abs(after)) < _STAYS * jump)
-    came, goes = u[places] - u[places - 1], u[places + 1] - u[places]
-    share = came / np.where(came + goes == 0, 1.0, came + goes)
-    line = np.abs(before - share * (before + after)) < _STRAIGHT * height
-    return np.asarray(stays | (line & (came * goes > 0)))
+    return _if_few(record.places[places], record)
 
 
 def _if_few(places: IntArray, record: RoughRecord) -> IntArray:
