@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks._timing import Row
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
-from minorloop.identification.least_squares import FittedUnknowns, Problem, neighbours
+from minorloop.identification.least_squares import FittedUnknowns, Problem, neighbour_differences
 
 PROBLEMS, QUICK = 600, 40
 CLOSE = 1e-9
@@ -73,14 +73,9 @@ def dense_of(problem: Problem, smoothness: float) -> Dense:
     """The same problem written out."""
     spec, y = problem.matrix.spec, problem.y
     shift, unit = (float(y.mean()) if spec.offset else 0.0), float(np.ptp(y)) or 1.0
-    first, second, area = neighbours(spec)
-    penalty = np.zeros((first.size, spec.unknowns))
-    pair = np.arange(first.size)
-    root = np.sqrt(smoothness * y.size) * spec.bands
-    penalty[pair, first] += root / area[first]
-    penalty[pair, second] -= root / area[second]
+    penalty = np.sqrt(smoothness * y.size) * spec.bands * neighbour_differences(spec).toarray()
     rows = np.vstack([problem.matrix.dense(), penalty])
-    return Dense(rows, np.append((y - shift) / unit, np.zeros(first.size)), shift, unit)
+    return Dense(rows, np.append((y - shift) / unit, np.zeros(len(penalty))), shift, unit)
 
 
 def excess(problem: Problem, smoothness: float, fit: FittedUnknowns) -> float:

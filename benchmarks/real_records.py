@@ -24,7 +24,7 @@ from minorloop.identification import Gaussian, Identification, Plane, Smooth
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.pipeline import Options
-from minorloop.identification.regularisation import prior_of
+from minorloop.identification.prior import prior_of
 from minorloop.lab.records import Record
 
 NOISE = 1e-3

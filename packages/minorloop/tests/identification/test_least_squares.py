@@ -6,7 +6,7 @@ from benchmarks import optima, staircases
 from minorloop.errors import ParameterError
 from minorloop.identification import least_squares
 from minorloop.identification.design_matrix import PlaneSpec, unpack
-from minorloop.identification.least_squares import neighbour_penalty
+from minorloop.identification.least_squares import neighbour_differences
 from plane_problems import a_problem, objective
 
 
@@ -49,16 +49,11 @@ def test_signed_weights_are_ordinary_least_squares():
 def smoothed(problem, strength):
     """The same with the penalty as rows of a dense problem."""
     spec, dense = problem.matrix.spec, problem.matrix.dense()
-    rows, columns, values = neighbour_penalty(spec)
-    square = np.zeros((spec.unknowns, spec.unknowns))
-    np.add.at(square, (rows, columns), values)
-    square = np.tril(square) + np.tril(square, -1).T
-    eigenvalues, vectors = np.linalg.eigh(square * strength * len(problem.y) * spec.bands**2)
-    root = (vectors * np.sqrt(np.maximum(eigenvalues, 0))) @ vectors.T
+    root = neighbour_differences(spec).toarray() * np.sqrt(strength * len(problem.y)) * spec.bands
     lower = np.zeros(spec.unknowns)
     lower[spec.cells] = -np.inf
     stacked = np.vstack([dense, root])
-    target = np.concatenate([problem.y, np.zeros(spec.unknowns)])
+    target = np.concatenate([problem.y, np.zeros(len(root))])
     return lsq_linear(stacked, target, (lower, np.inf), tol=1e-14, method="bvls").x
 
 
@@ -70,7 +65,6 @@ def test_smoothness_is_the_documented_penalty(strength):
 
 def test_the_penalty_compares_neighbours_weight_by_weight():
     spec = PlaneSpec(np.arange(4.0))
-    rows, columns, values = neighbour_penalty(spec)
     x = np.random.default_rng(0).uniform(size=6)
     w = unpack(x) / (1 - 0.5 * np.eye(3))
     expected = sum(
@@ -80,8 +74,8 @@ def test_the_penalty_compares_neighbours_weight_by_weight():
         for k, m in ((i + 1, j), (i, j + 1))
         if k < 3 and m <= k
     )
-    twice = np.where(rows == columns, 1, 2)
-    assert np.sum(twice * values * x[rows] * x[columns]) == pytest.approx(expected)
+    apart = neighbour_differences(spec) @ np.append(x, 5.0)
+    assert apart @ apart == pytest.approx(expected)
 
 
 def test_the_strength_is_chosen_on_contiguous_segments():

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from minorloop.identification import likelihood
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
-from minorloop.identification.likelihood import Evidence, regressors
+from minorloop.identification.likelihood import FewOutputs, ManyOutputs, regressors
 from minorloop.identification.prior import Hyperparameters, PlanePrior
 from minorloop.operators.memory import Memory
 
@@ -35,9 +35,9 @@ def evidence_of(kind, spec, u, y):
     every = np.ones(u.size, dtype=bool)
     dense = regressors(spec, u, every, "negative")
     if kind == "few":
-        evidence = Evidence.of_few(spec, y, dense)
+        evidence = FewOutputs.of(spec, y, dense)
         return evidence, dense[0], lambda h: likelihood.disturbance(dense[1], h)
-    evidence = Evidence.of_many(DesignMatrix(spec, u, every, "negative"), y, np.ones(u.size))
+    evidence = ManyOutputs.of(DesignMatrix(spec, u, every, "negative"), y, np.ones(u.size))
     return evidence, dense[0], lambda h: (h.noise**2 + h.discrepancy**2) * np.eye(u.size)
 
 
@@ -82,13 +82,11 @@ def test_weights_count_samples_that_one_stands_for():
     u, y = np.repeat(rng.uniform(0, 1, 9), 2), rng.normal(size=18)
     kept = np.arange(18) % 2 == 1
     means = (y[kept] + y[~kept]) / 2
-    whole = Evidence.of_many(
+    whole = ManyOutputs.of(
         DesignMatrix(spec, u, np.ones(18, dtype=bool), "negative"), y, np.ones(18)
     )
     within = np.mean((y - np.repeat(means, 2)) ** 2)
-    short = Evidence.of_many(
-        DesignMatrix(spec, u, kept, "negative"), means, np.full(9, 2.0), within
-    )
+    short = ManyOutputs.of(DesignMatrix(spec, u, kept, "negative"), means, np.full(9, 2.0), within)
     found = [
         likelihood.likelihood(PlanePrior(spec), one, Hyperparameters()) for one in (whole, short)
     ]
@@ -103,6 +101,6 @@ def test_the_search_finds_white_noise_where_a_correlated_discrepancy_is_a_local_
     u = rng.uniform(-1, 1, 60)
     dense = regressors(spec, u, np.ones(60, dtype=bool), "negative")
     y = np.tanh(2 * u) / 2 + 0.1 * rng.normal(size=60)
-    found = likelihood.search(Evidence.of_few(spec, y - y.mean(), dense), None)
+    found = likelihood.search(FewOutputs.of(spec, y - y.mean(), dense), None)
     assert found.noise == pytest.approx(0.1, rel=0.3)
     assert found.discrepancy < 0.03

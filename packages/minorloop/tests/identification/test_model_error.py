@@ -5,7 +5,7 @@ from fixed_options import identify
 from minorloop.identification import _prior_kernels as kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.model_error import Reach, contiguous_parts
-from minorloop.identification.regularisation import prior_of
+from minorloop.identification.prior import prior_of
 
 CELLS = PlaneSpec(np.linspace(0, 1, 26))
 

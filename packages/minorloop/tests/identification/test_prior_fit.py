@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 
+import fixed_options
+import plane_records
 from long_branches import a_record_with_long_branches
 from minorloop.connect import connect
 from minorloop.errors import ParameterError
@@ -12,9 +14,10 @@ from minorloop.identification import (
     excitation,
     fitting,
     identify,
+    posterior,
     prior_fit,
-    prior_system,
 )
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.pipeline import Options
 from minorloop.identification.posterior import DensePosterior, SparsePosterior
 from minorloop.lab.records import Record
@@ -28,8 +31,8 @@ SEQUENCE = -1.2 + 2.4 * np.array([0, 0.85, 0.3, 0.5, 0.95, 0.55, 0.1, 0.35, 0.65
 @pytest.fixture
 def sparse(monkeypatch):
     """Use the sparse system for planes of any size."""
-    monkeypatch.setattr(prior_system, "_LEAST_SPARSE", 0)
-    monkeypatch.setattr(prior_system, "_FILL", np.inf)
+    monkeypatch.setattr(posterior, "_LEAST_SPARSE", 0)
+    monkeypatch.setattr(posterior, "_FILL", np.inf)
     monkeypatch.setattr(prior_fit, "MOST_CORRELATED", 0)
 
 
@@ -95,7 +98,7 @@ def test_many_samples_are_summed_and_agree_with_few():
 
 
 def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch):
-    monkeypatch.setattr(prior_system, "_MOST_CHEAP_CELLS", 10)
+    monkeypatch.setattr(posterior, "_MOST_CHEAP_CELLS", 10)
     rng = np.random.default_rng(0)
     model = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
     u = rng.uniform(0, 1, 400)
@@ -131,7 +134,7 @@ def test_the_sparse_system_gives_the_fit_and_the_bands_of_dense_matrices(
     model, u, y = a_record_with_long_branches()
     options = {"levels": model.levels, "prior": "gaussian", **options}
     fast = Options.of(options).identify(Record(u, y))
-    monkeypatch.setattr(prior_system, "_LEAST_SPARSE", np.inf)
+    monkeypatch.setattr(posterior, "_LEAST_SPARSE", np.inf)
     slow = Options.of(options).identify(Record(u, y))
     assert isinstance(fast.posterior, SparsePosterior)
     assert isinstance(slow.posterior, DensePosterior)
@@ -169,11 +172,68 @@ def test_planes_too_fine_for_dense_matrices_are_smoothed_where_the_input_reverse
     monkeypatch,
 ):
     for name in ("MOST_DENSE_CELLS", "_MOST_CHEAP_CELLS"):
-        monkeypatch.setattr(prior_system, name, 10)
+        monkeypatch.setattr(posterior, name, 10)
     monkeypatch.setattr(prior_fit, "MOST_DENSE_CELLS", 10)
-    monkeypatch.setattr(prior_system, "_MOST_CELLS", 20)
+    monkeypatch.setattr(posterior, "_MOST_CELLS", 20)
     rng = np.random.default_rng(0)
     u = rng.uniform(0, 1, 60)
     assert identify(u, u**2, Plane(8)).posterior is None
     with pytest.raises(ParameterError, match=r"reverses \d+ times and the plane has 8 bands"):
         identify(u, u**2, Plane(8), prior=Gaussian())
+
+
+def covered(found):
+    """Share of the held-out readings within their bands of 90 %."""
+    samples = np.flatnonzero(found.held_out)
+    off = (found.prediction - found.y)[samples]
+    return np.mean(np.abs(off) <= PER_DEVIATION * found.deviation(samples))
+
+
+@pytest.mark.parametrize("smoothness", ["auto", 0.0])
+def test_bands_of_many_random_samples_cover_held_out_ones(smoothness):
+    rng = np.random.default_rng(1000)
+    model = plane_records.a_plane(12)
+    u = rng.uniform(*model.levels[[0, -1]], 900)
+    y = model.simulate(u)
+    y += 0.01 * np.ptp(y) * rng.normal(size=u.size)
+    found = fixed_options.identify(
+        u, y, fixed_options.Plane(model.levels), prior=Smooth(smoothness), holdout=1 / 3
+    )
+    assert found.posterior is None
+    assert 0.85 <= covered(found) <= 0.95
+
+
+@pytest.mark.parametrize("given", ["one", "each", "none"])
+def test_bands_of_as_many_unknowns_as_readings_are_no_narrower_than_the_noise(given):
+    """A decaying staircase over all six levels determines the plane exactly."""
+    model = Preisach(np.linspace(-10, 10, 7), np.tril(np.ones((6, 6))), diagonal="reversible")
+    u, noise, shares = excitation.decaying_staircase(model.levels), 0.05, []
+    future = np.random.default_rng(1000).choice(model.levels, 30)
+    for seed in range(1000, 1010):
+        rng = np.random.default_rng(seed)
+        sd = {"one": noise, "each": np.full(u.size, noise), "none": None}[given]
+        y = model.simulate(u) + noise * rng.normal(size=u.size)
+        found = fixed_options.identify(
+            Record(u, y, sd=sd),
+            fixed_options.Plane(6, diagonal="reversible", signed=True),
+            prior=Smooth(0.0),
+        )
+        assert found.rmse < 1e-6 * np.ptp(y)
+        truth, bands = model.simulate(future), found.predict(future, bands=0.9)
+        reading = truth + noise * rng.normal(size=truth.size)
+        of_reading = np.hypot(bands.sd, 0.0 if sd is None else noise)
+        shares.append(
+            [bands.covers(truth), np.mean(np.abs(reading - bands.y) <= PER_DEVIATION * of_reading)]
+        )
+        assert found.band_sd >= 0.5 * noise
+    assert np.mean(shares, axis=0).min() >= 0.85
+
+
+def test_an_exact_fit_to_readings_without_noise_has_narrow_bands():
+    model = Preisach(np.linspace(-10, 10, 7), np.tril(np.ones((6, 6))), diagonal="reversible")
+    u = excitation.decaying_staircase(model.levels)
+    y = model.simulate(u)
+    found = fixed_options.identify(
+        Record(u, y, sd=0.0), fixed_options.Plane(6, diagonal="reversible")
+    )
+    assert found.band_sd < 1e-3 * np.ptp(y)

@@ -1,15 +1,10 @@
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
 
 from fixed_options import Plane, identify
-from long_branches import a_record_with_long_branches
 from minorloop.errors import SignalError
-from minorloop.identification import Gaussian, prior_system
+from minorloop.identification import Gaussian
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
-from minorloop.identification.field_prior import FieldPrior
-from minorloop.identification.likelihood import Evidence
-from minorloop.identification.prior import Hyperparameters, PlanePrior
 from minorloop.identification.ridge import KINDS, Ridge, fit_ridge
 from minorloop.operators.preisach import Preisach
 
@@ -61,36 +56,6 @@ def test_few_samples_are_refused():
     matrix = DesignMatrix(PlaneSpec(LEVELS), U[:7], np.ones(7, dtype=bool), "negative")
     with pytest.raises(SignalError, match="7 samples are too few"):
         fit_ridge(matrix, np.arange(7.0))
-
-
-@pytest.mark.parametrize("sparse", [False, True])
-def test_the_prior_with_a_mean_has_the_optimum_of_its_cost(sparse, monkeypatch):
-    if sparse:
-        for name, value in (("_LEAST_SPARSE", 0), ("_FILL", np.inf)):
-            monkeypatch.setattr(prior_system, name, value)
-    model, u, y = a_record_with_long_branches()
-    spec, h = PlaneSpec(model.levels), Hyperparameters(noise=0.05)
-    matrix = DesignMatrix(spec, u, np.ones(u.size, dtype=bool), "negative")
-    plane, variance = PlanePrior(spec), h.noise**2 + h.discrepancy**2
-    mean = np.random.default_rng(1000).uniform(-0.2, 1.0, spec.unknowns)
-    left, rows = y - matrix.forward(mean), matrix.dense()
-    if sparse:
-        system = prior_system.systems(matrix, left, np.ones(u.size), False, mean)(h)
-        precision = FieldPrior(plane).precision(h, variance)
-        prior = np.stack([precision.product(unit) for unit in np.eye(spec.unknowns)]) / variance
-    else:
-        evidence = Evidence.of_many(matrix, left, np.ones(u.size))
-        system = prior_system.dense_system(plane, evidence, h, False, mean)
-        scale = plane.scale(h)
-        prior = np.linalg.inv(scale[:, None] * plane.covariance(h) * scale)
-    root = np.linalg.cholesky(rows.T @ rows / variance + prior)
-    target = np.linalg.solve(root, rows.T @ y / variance + prior @ mean)
-    bounds = np.append(np.zeros(spec.cells), -np.inf)
-    optimum = lsq_linear(root.T, target, (bounds, np.inf), method="bvls", tol=1e-14).x
-    deviation, kkt = system.bounded()
-    assert kkt < 1e-10
-    assert (deviation + mean)[: spec.cells].min() > -1e-12
-    np.testing.assert_allclose(matrix.forward(deviation + mean), rows @ optimum, atol=1e-7)
 
 
 def test_few_samples_leave_the_mean_zero():

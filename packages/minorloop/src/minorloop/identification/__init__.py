@@ -7,8 +7,8 @@ from minorloop.identification.dynamics import Dynamics
 from minorloop.identification.fit import Plane
 from minorloop.identification.pipeline import identify
 from minorloop.identification.plane_result import Identification
+from minorloop.identification.prior import Gaussian, Smooth
 from minorloop.identification.reading import read
-from minorloop.identification.regularisation import Gaussian, Smooth
 
 __all__ = [
     "AfterEffectIdentification",

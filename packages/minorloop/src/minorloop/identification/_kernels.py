@@ -230,29 +230,6 @@ def take_lower(entries, begin, places, ridge, out):
 
 
 @njit(cache=True, nogil=True)
-def add_lower(rows, columns, values, place, out):
-    """Add sparse entries, where both ends are picked, to a lower triangle."""
-    for e in range(values.size):
-        k, m = place[rows[e]], place[columns[e]]
-        if k >= m >= 0:
-            out[k, m] += values[e]
-
-
-@njit(cache=True, nogil=True)
-def add_block(rows, columns, values, row, column, out):
-    """Add sparse entries of a symmetric matrix, its lower triangle, to the rows and columns picked.
-
-    ``row`` and ``column`` (n,) are where those are in ``out``, -1 for others.
-    """
-    for e in range(values.size):
-        k, m = rows[e], columns[e]
-        if row[k] >= 0 and column[m] >= 0:
-            out[row[k], column[m]] += values[e]
-        if k != m and row[m] >= 0 and column[k] >= 0:
-            out[row[m], column[k]] += values[e]
-
-
-@njit(cache=True, nogil=True)
 def descend(x, gradient, z, bounded, sweeps):
     """Coordinate descent on 1/2 z'Xz, X symmetric with unit diagonal: a first guess."""
     size = z.size
@@ -268,13 +245,3 @@ def descend(x, gradient, z, bounded, sweeps):
             row = x[k]
             for m in range(size):
                 gradient[m] += step * row[m]
-
-
-@njit(cache=True, nogil=True)
-def multiply_symmetric(rows, columns, values, z, out):
-    """Add Q z to out, Q given by the entries of its lower triangle."""
-    for e in range(values.size):
-        k, m = rows[e], columns[e]
-        out[k] += values[e] * z[m]
-        if k != m:
-            out[m] += values[e] * z[k]

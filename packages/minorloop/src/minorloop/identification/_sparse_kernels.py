@@ -293,17 +293,6 @@ def invert(start, at, rows, offset, panel_of, sign, data, out):
                 target[i, k] = -below[i - width, k]
 
 
-@njit(cache=True, nogil=True)
-def pivots(start, offset, data):
-    """Diagonal of the factor."""
-    out = np.empty(start[-1])
-    for s in range(start.size - 1):
-        width = start[s + 1] - start[s]
-        for k in range(width):
-            out[start[s] + k] = data[offset[s] + k * width + k]
-    return out
-
-
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def solve_half(start, at, rows, offset, data, x):
     """Solve L X = B in place, for some columns at once; rows that are zero cost nothing."""
@@ -332,36 +321,6 @@ def solve_half(start, at, rows, offset, data, x):
             filled[row] = True
             for c in range(x.shape[1]):
                 x[row, c] -= product[i - width, c]
-
-
-@njit(cache=True, nogil=True)
-def weights_of_nodes(bands, nodes, out):
-    """Cell weights from Everett values: inverse of `cells_to_nodes` of `_kernels`."""
-    for i in range(bands):
-        here, above = i * (i + 1) // 2, (i - 1) * i // 2
-        for j in range(i + 1):
-            total = nodes[here + j]
-            if j < i:
-                total -= nodes[here + j + 1] + nodes[above + j]
-            if j + 1 < i:
-                total += nodes[above + j + 1]
-            out[here + j] = total
-
-
-@njit(cache=True, nogil=True)
-def weights_to_nodes(bands, weights, out):
-    """Transpose of `weights_of_nodes`."""
-    out[:] = 0.0
-    for i in range(bands):
-        here, above = i * (i + 1) // 2, (i - 1) * i // 2
-        for j in range(i + 1):
-            x = weights[here + j]
-            out[here + j] += x
-            if j < i:
-                out[here + j + 1] -= x
-                out[above + j] -= x
-            if j + 1 < i:
-                out[above + j + 1] += x
 
 
 @njit(cache=True, nogil=True)

@@ -6,30 +6,24 @@ the others, and exchanges all that are on the wrong side. For a well-conditioned
 that takes about a dozen factorisations of the free part. A plane that the data barely determine is
 ill-conditioned. The proximal-point iteration (Rockafellar, SIAM J. Control Optim. 14, 1976) adds a
 ridge about the present solution, reduces it step by step, and raises it again if the pivoting does
-not settle. Residuals are computed from A, not from A'A, so that the optimality is not limited by
-the squared condition number. The accuracy of the unknowns is; if the rows of A are given,
-`refinement` corrects the unknowns with them.
+not settle.
 
-The free part is factorised while it is small, and few exchanges update the factor. Beyond that,
-conjugate gradients on A are cheaper: a few hundred steps if a penalty keeps the condition number
-low.
+What solves for the free unknowns is either dense (`dense_solver`) or the sparse system. With the
+latter, the predictor-corrector method of Mehrotra (SIAM J. Optim. 2, 1992) first comes near the
+optimum, in a number of sparse factorisations that hardly depends on the problem. It shows which
+unknowns are at their bounds, up to a few. Block pivoting, with the same factorisations, then meets
+the conditions of optimality to rounding.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from scipy.linalg import LinAlgError, lapack
+from scipy.linalg import LinAlgError
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.identification import _kernels
-from minorloop.identification.gram_rows import GramRows
-from minorloop.identification.refinement import Preconditioner, Rows, refine
-from minorloop.identification.updated_factor import LEAST, UpdatedFactor
-from minorloop.threads import one_thread
+from minorloop.identification.everett_system import EverettSystem
 
 TOLERANCE = 1e-12
 """Relative violation of the optimality conditions at which the iteration stops."""
@@ -41,21 +35,25 @@ _OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 40, 3, 4
 _QUICK = 0.01
 """Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
 used again."""
-_FIRST_SWEEPS = 5
-_FACTORISED = 5100
-"""Free unknowns up to which a factorisation is cheaper."""
-_CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
-"""Relative residual and most steps of the conjugate gradients, by trial. A few hundred steps
-are usual. They need not be exact, as the next iteration corrects them."""
-
-
-@dataclass(frozen=True)
-class Sparse:
-    """Entries of a symmetric matrix, lower triangle: rows, columns, values."""
-
-    rows: IntArray
-    columns: IntArray
-    values: FloatArray
+_FIRST_SPARSE_RIDGE = 1e-6
+"""Ridge of the first pivoting on a sparse system, to a diagonal of one, by trial. It is smaller, as
+the unknowns are near the optimum."""
+_AT_BOUND = 1e4
+"""Ridge that keeps an unknown of a sparse system at its bound, to a diagonal of one."""
+_PIVOT_STEPS, _PIVOT_TOLERANCE = 100, 1e-13
+"""Most conjugate gradients of a sparse step, whose error is that of the result, relative to the
+outputs."""
+_INTERIOR_RIDGE = 1e-8
+"""Added to a diagonal of one. More of it takes more iterations; less of it fails where samples are
+fewer than unknowns."""
+_GAP = 1e-13
+"""Complementarity at which pivoting takes over, relative. Where the samples hardly determine the
+unknowns, the dual residual hardly falls from there on: the least ridge holds the unknowns back."""
+_MOST, _BOUNDARY, _STUCK = 40, 0.997, 1e-3
+"""Most iterations, share of the way to the boundary, and step from which there is no progress."""
+_CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-3
+"""Most conjugate gradients of a Newton step, and their relative residual; by trial. The factor is
+accurate, so that one is usual."""
 
 
 @dataclass(frozen=True)
@@ -83,61 +81,13 @@ def optimality(z: FloatArray, gradient: FloatArray, bounded: BoolArray, scale: f
     return float(max(violation.max(initial=0.0), below.max(initial=0.0)) / scale)
 
 
-def solve(
-    gram: FloatArray | GramRows,
-    gradient: Callable[[FloatArray], FloatArray],
-    hessian: Callable[[FloatArray], FloatArray],
-    bounded: BoolArray,
-    scale: float,
-    *,
-    penalty: Sparse | None = None,
-    guess: FloatArray | None = None,
-    rows: Rows | None = None,
-    say: Callable[[str], None] = lambda stage: None,
-) -> BoundedSolution:
-    """Find the unknowns that meet the optimality conditions.
-
-    Parameters
-    ----------
-    gram : (n, n) array or GramRows
-        A'A, of an array the lower triangle. Its diagonal is about one except where a column is
-        zero. Only entries of unknowns that become free are needed if there is a guess.
-    gradient : callable
-        z -> A'(A z - y) + Q z, evaluated without forming A'A.
-    hessian : callable
-        z -> A'A z + Q z, likewise.
-    bounded : (n,) array of bool
-        Which unknowns must not be negative.
-    scale : float
-        Norm of y, to which violations are relative.
-    penalty : Sparse, optional
-        Q.
-    guess : (n,) array, optional
-        Start of the iteration.
-    rows : Rows, optional
-        Rows of A and y, then those of the penalty, for the refinement.
-    say : callable
-        Called with the state of the search.
-
-    Returns
-    -------
-    BoundedSolution
-        The best one found, converged or not.
-    """
-    known = gram if isinstance(gram, GramRows) else GramRows.of(gram)
-    solver = _Solver(known, gradient, hessian, bounded, scale, penalty)
-    solver.say = say
-    with one_thread():
-        found = solver.run(solver.first_guess() if guess is None else guess)
-        return found if rows is None else solver.refined(found, rows)
-
-
 class Pivoting(ABC):
     """Proximal-point iteration with block pivoting.
 
-    ``gradient``, ``bounded`` and ``scale`` as in `solve`; unknowns beyond ``searched`` that are at
-    their bounds stay there. The iteration ends at a violation of `TOLERANCE`, or some steps after
-    one of ``enough``. A subclass solves for the free unknowns.
+    ``gradient`` is z -> A'(A z - y) + Q z. Unknowns ``bounded`` (n,) must not be negative; those
+    beyond ``searched`` that are at their bounds stay there. Violations are relative to ``scale``,
+    the norm of y. The iteration ends at a violation of `TOLERANCE`, or some steps after one of
+    ``enough``. A subclass solves for the free unknowns.
     """
 
     least_ridge = _LEAST_RIDGE
@@ -240,129 +190,122 @@ class Pivoting(ABC):
         return x + self.step(-np.where(free, gradient, 0.0), free, ridge)
 
 
-class _Solver(Pivoting):
-    def __init__(
-        self,
-        gram: GramRows,
-        gradient: Callable[[FloatArray], FloatArray],
-        hessian: Callable[[FloatArray], FloatArray],
-        bounded: BoolArray,
-        scale: float,
-        penalty: Sparse | None,
-    ) -> None:
-        super().__init__(gradient, bounded, scale)
-        self.gram, self.hessian, self.penalty = gram, hessian, penalty
-        self.workspace = np.empty(0)
-        self.scaling: Preconditioner | None = None
-        self.updated: tuple[float, UpdatedFactor] | None = None
-        self.diagonal = gram.diagonal.copy()
-        if penalty is not None:
-            on = penalty.rows == penalty.columns
-            np.add.at(self.diagonal, penalty.rows[on], penalty.values[on])
-
-    def first_guess(self) -> FloatArray:
-        z = np.zeros(self.bounded.size)
-        _kernels.descend(self.gram.all, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
-        return z
+class _SparsePivoting(Pivoting):
+    system: EverettSystem
+    quick, enough = 0.0, 1e-11
+    least_ridge = 1e-10
+    """The accuracy of the factor: below it, conjugate gradients are many."""
 
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
-        picked = np.flatnonzero(free)
-        if self._is_large(picked.size):
-            return self._conjugate_gradients(downhill, free, ridge)
-        if self.updated is not None and self.updated[0] == ridge:
-            step = self.updated[1].solve(downhill, free, partial(self._block, ridge))
-            if step is not None:
-                return step
-        self.updated = None
-        factor = self._factorise(picked, ridge).factor
-        if picked.size >= LEAST:
-            self.updated = ridge, UpdatedFactor(free, factor)
-        found = np.zeros(free.size)
-        found[picked], _ = lapack.dpotrs(factor, downhill[picked], lower=0)
-        return found
-
-    def _block(self, ridge: float, rows: IntArray, columns: IntArray) -> FloatArray:
-        """(k, m) entries of the normal equations with a ridge."""
-        block = self.gram.block(rows, columns)
-        block += ridge * (rows[:, None] == columns)
-        if self.penalty is not None:
-            entries = self.penalty
-            row, column = self._places(rows), self._places(columns)
-            _kernels.add_block(entries.rows, entries.columns, entries.values, row, column, block)
-        return block
-
-    def _places(self, picked: IntArray) -> IntArray:
-        """(n,) where each unknown is among those picked, -1 for others."""
-        place = np.full(self.bounded.size, -1)
-        place[picked] = np.arange(picked.size)
-        return place
-
-    def refined(self, found: BoundedSolution, rows: Rows) -> BoundedSolution:
-        """Refine the solution, and compute its optimality again."""
-        picked = np.flatnonzero(~self.bounded | (found.z > 0))
-        scaling = self._scaling(picked) if picked.size else None
-        if scaling is None:
-            return found
-        fine, settled = refine(rows, found.z, scaling)
-        z = np.where(self.bounded, np.maximum(fine, 0.0), fine)
-        kkt = optimality(z, self.gradient(z), self.bounded, self.scale)
-        if kkt > max(found.kkt, TOLERANCE) and not np.array_equal(z, fine):
-            return found  # a bound lies in between
-        return BoundedSolution(z, kkt, self.factorisations, settled)
-
-    def _scaling(self, picked: IntArray) -> Preconditioner | None:
-        """Factor of the free part; the last one if it is of the same unknowns."""
-        if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
-            return self.scaling
-        if self._is_large(picked.size):
-            if self.bounded[picked].any():
-                return None
-            return Preconditioner(picked, np.sqrt(self.diagonal[picked] + _LEAST_RIDGE))
-        for ridge in (_LEAST_RIDGE, _FIRST_RIDGE):
-            with suppress(LinAlgError):
-                return self._factorise(picked, ridge)
-        return None
-
-    def _is_large(self, unknowns: int) -> bool:
-        return unknowns > _FACTORISED
-
-    def _factorise(self, picked: IntArray, ridge: float) -> Preconditioner:
-        """Cholesky factor of the normal equations of some unknowns, with a ridge."""
-        self.scaling = self.updated = None
-        matrix = self._matrix(picked.size)
-        self.gram.lower(picked, ridge, matrix)
-        if self.penalty is not None:
-            entries, place = self.penalty, self._places(picked)
-            _kernels.add_lower(entries.rows, entries.columns, entries.values, place, matrix)
+        self.system.factorise(np.where(free, ridge, _AT_BOUND))
         self.factorisations += 1
-        # The lower triangle in C order is the upper one in Fortran order: no copy is made.
-        factor, failed = lapack.dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
-        if failed:
-            raise LinAlgError("normal matrix is not positive definite")
-        self.scaling = Preconditioner(picked, factor)
-        return self.scaling
+        enough = _PIVOT_TOLERANCE * self.scale / (float(np.linalg.norm(downhill)) or 1.0)
+        return self.system.solve(downhill, free, enough, _PIVOT_STEPS)
 
-    def _matrix(self, size: int) -> FloatArray:
-        """Reused workspace for a square matrix: allocating it costs more than filling it."""
-        if self.workspace.size < size**2:
-            self.workspace = np.empty(size**2)
-        return self.workspace[: size**2].reshape(size, size)
 
-    def _conjugate_gradients(self, rhs: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
-        """Step of the free unknowns without a factorisation, which would be too large."""
-        step, residual = np.zeros(rhs.size), rhs.copy()
-        diagonal = self.diagonal + ridge
-        direction = residual / diagonal
-        rho = residual @ direction
-        enough = _CG_TOLERANCE * np.sqrt(rho)
-        for _ in range(_CG_STEPS):
-            if not rho > enough**2:
-                break
-            product = np.where(free, self.hessian(direction) + ridge * direction, 0.0)
-            length = rho / (direction @ product)
-            step += length * direction
-            residual -= length * product
-            conditioned = residual / diagonal
-            rho, before = residual @ conditioned, rho
-            direction = conditioned + (rho / before) * direction
-        return step
+def solve_sparse(
+    system: EverettSystem, y: FloatArray, bounded: BoolArray, varying: BoolArray, scale: float
+) -> BoundedSolution:
+    """Find the unknowns (n,) that meet the optimality conditions for outputs ``y`` (M,).
+
+    ``system`` has columns of about unit length. Bounded unknowns that are not ``varying`` begin at
+    zero, and are not searched inside their bounds.
+    """
+    searched = bounded & varying
+    z = _interior_point(system, y, bounded, searched, scale)
+    return polish(system, y, bounded, z, scale, searched)
+
+
+def polish(
+    system: EverettSystem,
+    y: FloatArray,
+    bounded: BoolArray,
+    guess: FloatArray,
+    scale: float,
+    searched: BoolArray | None = None,
+    centre: FloatArray | float = 0.0,
+) -> BoundedSolution:
+    """Find them by block pivoting alone, from unknowns (n,) near the optimum.
+
+    ``centre`` is what the outputs do not contain, in the unit of the columns.
+    """
+
+    def gradient(z: FloatArray) -> FloatArray:
+        return system.gradient(system.scale * z - centre, y)
+
+    pivoting = _SparsePivoting(gradient, bounded, scale, searched)
+    pivoting.system = system
+    return pivoting.run(guess, _FIRST_SPARSE_RIDGE)
+
+
+def _interior_point(
+    system: EverettSystem,
+    y: FloatArray,
+    bounded: BoolArray,
+    searched: BoolArray,
+    scale: float,
+) -> FloatArray:
+    """Unknowns near the optimum; those that are probably at their bounds are zero."""
+    places = np.flatnonzero(searched)
+    ridge = np.where(bounded, _AT_BOUND, _INTERIOR_RIDGE)
+    z, slack = _start(system, y, places, ridge)
+    free = searched | ~bounded
+    for _ in range(_MOST):
+        dual = system.gradient(system.scale * z, y)
+        dual[places] -= slack
+        dual[~free] = 0.0
+        gap = float(z[places] @ slack)
+        if gap <= _GAP * scale**2:
+            break
+        ridge[places] = _INTERIOR_RIDGE + slack / z[places]
+        system.factorise(ridge)
+
+        def direction(target: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+            """Newton step to z * slack = target, and that of the slack."""
+            wanted = target / z[places] - slack  # noqa: B023
+            right = -dual  # noqa: B023
+            right[places] += wanted
+            step = system.solve(right, free, _CORRECTOR_TOLERANCE, most)
+            return step, wanted - slack / z[places] * step[places]  # noqa: B023
+
+        step, change = direction(np.zeros(places.size), 1)
+        length = min(_longest(z[places], step[places]), _longest(slack, change))
+        reached = float((z[places] + length * step[places]) @ (slack + length * change))
+        centre = (reached / gap) ** 3 * gap / places.size
+        step, change = direction(centre - step[places] * change, _CORRECTOR_STEPS)
+        length = min(_longest(z[places], step[places]), _longest(slack, change))
+        if length < _STUCK:
+            break
+        length = min(1.0, _BOUNDARY * length)
+        z, slack = z + length * step, slack + length * change
+    z[places] = np.where(z[places] > slack, z[places], 0.0)
+    return z
+
+
+def _start(
+    system: EverettSystem,
+    y: FloatArray,
+    places: IntArray,
+    ridge: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Unknowns and slacks inside the bounds, from a solution with a ridge; Mehrotra, section 7."""
+    ridge = ridge.copy()
+    ridge[places] = 1.0
+    system.factorise(ridge)
+    z = system.solve(
+        -system.gradient(np.zeros(ridge.size), y), ridge <= 1.0, _CORRECTOR_TOLERANCE, most=2
+    )
+    slack = system.gradient(system.scale * z, y)[places]
+    inside = z[places] + max(-1.5 * z[places].min(), 0.0)
+    slack += max(-1.5 * slack.min(), 0.0)
+    product = float(inside @ slack)
+    tiny = np.finfo(np.float64).tiny
+    z[places] = inside + 0.5 * product / max(float(slack.sum()), tiny)
+    slack += 0.5 * product / max(float(inside.sum()), tiny)
+    return z, slack
+
+
+def _longest(values: FloatArray, change: FloatArray) -> float:
+    """Largest step up to one that leaves all values non-negative."""
+    falling = change < 0
+    return float(min(1.0, np.min(-values[falling] / change[falling], initial=1.0)))

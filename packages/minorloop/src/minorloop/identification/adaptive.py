@@ -17,7 +17,7 @@ from minorloop.identification.bands import Prediction
 from minorloop.identification.design import MOST_HOLDS, design, next_input
 from minorloop.identification.fit import Plane
 from minorloop.identification.plane_result import Identification
-from minorloop.identification.regularisation import Gaussian, Prior
+from minorloop.identification.prior import Gaussian, Prior
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory, Start
 

@@ -11,7 +11,7 @@ from minorloop.arrays import BoolArray
 from minorloop.errors import are, counted
 from minorloop.identification import active_set
 from minorloop.identification.baseline import lateness, percent, polynomial_nrmse, rms
-from minorloop.identification.refinement import UNSETTLED
+from minorloop.identification.dense_solver import UNSETTLED
 from minorloop.identification.residuals import PARTS, noise_in
 from minorloop.lab.codes import codes
 

@@ -25,7 +25,7 @@ from minorloop.arrays import (
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import _after_effect_kernels as _kernels
-from minorloop.identification import active_set
+from minorloop.identification import dense_solver
 from minorloop.identification import record_checks as checks
 from minorloop.identification.after_effect_result import (
     AfterEffectIdentification,
@@ -37,9 +37,9 @@ from minorloop.identification.after_effect_result import (
 from minorloop.identification.curves import Curves, as_curves, as_groups
 from minorloop.identification.design_matrix import PlaneSpec, unpack
 from minorloop.identification.fit import Say, silent
-from minorloop.identification.least_squares import held_out_segments, neighbour_penalty
+from minorloop.identification.least_squares import held_out_segments, neighbour_differences
 from minorloop.identification.preparation import samples_in_time
-from minorloop.identification.regularisation import Gaussian, Prior, Smooth
+from minorloop.identification.prior import Gaussian, Prior, Smooth
 from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Diagonal, Preisach
@@ -377,8 +377,8 @@ class _Search:
         self.kept = record.fitted & ~record.left_out
         self.smoothness = smoothness
         self.strength = (0.0 if smoothness == "auto" else float(smoothness)) or _STRENGTHS[0]
-        rows, columns, values = neighbour_penalty(spec)
-        self.penalty = active_set.Sparse(rows, columns, values * spec.bands**2)
+        apart = spec.bands * neighbour_differences(spec)[:, : spec.cells].toarray()
+        self.penalty = apart.T @ apart
 
     def constants(self, law: str, numbers: FloatArray) -> Constants:
         """Constants of a law, or of one and the spectrum, from logarithms of its numbers."""
@@ -440,25 +440,18 @@ class _Search:
 
     def solve(self, normal: Normal, strength: float, guess: FloatArray | None = None) -> FloatArray:
         """Unknowns of least squares; all but the offset are not negative."""
-        gram = np.tril(normal.gram)
-        planes = (len(gram) - 1) // self.spec.cells
-        shift = np.repeat(np.arange(planes) * self.spec.cells, self.penalty.rows.size)
-        rows = np.tile(self.penalty.rows, planes) + shift
-        columns = np.tile(self.penalty.columns, planes) + shift
-        values = np.tile(self.penalty.values, planes) * (strength * normal.rows)
-        np.add.at(gram, (rows, columns), values)
+        gram, cells = normal.gram.copy(), self.spec.cells
+        for first in range(0, len(gram) - 1, cells):
+            plane = slice(first, first + cells)
+            gram[plane, plane] += strength * normal.rows * self.penalty
         diagonal = gram.diagonal()
         scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         gram *= scale
         gram *= scale[:, None]
-        whole = gram + np.tril(gram, -1).T
-        right = normal.right * scale
         bounded = np.ones(scale.size, dtype=np.bool_)
         bounded[-1] = False
-        found = active_set.solve(
-            gram,
-            lambda z: whole @ z - right,
-            lambda z: whole @ z,
+        found = dense_solver.solve(
+            dense_solver.Quadratic(dense_solver.GramRows.of(gram), normal.right * scale),
             bounded,
             float(np.sqrt(normal.square)) or 1.0,
             guess=None if guess is None else guess / scale,

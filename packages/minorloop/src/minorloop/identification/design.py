@@ -24,10 +24,9 @@ from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.likelihood import regressors
-from minorloop.identification.posterior import Posterior
+from minorloop.identification.posterior import MOST_DENSE_CELLS, Posterior
 from minorloop.identification.prior import Hyperparameters
 from minorloop.identification.prior_fit import posterior_after
-from minorloop.identification.prior_system import MOST_DENSE_CELLS
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import relay_outputs
 from minorloop.operators.preisach import Diagonal

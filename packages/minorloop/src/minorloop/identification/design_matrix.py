@@ -99,6 +99,12 @@ class PlaneSpec:
         levels = np.arange(coarse.cells, coarse.unknowns)
         return np.concatenate([i * (i + 1) // 2 + j, levels]).astype(np.int64)
 
+    def bounded(self, signed: bool) -> BoolArray:
+        """(n,) unknowns that must not be negative."""
+        bounded = np.full(self.unknowns, not signed)
+        bounded[self.cells : self.cells + self.offset] = False
+        return bounded
+
     def unknowns_of(self, model: Preisach) -> FloatArray:
         """(n,) unknowns of an operator of this structure."""
         levels = [model.offset] * self.offset + [model.slope] * self.slope

@@ -26,7 +26,7 @@ from minorloop.identification.dynamic_search import better, near, search, simple
 from minorloop.identification.fit import Plane, Say, silent
 from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import NOTHING, moving_samples
-from minorloop.identification.regularisation import Gaussian, Prior, Smooth
+from minorloop.identification.prior import Gaussian, Prior, Smooth
 from minorloop.lab.records import Record
 from minorloop.threads import one_thread
 

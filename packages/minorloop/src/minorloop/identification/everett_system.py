@@ -5,17 +5,28 @@ the plane together with the predicted outputs at reversals: a sample links at mo
 prediction at its last reversal, which is a sample itself, and a weight is the mixed difference of
 four nodes. Predictions of other samples are eliminated at once. The links between reversals
 are equations, each with a multiplier.
+
+The sparse matrix is quasi-definite (Vanderbei, SIAM J. Optim. 5, 1995): its unknowns have signs,
+and it is positive definite on those of one sign and negative definite on the others. Then each
+order of elimination is possible. The order is by least degree (Liu, ACM Trans. Math. Softw. 11,
+1985), computed by SuperLU. Columns with nearly the same rows are eliminated together (Ng and
+Peyton, SIAM J. Sci. Comput. 14, 1993).
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _sparse_kernels as _kernels
 from minorloop.identification.design_matrix import DesignMatrix, corners
-from minorloop.identification.field_prior import FieldPrecision, FieldPrior
-from minorloop.identification.sparse_factor import SparseFactor
+from minorloop.identification.linear_algebra import conjugate_gradients
+from minorloop.identification.prior import FieldPrecision, Mesh
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array, csr_array
 
 _SOFT = 1e-8
 """Negative diagonal of the multipliers, over the mean weight of a sample."""
@@ -23,8 +34,12 @@ _TINY = 1e-14
 """Diagonal of unknowns that no sample determines, likewise."""
 _TOGETHER = 64
 """Outputs whose variances are computed at once."""
-
-
+_DOMINANT = 1e3
+"""Added to the diagonal where only the order of elimination is wanted, so that no pivot is zero;
+its size does not matter."""
+_ROUNDING = 1e-15
+"""Size of a pivot, over that of its column before elimination, that counts as zero: a few times the
+precision of float64."""
 _FIRST_PART, _SEGMENTS = 2000, 10
 """Samples of the first part of a record whose multiplications are counted; contiguous segments that
 a part consists of."""
@@ -37,7 +52,7 @@ def quick_system(
     weight: FloatArray,
     scale: FloatArray,
     most: float,
-    field: FieldPrior | None = None,
+    mesh: Mesh | None = None,
 ) -> EverettSystem | None:
     """Return the system if a factorisation takes at most so many multiplications.
 
@@ -54,26 +69,16 @@ def quick_system(
         if EverettSystem(matrix.part(kept), weight[kept], scale).operations > most:
             return None
         samples *= 2
-    system = EverettSystem(matrix, weight, scale, field)
+    system = EverettSystem(matrix, weight, scale, mesh)
     return system if system.operations <= most else None
 
 
 class EverettSystem:
     """The system (G + S + diag(ridge)) z = r, with G the weighted Gram matrix of scaled columns.
 
-    S is the scaled precision of a prior, if there is one. The values of its field are further
-    unknowns of the sparse system, and are eliminated last.
-
-    Parameters
-    ----------
-    matrix : DesignMatrix
-        Columns.
-    weight : (M,) array
-        Weight of each sample.
-    scale : (n,) array
-        Factor of each column.
-    field : FieldPrior, optional
-        Prior; `condition` then gives its precision.
+    Samples have a weight (M,), columns a factor ``scale`` (n,). S is the scaled precision of a
+    prior, if there is one, as `condition` gives it. The values of the field on its ``mesh`` are
+    further unknowns of the sparse system, and are eliminated last.
     """
 
     def __init__(
@@ -81,14 +86,14 @@ class EverettSystem:
         matrix: DesignMatrix,
         weight: FloatArray,
         scale: FloatArray,
-        field: FieldPrior | None = None,
+        mesh: Mesh | None = None,
     ) -> None:
         spec = matrix.spec
         self.matrix, self.weight, self.scale = matrix, weight, scale
         self.precision: FieldPrecision | None = None
         self.owner: object = None
         """What the present factor belongs to, if it is to be used again."""
-        self.cells = spec.cells
+        self.cells, self._weights = spec.cells, _weights_of_nodes(spec.bands)
         parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
         everywhere[matrix.measured] = weight
         inner = np.zeros(parent.size, dtype=np.bool_)
@@ -96,7 +101,7 @@ class EverettSystem:
         inner_count = int(np.count_nonzero(inner))
         self._root = spec.cells + 2 * inner_count
         self._steep = self._root + 2
-        self._values_of_field = 0 if field is None else field.unknowns
+        self._values_of_field = 0 if mesh is None else mesh.unknowns
         self._size = self._steep + spec.slope + self._values_of_field
         entries = _Entries(float(weight.mean()))
         number = np.full(parent.size + 1, self._root)  # the last one is that of parent -1
@@ -127,13 +132,13 @@ class EverettSystem:
         sign[multiplier], sign[self._root + 1] = -1.0, -1.0
         entries.add(np.flatnonzero(sign > 0), np.flatnonzero(sign > 0), _TINY * weight.mean())
         rows, columns, self._values = entries.all()
-        added = self._added_places(field)
+        added = self._added_places(mesh)
         self._factor = SparseFactor(
             np.append(rows, added[0]), np.append(columns, added[1]), sign, self._values_of_field
         )
         self._ridge = np.zeros(spec.unknowns)
 
-    def _added_places(self, field: FieldPrior | None) -> IntArray:
+    def _added_places(self, mesh: Mesh | None) -> IntArray:
         """Rows and columns of what `factorise` adds: ridges, and the prior."""
         spec, root, total = self.matrix.spec, self._root, self._total
         *weights, self._ridge_cells, self._ridge_signs = _ridges(spec.bands)
@@ -142,10 +147,10 @@ class EverettSystem:
         level = np.array([[root, total, root], [root, total, total]])[:, : 3 * spec.offset]
         slope = np.full((2, int(spec.slope)), self._steep)
         parts = [np.vstack(weights), level, slope]
-        if field is not None:
+        if mesh is not None:
             first = self._size - self._values_of_field
-            at_node = field.places < spec.cells
-            parts.append(np.where(at_node, field.places, field.places - spec.cells + first))
+            at_node = mesh.places < spec.cells
+            parts.append(np.where(at_node, mesh.places, mesh.places - spec.cells + first))
         return np.hstack(parts)
 
     @property
@@ -170,6 +175,14 @@ class EverettSystem:
             out += self.precision.product(x)
         return np.asarray(self.scale * out)
 
+    def gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """(n,) scaled gradient of the cost at unknowns ``x`` (n,), for outputs ``y`` (M,)."""
+        left = self.matrix.forward(x) - y
+        downhill = self.matrix.adjoint(self.weight * left)
+        if self.precision is not None:
+            downhill += self.precision.product(x)
+        return np.asarray(self.scale * downhill)
+
     def factorise(self, ridge: FloatArray | float) -> None:
         """Factorise the system with this (n,) ridge."""
         spec, precision, self.owner = self.matrix.spec, self.precision, None
@@ -192,38 +205,23 @@ class EverettSystem:
     ) -> FloatArray:
         """(n,) solution by conjugate gradients on G, with the factor as the preconditioner.
 
-        Parameters
-        ----------
-        r : (n,) array
-            Right-hand side.
-        free : (n,) array of bool, optional
-            Unknowns; the others are zero. Their ridge must be high.
-        tolerance : float
-            Relative residual.
-        most : int
-            Most steps.
+        Unknowns that are not ``free`` are zero; their ridge must be high. There are at most so many
+        steps, to a residual of ``tolerance`` relative to ``r`` (n,).
         """
-        z, left, direction, before = np.zeros_like(r), np.where(free, r, 0.0), None, 1.0
-        enough = tolerance * float(np.linalg.norm(left))
-        for _ in range(most):
-            conditioned = np.where(free, self._rough(left), 0.0)
-            rho = float(left @ conditioned)
-            if not rho > 0:
-                break
-            direction = conditioned if direction is None else conditioned + rho / before * direction
-            product = np.where(free, self.product(direction) + self._ridge * direction, 0.0)
-            length, before = rho / (direction @ product), rho
-            z += length * direction
-            left -= length * product
-            if np.linalg.norm(left) <= enough:
-                break
-        return z
+        left = np.where(free, r, 0.0)
+        return conjugate_gradients(
+            lambda z: np.where(free, self.product(z) + self._ridge * z, 0.0),
+            lambda z: np.where(free, self._rough(z), 0.0),
+            left,
+            tolerance * float(np.linalg.norm(left)),
+            most,
+        )
 
     def _rough(self, r: FloatArray) -> FloatArray:
         """(n,) solution, to the accuracy of the factor."""
         spec, cells, out = self.matrix.spec, self.cells, np.empty_like(r)
         x = self._factor.solve(self._right(r / self.scale))
-        _kernels.weights_of_nodes(spec.bands, x[:cells], out[:cells])
+        out[:cells] = self._weights @ x[:cells]
         if spec.offset:
             out[cells] = x[self._root] + self.matrix.shift * x[self._total]
         if spec.slope:
@@ -233,7 +231,7 @@ class EverettSystem:
     def _right(self, r: FloatArray) -> FloatArray:
         """Right-hand side of the sparse system from that of the unknowns (n,)."""
         spec, cells, b = self.matrix.spec, self.cells, np.zeros(self._size)
-        _kernels.weights_to_nodes(spec.bands, r[:cells], b[:cells])
+        b[:cells] = self._weights.T @ r[:cells]
         if spec.offset:
             b[self._root] = r[cells]
             b[self._total] += self.matrix.shift * r[cells]
@@ -339,6 +337,17 @@ class _Entries:
         return merged.row.astype(np.int64), merged.col.astype(np.int64), merged.data
 
 
+def _weights_of_nodes(bands: int) -> csr_array[Any]:
+    """(K, K) sparse map from Everett values to the weights of cells."""
+    from scipy.sparse import csr_array
+
+    parts = [(np.full(on.sum(), sign), np.flatnonzero(on), node[on])
+             for node, sign, on in corners(bands)]  # fmt: skip
+    signs, cells, nodes = (np.concatenate(part) for part in zip(*parts, strict=True))
+    count = bands * (bands + 1) // 2
+    return csr_array((signs, (cells, nodes)), shape=(count, count))
+
+
 def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Where a ridge of each weight acts on the nodes: rows, columns, cells, signs."""
     cell = np.arange(bands * (bands + 1) // 2)
@@ -349,3 +358,126 @@ def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
             parts.append((row[both], column[both], cell[both], np.full(both.sum(), one * other)))
     rows, columns, cells, signs = (np.concatenate(part) for part in zip(*parts, strict=True))
     return rows, columns, cells, signs
+
+
+class SparseFactor:
+    """Factor of a sparse symmetric matrix whose pattern does not change.
+
+    ``rows`` and ``columns`` (E,) are the places of its entries, in one triangle; entries in the
+    same place are added. ``sign`` (n,) is 1 or -1 for each unknown. The ``last`` unknowns are
+    eliminated last, because they are linked to most others.
+    """
+
+    def __init__(self, rows: IntArray, columns: IntArray, sign: FloatArray, last: int = 0) -> None:
+        from scipy.sparse import coo_array
+
+        n = sign.size
+        ends = np.concatenate([rows, columns, np.arange(n)])
+        others = np.concatenate([columns, rows, np.arange(n)])
+        self._entries, self._sign = (rows, columns), sign
+        self._pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
+        least = _least_degree(self._pattern[: n - last, : n - last])
+        self._order = np.append(least, np.arange(n - last, n))
+        tree = _elimination_tree(*_permuted(self._pattern, self._order))
+        self._parent, self.counts = tree
+        self._data: FloatArray | None = None
+
+    def _lay_out(self) -> FloatArray:
+        """Find the panels and the places of the entries; many systems are only counted."""
+        n = self._sign.size
+        self._order = self._order[_kernels.postorder(self._parent)]
+        first, below = _permuted(self._pattern, self._order)
+        parent, counts = _elimination_tree(first, below)
+        start, height = _kernels.panels(parent, counts)
+        width = np.diff(start)
+        at, offset = np.append(0, np.cumsum(height)), np.append(0, np.cumsum(height * width))
+        rows, self._panel_of = _kernels.panel_rows(first, below, start, at)
+        # Sorted here, because numba compiles a sort for longer than all these loops.
+        key = np.sort(np.repeat(np.arange(height.size), height) * n + rows)
+        self._panels = start, at, key % n, offset
+
+        def places(row: IntArray, column: IntArray) -> IntArray:
+            panel = self._panel_of[column]
+            row = np.searchsorted(key, panel * n + row) - at[panel]
+            return np.asarray(offset[panel] + row * width[panel] + column - start[panel])
+
+        place, each = np.argsort(self._order), np.arange(n)
+        one, other = (place[end] for end in self._entries)
+        self._places = places(np.maximum(one, other), np.minimum(one, other))
+        self._pivots = places(each, each)
+        self._sign = self._sign[self._order]
+        return np.empty(offset[-1])
+
+    def factorise(self, values: FloatArray) -> None:
+        """Factorise the matrix with these (E,) values of its entries."""
+        if self._data is None:
+            self._data = self._lay_out()
+        known = self._panel_of, self._sign, self._places
+        _kernels.factorise(*self._panels, *known, values, _ROUNDING, self._data)
+
+    def solve(self, b: FloatArray) -> FloatArray:
+        """(n,) solution of the system with the right-hand side ``b``."""
+        x = b[self._order]
+        _kernels.solve(*self._panels, self._sign, self._data, x)
+        out = np.empty_like(b)
+        out[self._order] = x
+        return out
+
+    def inverse(self) -> FloatArray:
+        """(E,) inverse at the entries of the matrix."""
+        out = np.empty_like(self._data)
+        _kernels.invert(*self._panels, self._panel_of, self._sign, self._data, out)
+        return np.asarray(out[self._places])
+
+    def logarithm(self) -> float:
+        """Logarithm of the magnitude of the determinant."""
+        assert self._data is not None
+        return 2 * float(np.log(self._data[self._pivots]).sum())
+
+    def products(self, b: FloatArray) -> FloatArray:
+        """(r, r) products b' M^-1 b with the inverse of the matrix, for columns ``b`` (n, r)."""
+        x = self._half(b)
+        return np.asarray((x.T * self._sign) @ x)
+
+    def squares(self, b: FloatArray) -> FloatArray:
+        """(r,) diagonal of `products`."""
+        x = self._half(b)
+        return np.asarray(np.einsum("n,nr,nr->r", self._sign, x, x))
+
+    def _half(self, b: FloatArray) -> FloatArray:
+        """Solution of half the system, L X = B."""
+        x = np.ascontiguousarray(b[self._order])
+        _kernels.solve_half(*self._panels, self._data, x)
+        return x
+
+
+def _least_degree(pattern: csc_array[Any]) -> IntArray:
+    """Order of elimination with little fill."""
+    from scipy.sparse import csc_array, diags_array
+    from scipy.sparse.linalg import spilu
+
+    count = pattern.shape[0]
+    dominant = csc_array(pattern + diags_array(np.full(count, _DOMINANT)))
+    incomplete = spilu(  # drops all entries, so that it costs little more than the order
+        dominant,
+        drop_tol=1.0,
+        fill_factor=1,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return np.argsort(incomplete.perm_c)
+
+
+def _permuted(pattern: csc_array[Any], order: IntArray) -> tuple[IntArray, IntArray]:
+    """Columns of a permuted pattern: where each begins, and its rows."""
+    moved = pattern[order][:, order]
+    return moved.indptr.astype(np.int64), moved.indices.astype(np.int64)
+
+
+def _elimination_tree(first: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Parent of each column in the elimination tree, -1 for a root, and the size of each column."""
+    n = first.size - 1
+    parent, count = np.full(n, -1), np.ones(n, dtype=np.int64)
+    _kernels.elimination_tree(first, rows, parent, np.full(n, -1), count)
+    return parent, count

@@ -25,7 +25,7 @@ from minorloop.identification.jumps import (
 from minorloop.identification.leave_out import check_several_groups, validate
 from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import fit_prepared
-from minorloop.identification.regularisation import Gaussian, Prior, Smooth
+from minorloop.identification.prior import Gaussian, Prior, Smooth
 from minorloop.lab.records import Record
 from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.preisach import Diagonal

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -16,17 +15,9 @@ from minorloop.identification.condensing import LONG, Condensed, condense
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import MOST_DENSE, DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import CANDIDATES, Problem, reproduces
-from minorloop.identification.likelihood import regressors
-from minorloop.identification.posterior import Posterior
-from minorloop.identification.prior import Hyperparameters
-from minorloop.identification.prior_fit import (
-    PriorFit,
-    coarse_rows,
-    fit_prior,
-    is_few,
-)
-from minorloop.identification.prior_system import is_cheap, is_quick
-from minorloop.identification.regularisation import Gaussian, Prior, Smooth
+from minorloop.identification.posterior import Posterior, is_cheap, is_quick
+from minorloop.identification.prior import Gaussian, Hyperparameters, Prior, Smooth
+from minorloop.identification.prior_fit import PriorFit, Regression, fit_prior
 from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, Ridge, fit_ridge
 from minorloop.lab.codes import FEWEST
 
@@ -165,50 +156,6 @@ class FitRecord:
                 everywhere[places] = labels
                 labels = everywhere
         return condense(spec.levels, self.curves.start, inputs, y, measured, labels)
-
-
-@dataclass(frozen=True, eq=False)
-class Regression:
-    """Outputs ``y`` (M,) of the samples ``rows`` (M,), and their regressors.
-
-    In a condensed record, each output stands for several samples, one of which is in ``rows``.
-
-    ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
-    the outputs about the condensed ones. ``noise`` is the standard deviation of a sample, where it
-    is known.
-    """
-
-    matrix: DesignMatrix
-    y: FloatArray
-    rows: IntArray
-    inputs: FloatArray
-    measured: BoolArray
-    within: float = 0.0
-    noise: float | None = None
-
-    def squared_error(self, x: FloatArray) -> float:
-        """Sum of squared errors, without that within condensed samples."""
-        return float(self.weight @ (self.matrix.forward(x) - self.y) ** 2)
-
-    @property
-    def weight(self) -> FloatArray:
-        """(M,) number of samples that each output stands for, or weight."""
-        counts = self.matrix.counts
-        return np.ones(self.y.size) if counts is None else counts
-
-    @cached_property
-    def dense(self) -> tuple[FloatArray, FloatArray] | None:
-        """Regressors and features for the prior; None for many samples, and for weighted ones."""
-        if self.matrix.counts is not None or not is_few(self.matrix.spec, self.rows.size):
-            return None
-        return regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
-
-    @cached_property
-    def coarse(self) -> tuple[PlaneSpec, FloatArray] | None:
-        """Plane on which the hyperparameters are searched, and its regressors."""
-        if self.dense is None:
-            return None
-        return coarse_rows(self.matrix, self.inputs, self.measured, self.matrix.start)
 
 
 @dataclass(frozen=True)
@@ -434,14 +381,10 @@ def _with_prior(
     kept: BoolArray | None = None,
 ) -> PriorFit:
     return fit_prior(
-        regression.matrix,
-        regression.y,
-        regression.dense,
+        regression,
         signed=signed,
         noise=options.noise,
         guess=guess,
-        coarse=regression.coarse,
-        within=regression.within,
         centre=centre,
         kept=kept,
         independent=options.grouped or kept is not None,  # a part is fitted for its mean

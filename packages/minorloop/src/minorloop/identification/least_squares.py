@@ -14,13 +14,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import ParameterError, counted
-from minorloop.identification import _kernels, active_set, interior_point
+from minorloop.identification import active_set, dense_solver
+from minorloop.identification.dense_solver import GramRows, Quadratic, Rows
 from minorloop.identification.design_matrix import (
     MOST_DENSE,
     DesignMatrix,
@@ -29,10 +30,12 @@ from minorloop.identification.design_matrix import (
     unpack,
 )
 from minorloop.identification.everett_system import quick_system
-from minorloop.identification.gram_rows import GramRows, scale_symmetric
-from minorloop.identification.refinement import Rows
+from minorloop.identification.linear_algebra import scale_symmetric
 from minorloop.operators.plane import cell_areas
 from minorloop.threads import one_thread
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 CANDIDATES = (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 """Strengths that ``smoothness="auto"`` tries, weakest first."""
@@ -104,21 +107,10 @@ class Problem:
         strengths: Sequence[float],
         guess: FloatArray | None = None,
     ) -> FloatArray:
-        """Fit some of the samples, with a smoothness that is chosen among them alone.
+        """(n,) unknowns fitted to the samples ``kept`` (M,).
 
-        Parameters
-        ----------
-        kept : (M,) array of bool
-            Samples to be fitted.
-        strengths : sequence of float
-            Strengths to choose from, weakest first, by prediction of held-out segments.
-        guess : (n,) array, optional
-            Start of a fit with a single strength.
-
-        Returns
-        -------
-        (n,) array
-            The unknowns.
+        The strength is chosen from ``strengths``, weakest first, by prediction of held-out segments
+        of these samples. A fit with a single strength starts at ``guess`` (n,).
         """
         part = _System(self, kept.astype(np.float64))
         if len(strengths) == 1:
@@ -197,17 +189,13 @@ class _System:
 
     def __init__(self, problem: Problem, weight: FloatArray, whole: _System | None = None) -> None:
         counts = problem.matrix.counts
-        self.problem, self.share = problem, weight
+        self.problem, self.share, self._whole = problem, weight, whole
         self.weight = weight if counts is None else weight * counts
-        weight, spec = self.weight, problem.matrix.spec
-        used = problem.y[weight > 0]
+        spec, used = problem.matrix.spec, problem.y[self.weight > 0]
         self.shift = float(used.mean()) if spec.offset else 0.0
         self.unit = float(np.ptp(used)) or float(np.abs(used).max(initial=0.0)) or 1.0
         self.y = (problem.y - self.shift) / self.unit
-        self._whole = whole
-        self.bounded = np.full(spec.unknowns, not problem.signed)
-        if spec.offset:
-            self.bounded[spec.cells] = False
+        self.bounded = spec.bounded(problem.signed)
 
     @property
     def gram(self) -> GramRows:
@@ -225,17 +213,13 @@ class _System:
         if matrix.spec.cells > _LARGE and self.y.size <= _MANY:
             squares = matrix.column_squares(weight)[0]
             scale = _unit(squares)
-            compute, whole = partial(matrix.gram_rows, weight, scale), partial(self._gram, scale)
+            compute = partial(matrix.gram_rows, weight, scale)
+            whole = partial(_scaled, self._unscaled_gram, scale)
             return GramRows(squares * scale**2, compute, whole), scale
         gram = self._unscaled_gram()
         scale = _unit(gram.diagonal())
         scale_symmetric(gram, scale)
         return GramRows.of(gram), scale
-
-    def _gram(self, scale: FloatArray) -> FloatArray:
-        gram = self._unscaled_gram()
-        scale_symmetric(gram, scale)
-        return gram
 
     def _unscaled_gram(self) -> FloatArray:
         """Gram matrix; of many samples, that of all less that of the few left out."""
@@ -243,13 +227,12 @@ class _System:
         self.problem.say(f"summing {counted(self.y.size, 'sample')} over pairs of weights")
         if whole is None or self.weight.size <= _MANY:
             return matrix.gram(self.weight)
-        gram = whole.gram.all.copy()
-        scale_symmetric(gram, 1.0 / whole.scale)
+        gram = _scaled(whole.gram.all.copy, 1.0 / whole.scale)
         return np.asarray(gram - matrix.gram(whole.weight - self.weight))
 
     def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:
         """Fit with a smoothness, starting from a guess of the unknowns if there is one."""
-        matrix, spec = self.problem.matrix, self.problem.matrix.spec
+        spec = self.problem.matrix.spec
         self.problem.say(f"solving for {counted(spec.cells, 'weight')}, smoothness {strength:g}")
         if strength == 0:
             found = self._solve_sparse()
@@ -258,53 +241,33 @@ class _System:
             guess = found.x if np.isfinite(found.kkt) else guess
         if guess is None and spec.cells > _LARGE:
             guess = self._coarse_guess(strength)
-        gram, scale = self._normal
-        factor = strength * self.weight.sum() * spec.bands**2
-        penalty = self._penalty(factor) if strength else None
-
-        def hessian(z: FloatArray) -> FloatArray:
-            h = scale * matrix.adjoint(matrix.forward(scale * z) * self.weight)
-            if penalty is not None:
-                _kernels.multiply_symmetric(penalty.rows, penalty.columns, penalty.values, z, h)
-            return h
-
+        apart = penalty = None
+        if strength:
+            factor = np.sqrt(strength * self.weight.sum()) * spec.bands
+            apart = factor * neighbour_differences(spec)
+            scaled = apart.multiply(self.scale).tocsr()
+            penalty = (scaled.T @ scaled).tocsr()
+        rows = self._rows(apart)
         rough = self.problem.rough and spec.cells <= _LARGE
-        slope = self._slope if self.y.size > _MANY or rough else None
-
-        def gradient(z: FloatArray) -> FloatArray:
-            if slope is not None:
-                g = np.asarray(gram.all @ z - slope)
-            else:
-                residual = (matrix.forward(scale * z) - self.y) * self.weight
-                g = np.asarray(scale * matrix.adjoint(residual))
-            if penalty is not None:
-                _kernels.multiply_symmetric(penalty.rows, penalty.columns, penalty.values, z, g)
-            return g
-
-        whole = self._rows(factor)
-        size = float(np.linalg.norm(whole.target)) or 1.0
-        solution = active_set.solve(
-            gram,
-            gradient,
-            hessian,
+        if self.y.size > _MANY or rough:
+            slope = self.scale * self.problem.matrix.adjoint(self.y * self.weight)
+            cost, refined = Quadratic(self.gram, slope, penalty), None
+        else:
+            cost, refined = _OnSamples(self, penalty), rows
+        size = float(np.linalg.norm(rows.target)) or 1.0
+        solution = dense_solver.solve(
+            cost,
             self.bounded,
             size,
-            penalty=penalty,
             guess=None if guess is None else self._scaled(guess),
-            rows=whole if slope is None else None,
+            rows=refined,
             say=self.problem.say,
         )
         # Computed from the rows alone, without the rounding of the normal equations.
         z = solution.z
-        kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, size)
+        kkt = active_set.optimality(z, -rows.transpose(rows.residual(z)), self.bounded, size)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
-        return FittedUnknowns(self._unscaled(z, scale), kkt, strength, converged)
-
-    def _penalty(self, factor: float) -> active_set.Sparse:
-        """Scaled penalty of differences between neighbours."""
-        rows, columns, values = neighbour_penalty(self.problem.matrix.spec)
-        values = values * (factor * self.scale[rows] * self.scale[columns])
-        return active_set.Sparse(rows, columns, values)
+        return FittedUnknowns(self._unscaled(z, self.scale), kkt, strength, converged)
 
     def _solve_sparse(self) -> FittedUnknowns:
         """Fit without smoothness on the sparse system, if that is quicker and accurate enough.
@@ -326,16 +289,9 @@ class _System:
                     f"that the fit needs more than 8 GB; give at most {MOST_DENSE} levels"
                 )
             return unused
-
-        def gradient(z: FloatArray) -> FloatArray:
-            left = matrix.forward(scale * z) - self.y
-            return np.asarray(scale * matrix.adjoint(left * self.weight))
-
         size = float(np.linalg.norm(share * self.y)) or 1.0
         with one_thread():
-            found = interior_point.solve(
-                system, gradient, self.bounded, self.bounded & varying, size
-            )
+            found = active_set.solve_sparse(system, self.y, self.bounded, varying, size)
         x = self._unscaled(found.z, scale)
         left = float(np.linalg.norm(share * (matrix.forward(scale * found.z) - self.y)))
         determined = matrix.samples >= spec.unknowns
@@ -343,35 +299,24 @@ class _System:
             return replace(unused, x=x)
         return FittedUnknowns(x, found.kkt, 0.0, found.kkt <= active_set.ACCEPTABLE)
 
-    @cached_property
-    def _slope(self) -> FloatArray:
-        """Transpose of the scaled design times the outputs."""
-        return self.scale * self.problem.matrix.adjoint(self.y * self.weight)
-
-    def _rows(self, factor: float) -> Rows:
+    def _rows(self, apart: csr_array[Any] | None) -> Rows:
         """Rows of the problem: samples, then differences of neighbours if they are penalised."""
-        matrix, share = self.problem.matrix, np.sqrt(self.weight)
-        if not factor:
+        matrix, scale, share = self.problem.matrix, self.scale, np.sqrt(self.weight)
+        if apart is None:
             return Rows(
-                lambda z: share * matrix.forward(self.scale * z),
-                lambda r: self.scale * matrix.adjoint(share * r),
+                lambda z: share * matrix.forward(scale * z),
+                lambda r: scale * matrix.adjoint(share * r),
                 share * self.y,
             )
-        first, second, area = neighbours(matrix.spec)
-        samples, cells = self.y.size, matrix.spec.cells
-        one, other = (np.sqrt(factor) / area[k] for k in (first, second))
+        samples = self.y.size
 
         def apply(z: FloatArray) -> FloatArray:
-            x = self.scale * z
-            return np.append(share * matrix.forward(x), one * x[first] - other * x[second])
+            return np.append(share * matrix.forward(scale * z), apart @ (scale * z))
 
         def transpose(r: FloatArray) -> FloatArray:
-            out = matrix.adjoint(share * r[:samples])
-            out[:cells] += np.bincount(first, one * r[samples:], cells)
-            out[:cells] -= np.bincount(second, other * r[samples:], cells)
-            return self.scale * out
+            return np.asarray(scale * (matrix.adjoint(share * r[:samples]) + apart.T @ r[samples:]))
 
-        return Rows(apply, transpose, np.append(share * self.y, np.zeros(first.size)))
+        return Rows(apply, transpose, np.append(share * self.y, np.zeros(apart.shape[0])))
 
     def _coarse_guess(self, strength: float) -> FloatArray:
         """Solve on every other threshold, and divide each weight among the cells that it covers."""
@@ -400,34 +345,53 @@ class _System:
         return z / (self.scale * self.unit)
 
 
+class _OnSamples(Quadratic):
+    """Cost of a system, with gradients from the samples instead of their normal equations."""
+
+    def __init__(self, system: _System, penalty: csr_array[Any] | None) -> None:
+        super().__init__(system.gram, np.empty(0), penalty)
+        self.system = system
+
+    def gradient(self, z: FloatArray) -> FloatArray:
+        """As of `Quadratic`."""
+        return self._through_samples(z, self.system.y)
+
+    def product(self, z: FloatArray) -> FloatArray:
+        """As of `Quadratic`."""
+        return self._through_samples(z, 0.0)
+
+    def _through_samples(self, z: FloatArray, y: FloatArray | float) -> FloatArray:
+        matrix, scale = self.system.problem.matrix, self.system.scale
+        residual = (matrix.forward(scale * z) - y) * self.system.weight
+        return self._penalised(scale * matrix.adjoint(residual), z)
+
+
 def _unit(squares: FloatArray) -> FloatArray:
     """Factors that give columns of these squared lengths unit length."""
     return np.asarray(1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0)))
 
 
-def neighbours(spec: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
-    """Pairs of neighbouring cells, first and second, and the area of each cell."""
-    bands = spec.bands
-    i, j = np.tril_indices(bands)
-    number = np.full((bands, bands), -1)
-    number[i, j] = np.arange(i.size)
-    up = number[i[i + 1 < bands] + 1, j[i + 1 < bands]], number[i, j][i + 1 < bands]
-    right = number[i[j < i], j[j < i] + 1], number[i, j][j < i]
-    first = np.concatenate([up[0], right[0]])
-    second = np.concatenate([up[1], right[1]])
-    return first, second, np.where(i == j, 0.5, 1.0)
+def _scaled(compute: Callable[[], FloatArray], scale: FloatArray) -> FloatArray:
+    """Scaled rows and columns of a matrix."""
+    matrix = compute()
+    scale_symmetric(matrix, scale)
+    return matrix
 
 
-def neighbour_penalty(spec: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
-    """Lower triangle of the matrix of the roughness: rows, columns, values."""
-    first, second, area = neighbours(spec)
-    low, high = np.minimum(first, second), np.maximum(first, second)
-    rows = np.concatenate([low, high, high])
-    columns = np.concatenate([low, high, low])
-    values = np.concatenate(
-        [1 / area[low] ** 2, 1 / area[high] ** 2, -1 / (area[low] * area[high])]
-    )
-    return rows, columns, values
+def neighbour_differences(spec: PlaneSpec) -> csr_array[Any]:
+    """(P, n) sparse differences of the unknowns of neighbouring cells, over the area of each."""
+    from scipy.sparse import csr_array
+
+    i, j = np.tril_indices(spec.bands)
+    cell, area = np.arange(i.size), np.where(i == j, 0.5, 1.0)
+    up, right = i + 1 < spec.bands, j < i
+    # The cell above is one row further; the one to the right is the next.
+    first = np.append((cell + i + 1)[up], cell[right] + 1)
+    second = np.append(cell[up], cell[right])
+    values = np.append(1 / area[first], -1 / area[second])
+    pair = np.tile(np.arange(first.size), 2)
+    shape = first.size, spec.unknowns
+    return csr_array((values, (pair, np.append(first, second))), shape=shape)
 
 
 def _as_strength(smoothness: float) -> float:

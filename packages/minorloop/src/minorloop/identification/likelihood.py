@@ -13,16 +13,21 @@ Kennedy and O'Hagan, Bayesian calibration of computer models, JRSS B 63, 2001: t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, writable
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
-from minorloop.identification.gram_rows import mirror
+from minorloop.identification.linear_algebra import (
+    cholesky,
+    cholesky_inverse,
+    mirror,
+    triangular_solve,
+)
 from minorloop.identification.prior import Hyperparameters, PlanePrior
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import relay_outputs
@@ -40,10 +45,10 @@ power, as it factors a matrix of the cells."""
 _NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "nugget")
 LEARNT = len(_NAMES)
 """Number of hyperparameters that are learnt, without the noise."""
-_CENTRES = np.log([0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.3])
-_SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0, 2.0])
-"""Normal prior of the logarithms of the hyperparameters. Wide: a spread of 1 is a factor of e."""
-_NOISE_CENTRE, _NOISE_SPREAD = float(np.log(0.003)), 1.0
+_CENTRES = np.log([getattr(Hyperparameters(), name) for name in (*_NAMES, "noise")])
+_SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0, 2.0, 1.0])
+"""Normal prior of the logarithms of the hyperparameters, the noise last. Wide: a spread of 1 is a
+factor of e."""
 _HEAVY = np.array([False] * LEARNT + [True])
 """Which of them have the tail of a t distribution: the noise only."""
 _DEGREES_OF_FREEDOM = 3.0
@@ -58,7 +63,7 @@ another one begins where the last ended: after a poor first step a search may st
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(ABC):
     """Scaled measurements, in the form that the likelihood needs."""
 
     spec: PlaneSpec
@@ -67,31 +72,53 @@ class Evidence:
     """Number of measurements."""
     square: float
     """Sum of their squares."""
-    rows: FloatArray | None = None
-    y: FloatArray | None = None
-    shares: FloatArray | None = None
-    """``rows``, ``y`` and ``shares``: (M, n), (M,) and (M,) arrays. Of few measurements:
-    regressors, outputs, and the variance of each over that of the discrepancy, rotated so that
-    discrepancies are independent."""
-    gram: FloatArray | None = None
-    slope: FloatArray | None = None
-    """``gram`` and ``slope``: shape (n, n) and (n,). Of many measurements, whose discrepancy is
-    independent: A'A and A'y."""
+
+    @abstractmethod
+    def information(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float, float]:
+        """A'R^-1 A, A'R^-1 y, y'R^-1 y and the logarithm of the determinant of R."""
+
+
+@dataclass(frozen=True, eq=False)
+class FewOutputs(Evidence):
+    """Few measurements (M,), rotated so that discrepancies are independent."""
+
+    rows: FloatArray
+    y: FloatArray
+    shares: FloatArray
+    """``rows``, ``y`` and ``shares``: (M, n), (M,) and (M,) arrays. Regressors, outputs, and the
+    variance of each over that of the discrepancy."""
 
     @classmethod
-    def of_few(
-        cls, spec: PlaneSpec, y: FloatArray, dense: tuple[FloatArray, FloatArray]
-    ) -> Evidence:
+    def of(cls, spec: PlaneSpec, y: FloatArray, dense: tuple[FloatArray, FloatArray]) -> FewOutputs:
         """Evidence of outputs (M,) with the regressors and features that `regressors` gives."""
         shares, axes = np.linalg.eigh(_correlated(dense[1]))
         shares = np.maximum(shares, 0.0) + 1 - CORRELATED_SHARE
-        square = float(y @ y)
-        return cls(spec, y.size, square, axes.T @ dense[0], axes.T @ y, shares)
+        return cls(spec, y.size, float(y @ y), axes.T @ dense[0], axes.T @ y, shares)
+
+    def information(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float, float]:
+        """As of `Evidence`."""
+        variance = self.variances(h)
+        white = self.rows / variance[:, None]
+        square = float(self.y @ (self.y / variance))
+        return white.T @ self.rows, white.T @ self.y, square, float(np.log(variance).sum())
+
+    def variances(self, h: Hyperparameters) -> FloatArray:
+        """(M,) variances of the measurements: discrepancy and noise."""
+        return h.discrepancy**2 * self.shares + h.noise**2
+
+
+@dataclass(frozen=True, eq=False)
+class ManyOutputs(Evidence):
+    """Many measurements, whose discrepancy is independent."""
+
+    gram: FloatArray
+    slope: FloatArray
+    """``gram`` and ``slope``: shape (n, n) and (n,). A'A and A'y."""
 
     @classmethod
-    def of_many(
+    def of(
         cls, matrix: DesignMatrix, y: FloatArray, weight: FloatArray, within: float = 0.0
-    ) -> Evidence:
+    ) -> ManyOutputs:
         """Evidence of outputs (M,), each with a weight (M,).
 
         ``within`` is the mean square of the samples about those that stand for them.
@@ -99,25 +126,13 @@ class Evidence:
         gram, count = matrix.gram(weight), float(weight.sum())
         mirror(gram)
         square = float(weight @ y**2) + within * count
-        return cls(matrix.spec, count, square, gram=gram, slope=matrix.adjoint(weight * y))
+        return cls(matrix.spec, count, square, gram, matrix.adjoint(weight * y))
 
     def information(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float, float]:
-        """A'R^-1 A, A'R^-1 y, y'R^-1 y and the logarithm of the determinant of R."""
-        if self.rows is None or self.y is None:
-            assert self.gram is not None
-            assert self.slope is not None
-            own = h.noise**2 + h.discrepancy**2
-            logarithm = self.count * float(np.log(own))
-            return self.gram / own, self.slope / own, self.square / own, logarithm
-        variance = self.variances(h)
-        white = self.rows / variance[:, None]
-        square = float(self.y @ (self.y / variance))
-        return white.T @ self.rows, white.T @ self.y, square, float(np.log(variance).sum())
-
-    def variances(self, h: Hyperparameters) -> FloatArray:
-        """(M,) variances of few measurements: discrepancy and noise."""
-        assert self.shares is not None
-        return h.discrepancy**2 * self.shares + h.noise**2
+        """As of `Evidence`."""
+        own = h.variance
+        logarithm = self.count * float(np.log(own))
+        return self.gram / own, self.slope / own, self.square / own, logarithm
 
 
 def regressors(
@@ -167,9 +182,8 @@ def search(
     """
     from scipy.optimize import minimize
 
-    centres, spreads = _CENTRES, _SPREADS
-    if noise is None:
-        centres, spreads = np.append(centres, _NOISE_CENTRE), np.append(spreads, _NOISE_SPREAD)
+    count = LEARNT + (noise is None)
+    centres, spreads = _CENTRES[:count], _SPREADS[:count]
     plane = PlanePrior(evidence.spec)
 
     def cost(theta: FloatArray) -> tuple[float, FloatArray]:
@@ -177,7 +191,7 @@ def search(
         value, slopes = likelihood(plane, evidence, _as_hyper(theta, noise))
         return penalty - value, steepness / spreads - slopes[: theta.size]
 
-    furthest = np.where(_HEAVY[: centres.size], _FURTHEST_HEAVY, _FURTHEST) * spreads
+    furthest = np.where(_HEAVY[:count], _FURTHEST_HEAVY, _FURTHEST) * spreads
     bounds = list(zip(centres - furthest, centres + furthest, strict=True))
     options: Any = {"maxiter": _ITERATIONS, "ftol": 1e-7}
 
@@ -195,10 +209,10 @@ def search(
 
     answer = best_from(centres if guess is None else _as_theta(guess, noise))
     found = _as_hyper(answer.x, noise)
-    if noise is None and evidence.rows is not None and found.noise < found.discrepancy:
-        usual = float(np.exp(_CENTRES[_NAMES.index("discrepancy")]))
+    few = isinstance(evidence, FewOutputs)
+    if noise is None and few and found.noise < found.discrepancy:
         all_noise = float(np.hypot(found.noise, found.discrepancy))
-        white = replace(found, discrepancy=usual, noise=all_noise)
+        white = replace(found, discrepancy=Hyperparameters().discrepancy, noise=all_noise)
         answer = min(answer, best_from(_as_theta(white, noise)), key=lambda one: float(one.fun))
     return _as_hyper(answer.x, noise)
 
@@ -231,22 +245,20 @@ def likelihood(
     Rasmussen and Williams 2006, eq. 5.9. With C the covariance of the outputs and W = C^-1 y y'
     C^-1 - C^-1, a derivative is half the sum of W times that of C.
     """
-    if evidence.rows is not None and len(evidence.rows) <= evidence.spec.unknowns:
+    if isinstance(evidence, FewOutputs) and len(evidence.rows) <= evidence.spec.unknowns:
         return _by_outputs(plane, evidence, h)
     return _by_unknowns(plane, evidence, h)
 
 
-def likelihood_of_few(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> float:
+def likelihood_of_few(plane: PlanePrior, evidence: FewOutputs, h: Hyperparameters) -> float:
     """Logarithm of the marginal likelihood of few measurements, without derivatives."""
     outer = _outputs_factor(plane, evidence, h)
-    assert evidence.y is not None
     half = triangular_solve(outer, evidence.y)
     return -0.5 * float(half @ half) - float(np.log(outer.diagonal()).sum())
 
 
-def _outputs_factor(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> FloatArray:
+def _outputs_factor(plane: PlanePrior, evidence: FewOutputs, h: Hyperparameters) -> FloatArray:
     """(M, M) Cholesky factor of the covariance of few outputs."""
-    assert evidence.rows is not None
     rows = evidence.rows * plane.scale(h)
     covariance = rows @ plane.covariance(h) @ rows.T
     covariance[np.diag_indices(len(rows))] += evidence.variances(h)
@@ -254,12 +266,9 @@ def _outputs_factor(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -
 
 
 def _by_outputs(
-    plane: PlanePrior, evidence: Evidence, h: Hyperparameters
+    plane: PlanePrior, evidence: FewOutputs, h: Hyperparameters
 ) -> tuple[float, FloatArray]:
     """Likelihood through the (M, M) covariance of the outputs."""
-    assert evidence.rows is not None
-    assert evidence.y is not None
-    assert evidence.shares is not None
     y, outer = evidence.y, _outputs_factor(plane, evidence, h)
     inverse = cholesky_inverse(outer)
     solved = inverse @ y
@@ -291,55 +300,19 @@ def _by_unknowns(
     left = slope - half.T @ part
     slopes = np.append(plane.slopes(h, np.outer(left, left) - gram + half.T @ half), 0.0)
     mean = root @ triangular_solve(inner, part, transposed=True)
-    if evidence.rows is None or evidence.y is None or evidence.shares is None:
-        error = square - 2 * float(mean @ slope) + float(mean @ gram @ mean)
-        determined = inner.shape[0] - float(np.trace(cholesky_inverse(inner)))
-        by_noise = (error - evidence.count + determined) / (h.noise**2 + h.discrepancy**2)
-        by_discrepancy = by_noise
-    else:
+    if isinstance(evidence, FewOutputs):
         variance = evidence.variances(h)
         spread = triangular_solve(inner, (evidence.rows @ root).T)
         left = (evidence.y - evidence.rows @ mean) / variance
         weight = left**2 - (1 - np.einsum("nm,nm->m", spread, spread) / variance) / variance
         by_discrepancy, by_noise = float(evidence.shares @ weight), float(weight.sum())
+    else:
+        error = square - 2 * float(mean @ slope) + float(mean @ gram @ mean)
+        determined = inner.shape[0] - float(np.trace(cholesky_inverse(inner)))
+        by_discrepancy = by_noise = (error - evidence.count + determined) / h.variance
     slopes[5] = 2 * h.discrepancy**2 * by_discrepancy
     slopes[7] = 2 * h.noise**2 * by_noise
     return value, 0.5 * slopes
-
-
-def triangular_solve(
-    lower: npt.NDArray[Any], right: npt.NDArray[Any], transposed: bool = False
-) -> FloatArray:
-    """Solution with a lower triangular matrix, or with its transpose."""
-    from scipy.linalg import solve_triangular
-
-    found = solve_triangular(
-        lower, right, lower=True, check_finite=False, trans="T" if transposed else "N"
-    )
-    return np.asarray(found)
-
-
-def triangular_inverse(lower: FloatArray) -> FloatArray:
-    """Inverse of a lower triangular matrix."""
-    from scipy.linalg import lapack
-
-    # The lower triangle in C order is the upper one in Fortran order.
-    return np.asarray(lapack.dtrtri(lower.T, lower=0)[0].T)
-
-
-def cholesky(matrix: FloatArray) -> FloatArray:
-    """Lower triangular factor of a positive definite matrix."""
-    return np.asarray(np.linalg.cholesky(matrix))
-
-
-def cholesky_inverse(root: FloatArray) -> FloatArray:
-    """Inverse of the matrix that has this Cholesky factor."""
-    from scipy.linalg import lapack
-
-    # The lower triangle in C order is the upper one in Fortran order.
-    inverse = np.asarray(lapack.dpotri(root.T, lower=0)[0].T)
-    mirror(inverse)
-    return inverse
 
 
 def _as_hyper(theta: FloatArray, noise: float | None) -> Hyperparameters:

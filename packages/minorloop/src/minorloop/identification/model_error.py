@@ -25,12 +25,10 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray, uniform_levels
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
-from minorloop.identification.fitting import Regression
-from minorloop.identification.likelihood import Evidence
-from minorloop.identification.posterior import Posterior
+from minorloop.identification.likelihood import ManyOutputs
+from minorloop.identification.posterior import DenseSystem, Posterior
 from minorloop.identification.prior import PlanePrior
-from minorloop.identification.prior_fit import on_finer_plane, scale_outputs
-from minorloop.identification.prior_system import dense_system
+from minorloop.identification.prior_fit import Regression, on_finer_plane, scale_outputs
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
@@ -243,8 +241,8 @@ def _left_out(
     with one_thread():
         for k in np.unique(part):
             left = part == k
-            evidence = Evidence.of_many(matrix, scaled, weight * ~left)
-            system = dense_system(plane, evidence, h, signed)
+            evidence = ManyOutputs.of(matrix, scaled, weight * ~left)
+            system = DenseSystem(evidence, plane, h, signed)
             x, _ = system.bounded()
             square[left] = unit**2 * ((matrix.forward(x) - scaled)[left] ** 2)
             wanted = np.zeros(regression.inputs.size, dtype=np.bool_)

@@ -22,7 +22,7 @@ from minorloop.identification.fit import Say, silent
 from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import mean_period
 from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLevels
-from minorloop.identification.regularisation import Prior
+from minorloop.identification.prior import Prior
 from minorloop.identification.simulation_error import (
     OscillatorRecord,
     fit,

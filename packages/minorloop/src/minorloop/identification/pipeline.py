@@ -9,7 +9,7 @@ import numpy.typing as npt
 from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.identification.fit import Plane, Say, silent
 from minorloop.identification.plane_result import Identification
-from minorloop.identification.regularisation import Gaussian, Prior, Smooth, prior_of
+from minorloop.identification.prior import Gaussian, Prior, Smooth, prior_of
 from minorloop.lab.records import Record
 
 Found = TypeVar("Found", covariant=True)

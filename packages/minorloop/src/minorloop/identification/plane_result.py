@@ -19,13 +19,12 @@ from minorloop.identification.baseline import delayed, nrmse, percent, polynomia
 from minorloop.identification.choosing import Choice
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.design_matrix import DesignMatrix
-from minorloop.identification.fitting import Regression
 from minorloop.identification.jumps import Jump
 from minorloop.identification.leave_out import FEWEST_GROUPS, folds
 from minorloop.identification.model_error import FEWEST, ModelError, contiguous_parts, learn
-from minorloop.identification.plain_posterior import plain_posterior
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.preparation import RecordAdvice
+from minorloop.identification.prior_fit import Regression, plain_posterior
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.result import (
     ERRORS,

@@ -1,27 +1,112 @@
-"""A Gaussian prior on the weights of a Preisach plane.
+"""Priors of an identification: what is assumed of a plane before the record.
 
-Before anything is measured, weights of neighbouring cells are correlated and decay with the
-distance from the diagonal. How strongly they do is learnt from the measurements (`likelihood`). The
-sum of all weights is about the range of the output, whatever the number of cells.
+Under the Gaussian prior, weights of neighbouring cells are correlated and decay with the distance
+from the diagonal. How strongly they do is learnt from the measurements (`likelihood`). The sum of
+all weights is about the range of the output, whatever the number of cells. All quantities are
+scaled: inputs from 0 to 1 over the levels, outputs to a range of 1.
 
-All quantities are scaled: inputs from 0 to 1 over the levels, outputs to a range of 1.
+The covariance is dense. Its precision is made sparse by a field on the vertices of a coarse mesh,
+which has the covariance of the correlated part there, and from which that part is interpolated. The
+variance that interpolation loses is added to the independent part, so that the variance of each
+weight is the same. Given the field, the weights are independent: the precision of weights and field
+together is sparse but for the small block of the field.
 
 References
 ----------
 Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 4.2.1: the Matern
-kernels.
+kernels. Lindgren, Rue and Lindstrom, An explicit link between Gaussian fields and Gaussian Markov
+random fields, JRSS B 73, 2011: fields interpolated on a mesh. Snelson and Ghahramani, Sparse
+Gaussian processes using pseudo-inputs, NIPS 18, 2006: the variance added.
 """
 
+from __future__ import annotations
+
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
-from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.arrays import FloatArray, IntArray, check_option
+from minorloop.errors import ParameterError
+from minorloop.identification.design_matrix import PlaneSpec, corners
 from minorloop.operators.plane import cell_areas, swing
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Mean: TypeAlias = Literal["zero", "ridge"]
 
 LEVEL_VARIANCE = 4.0
 """Prior variance of offset and slope, in squared ranges of the output: twice the range."""
+MESH_BANDS = 20
+"""Most bands of the mesh."""
+_JITTER = 1e-6
+"""Variance added to the field, so that its covariance has an inverse."""
+_LEAST_DEVIATION = 1e-7
+"""Least prior standard deviation of a weight, in ranges of the output."""
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """A Gaussian prior, under which weights of neighbouring cells are correlated.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such mean.
+    """
+
+    mean: Mean = "zero"
+    """Mean of the prior. ``"ridge"``: a parametric ridge fitted to the record, of the kind of
+    greatest marginal likelihood, or zero if none is more likely; about it the weights vary. It
+    helps where the record leaves much of the plane open, such as one major loop."""
+
+    def __post_init__(self) -> None:
+        check_option("mean", self.mean, get_args(Mean))
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A penalty on differences between neighbouring cells."""
+
+    strength: float | Literal["auto"] = "auto"
+    """Defined in `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` chooses by
+    prediction of contiguous segments held out of the fitted samples."""
+
+
+Prior: TypeAlias = Literal["auto"] | Gaussian | Smooth
+"""``"auto"``: `Gaussian`, except where the output jumps, where the samples determine a plane that
+reproduces them to rounding, for more than 300 bands, or where the input reverses so often that a
+plane of more than 64 levels would need large dense matrices; for 51 to 64 levels and such an input,
+only for fewer than three samples per unknown or where more than a tenth of the cells is not
+excited."""
+
+
+def prior_of(
+    prior: str = "auto", smoothness: float | Literal["auto"] = "auto", mean: Mean = "zero"
+) -> Prior:
+    """Return the prior that options of front ends say: "auto", "gaussian" or "none", and a mean.
+
+    ``smoothness`` is the strength of `Smooth`. Raises a `ParameterError` if there is no such prior,
+    or options contradict each other.
+    """
+    check_option("prior", prior, ("auto", "gaussian", "none"))
+    plain = prior == "none" or smoothness != "auto"
+    if mean != "zero" and plain:
+        other = 'prior "none"' if prior == "none" else f"smoothness {smoothness!r}"
+        raise ParameterError(
+            f"mean is {mean!r}, the mean of a prior, and there is none with {other}; "
+            "leave one of them out"
+        )
+    if prior == "gaussian" and smoothness != "auto":
+        raise ParameterError(
+            f'smoothness is {smoothness!r} and prior is "gaussian"; give one of them'
+        )
+    if plain:
+        return Smooth(smoothness)
+    return Gaussian(mean) if prior == "gaussian" or mean != "zero" else "auto"
 
 
 @dataclass(frozen=True)
@@ -45,28 +130,24 @@ class Hyperparameters:
     noise: float = 0.003
     """Standard deviation of a measured output."""
 
+    @property
+    def variance(self) -> float:
+        """Variance of a measured output, where the discrepancy is independent."""
+        return self.noise**2 + self.discrepancy**2
+
 
 class PlanePrior:
-    """Prior covariance of the unknowns of a plane, for any hyperparameters.
+    """Prior of the unknowns (n,) of a plane, for any hyperparameters: K packed weights, and levels.
 
-    Parameters
-    ----------
-    spec : PlaneSpec
-        The unknowns, (n,): K packed weights, offset, slope.
-    least : (K,) array, optional
-        Least standard deviations of the irreversible weights, in ranges of the output.
-    independent : (K,) array, optional
-        Variances of the independent parts of the weights, over those of the nugget; 1 if not given.
+    ``least`` (K,) are the least standard deviations of the irreversible weights, in ranges of the
+    output, or None. ``independent`` (K,) are the variances of the independent parts of the weights,
+    over those of the nugget. The ``mesh`` has at most so many ``bands``.
     """
 
-    def __init__(
-        self,
-        spec: PlaneSpec,
-        least: FloatArray | None = None,
-        independent: FloatArray | None = None,
-    ) -> None:
-        self.spec, self.least = spec, least
-        self.independent = np.ones(spec.cells) if independent is None else independent
+    def __init__(self, spec: PlaneSpec, bands: int = MESH_BANDS) -> None:
+        self.spec, self._bands = spec, bands
+        self.least: FloatArray | None = None
+        self.independent = np.ones(spec.cells)
         self.grid = (spec.levels - spec.levels[0]) / (spec.levels[-1] - spec.levels[0])
         middle, width = (self.grid[1:] + self.grid[:-1]) / 2, np.diff(self.grid)
         i, j = np.tril_indices(spec.bands)
@@ -80,9 +161,24 @@ class PlanePrior:
         self._none = np.zeros(spec.bands)
         self._correlations: dict[tuple[float, float], FloatArray] = {}
 
+    def varied(
+        self, least: FloatArray | None = None, independent: FloatArray | None = None
+    ) -> PlanePrior:
+        """Return the prior with other least deviations, or variances of the independent parts."""
+        other = copy(self)
+        other.least = least
+        other.independent = self.independent if independent is None else independent
+        return other
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Mesh of the field."""
+        return Mesh(self, self._bands)
+
     def deviations(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray]:
         """(K,) standard deviations of the irreversible weights, and (L,) of the reversible ones."""
-        bulk = self._unit * self._bulk(h)
+        decay = np.exp(-self.across / h.decay) * self.area
+        bulk = np.asarray(self._unit * np.asarray(h.bulk * decay / decay.sum()))
         if self.least is not None:
             bulk = np.maximum(bulk, self.least)
         return bulk, self._unit * h.reversible * self._width
@@ -128,12 +224,7 @@ class PlanePrior:
     def slopes(self, h: Hyperparameters, weight: FloatArray) -> FloatArray:
         """(7,) derivatives of the sum of weighted covariances by the logs of the hyperparameters.
 
-        Parameters
-        ----------
-        h : Hyperparameters
-            Where to differentiate.
-        weight : (n, n) array
-            Symmetric; of the covariance of the unknowns, in their unit.
+        ``weight`` (n, n) is symmetric, of the covariance of the unknowns in their unit.
         """
         cells = self.spec.cells
         bulk, reversible = self.deviations(h)
@@ -156,6 +247,28 @@ class PlanePrior:
         by_bulk = 2 * float(each.sum())
         return np.array([by_decay, along, across, by_bulk, by_reversible, 0.0, nugget + own])
 
+    def precision(self, h: Hyperparameters, variance: float) -> FieldPrecision:
+        """Precision of unknowns and field, times the variance of a measured output."""
+        from scipy.sparse import csr_array
+
+        mesh, field = self.mesh, self.mesh.field(h)
+        bulk, reversible = self.deviations(h)
+        loose = self.nugget_variances(h) + bulk**2 * (1.0 - field.bulk_kept)
+        loose[self.diagonal] += reversible**2 * (1.0 - field.reversible_kept)
+        given = variance / np.maximum(loose, _LEAST_DEVIATION**2)
+        factor = np.append(bulk[:, None] * mesh.share, reversible[:, None] * mesh.part)
+        shape = self.spec.cells, mesh.unknowns
+        factors = csr_array((factor, (mesh.cell, mesh.value)), shape=shape)
+        own = np.append(given, variance / self.level_deviations**2)
+        block = csr_array(factors.T @ factors.multiply(given[:, None]))
+        return FieldPrecision(
+            own,
+            factors,
+            variance * field.precision + block.toarray(),
+            -(factor * given[mesh.cell])[mesh.link] * mesh.sign,
+            float(np.log(own).sum()) + mesh.unknowns * float(np.log(variance)) + field.logarithm,
+        )
+
     def _reversible_correlation(self, h: Hyperparameters) -> FloatArray:
         """(L, L) correlation of the reversible weights."""
         return matern(self.middle, self._none, h.along, 1.0)
@@ -168,21 +281,11 @@ class PlanePrior:
             self._correlations[along, across] = matern(self.along, self.across, along, across)
         return self._correlations[along, across]
 
-    def _bulk(self, h: Hyperparameters) -> FloatArray:
-        """(K,) standard deviations of the irreversible weights of bipolar relays."""
-        decay = np.exp(-self.across / h.decay) * self.area
-        return np.asarray(h.bulk * decay / decay.sum())
-
 
 def matern(x: FloatArray, y: FloatArray, at_x: float, at_y: float) -> FloatArray:
-    """(K, K) products of two Matern kernels of order 3/2 between points (K,).
+    """(K, K) products of two Matern kernels of order 3/2 between points of coordinates x, y (K,).
 
-    Parameters
-    ----------
-    x, y : (K,) arrays
-        Coordinates of the points.
-    at_x, at_y : float
-        Correlation lengths.
+    ``at_x`` and ``at_y`` are the correlation lengths.
     """
     a, b = _distances(x, at_x), _distances(y, at_y)
     out = (1.0 + a) * (1.0 + b)
@@ -200,3 +303,144 @@ def _length_slope(x: FloatArray, length: float, weighted: FloatArray) -> float:
     """Derivative of a sum of weighted kernels (K, K) with respect to the logarithm of a length."""
     distances = _distances(x, length)
     return float(np.sum(weighted * distances**2 / (1.0 + distances)))
+
+
+@dataclass(frozen=True, eq=False)
+class FieldPrecision:
+    """Precision of the unknowns (n,) of a plane and of the field (m,)."""
+
+    own: FloatArray
+    """Shape (n,). Diagonal of the unknowns, given the field."""
+    factors: csr_array[Any]
+    """(K, m) sparse array. Weights that the field gives."""
+    field: FloatArray
+    """Shape (m, m). Block of the field."""
+    links: FloatArray
+    """Shape (E,). Entries between field and Everett nodes, at the ``places`` of the `Mesh` without
+    the block of the field."""
+    logarithm: float
+    """Logarithm of the determinant of the precision of unknowns and field."""
+
+    def product(self, x: FloatArray) -> FloatArray:
+        """(n,) product of the precision of the unknowns alone with ``x``."""
+        cells = self.factors.shape[0]
+        out = self.own * x
+        out[:cells] = self.own[:cells] * self.apart(x)
+        return out
+
+    def apart(self, x: FloatArray) -> FloatArray:
+        """(K,) weights of unknowns ``x`` less those of the field that is most likely with them."""
+        from scipy.linalg import cho_solve
+
+        cells = self.factors.shape[0]
+        field = cho_solve(self._root, self.factors.T @ (self.own * x)[:cells])
+        return np.asarray(x[:cells] - self.factors @ field)
+
+    @cached_property
+    def _root(self) -> tuple[FloatArray, bool]:
+        from scipy.linalg import cho_factor
+
+        return cho_factor(self.field, check_finite=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """What depends on the correlation lengths alone.
+
+    ``precision`` (m, m) of the field, the logarithm of its determinant, and the variances ``kept``
+    by the interpolation to each link of a cell.
+    """
+
+    lengths: tuple[float, float]
+    precision: FloatArray
+    logarithm: float
+    bulk_kept: FloatArray
+    reversible_kept: FloatArray
+
+
+class Mesh:
+    """Coarse mesh over a plane, on which the field (m,) has its values.
+
+    One is at each vertex, for the irreversible weights, and one at each threshold of the mesh, for
+    the reversible ones. ``places`` (2, E) are rows and columns of the entries of the precision that
+    concern the field: Everett nodes are numbered from 0, values of the field from K. ``link_cells``
+    are the cells of the entries between the two.
+    """
+
+    def __init__(self, plane: PlanePrior, bands: int) -> None:
+        cells, grid = plane.spec.cells, plane.grid
+        ends = np.linspace(0, grid.size - 1, min(bands, grid.size - 1) + 1)
+        mesh = np.interp(ends, np.arange(grid.size), grid)
+        first, second = np.tril_indices(mesh.size)
+        self.thresholds = mesh
+        self.along, self.across = (mesh[first] + mesh[second]) / 2, mesh[first] - mesh[second]
+        self.unknowns = first.size + mesh.size
+        half = plane.across / 2
+        self._vertex, self.share = _in_triangle(mesh, plane.along + half, plane.along - half)
+        self._threshold, self.part = _in_interval(mesh, plane.middle)
+        self.cell = np.append(np.repeat(np.arange(cells), 4), np.repeat(plane.diagonal, 2))
+        self.value = np.append(self._vertex, first.size + self._threshold)
+        linked = []
+        for node, sign, there in corners(plane.spec.bands):
+            link = np.flatnonzero(there[self.cell])
+            linked.append((link, node[self.cell[link]], np.full(link.size, sign)))
+        self.link, node, self.sign = (np.concatenate(part) for part in zip(*linked, strict=True))
+        self.link_cells: IntArray = self.cell[self.link]
+        block = np.tril_indices(self.unknowns)
+        rows = np.append(self.value[self.link], block[0])
+        self.places: IntArray = np.vstack([cells + rows, np.append(node, cells + block[1])])
+        self._field: _Field | None = None
+
+    def field(self, h: Hyperparameters) -> _Field:
+        """Return the field for the correlation lengths, kept while others change."""
+        lengths = h.along, h.across
+        if self._field is None or self._field.lengths != lengths:
+            vertices = self.along.size
+            bulk = matern(self.along, self.across, *lengths)
+            reversible = matern(self.thresholds, np.zeros_like(self.thresholds), h.along, 1.0)
+            covariance = np.zeros((self.unknowns, self.unknowns))
+            covariance[:vertices, :vertices] = bulk + 1.0
+            covariance[vertices:, vertices:] = reversible + 1.0
+            covariance[np.diag_indices(self.unknowns)] += _JITTER
+            self._field = _Field(
+                lengths,
+                np.linalg.inv(covariance),
+                -float(np.linalg.slogdet(covariance)[1]),
+                _kept(bulk, self._vertex, self.share),
+                _kept(reversible, self._threshold, self.part),
+            )
+        return self._field
+
+
+def _kept(covariance: FloatArray, place: IntArray, share: FloatArray) -> FloatArray:
+    """(P,) variances of values interpolated from places (P, k) with these shares."""
+    around = covariance[place[:, :, None], place[:, None, :]]
+    return np.asarray(np.einsum("pa,pab,pb->p", share, around, share))
+
+
+def _in_interval(mesh: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
+    """(P, 2) ends of the interval of the mesh (m,) around each point, and their shares."""
+    lower = np.clip(np.searchsorted(mesh, x, side="right") - 1, 0, mesh.size - 2)
+    part = (x - mesh[lower]) / (mesh[lower + 1] - mesh[lower])
+    return np.column_stack([lower, lower + 1]), np.column_stack([1 - part, part])
+
+
+def _in_triangle(
+    mesh: FloatArray, alpha: FloatArray, beta: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """(P, 4) vertices around each point of the plane, and their shares.
+
+    Interpolation is bilinear in a square of the mesh, and linear in a triangle of its diagonal.
+    """
+    (a, p), (b, q) = (_in_interval(mesh, x) for x in (alpha, beta))
+    up, right = p[:, 1], q[:, 1]
+    square = a[:, 0] > b[:, 0]
+    shares = np.column_stack([
+        np.where(square, (1 - up) * (1 - right), 1 - up),
+        np.where(square, up * (1 - right), up - right),
+        np.where(square, (1 - up) * right, 0.0),
+        np.where(square, up * right, right),
+    ])  # fmt: skip
+    i, j = a[:, [0, 1, 0, 1]], b[:, [0, 0, 1, 1]]
+    j = np.minimum(i, j)
+    return i * (i + 1) // 2 + j, shares

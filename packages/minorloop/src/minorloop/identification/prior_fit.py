@@ -2,42 +2,51 @@
 
 The cost is (y - A x)' R^-1 (y - A x) + (x - m)' S^-1 (x - m), with weights x that are not negative,
 regressors A, prior mean m (zero, or a ridge) and covariance S, and covariance R of discrepancy plus
-noise. Few samples are fitted on dense
-matrices, with a correlated discrepancy; many on the sparse system of `everett_system` where the
-branches of the record are long, and on dense normal equations otherwise.
+noise. Few samples have a correlated discrepancy, and are fitted on dense matrices.
+
+With a normal distribution of the independent part of the weights, single large weights are drawn
+towards zero, and the small ones take over what is missing. With a t distribution of one degree of
+freedom they are not. It is a normal distribution whose variance is drawn anew for each weight; the
+variances are found by variational Bayes, in which the posterior stays normal. Which of the two
+distributions is used, the marginal likelihood decides.
+
+References
+----------
+Tipping and Lawrence, Variational inference for Student-t models, Neurocomputing 69, 2005. Bishop,
+Pattern Recognition and Machine Learning, 2006, section 10.1: the bound on the likelihood.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
-from minorloop.identification.heavy_tails import ROUGH, independent_variances
+from minorloop.identification.least_squares import reproduces
 from minorloop.identification.likelihood import (
     MOST_SEARCH_BANDS,
-    Evidence,
-    cholesky,
-    cholesky_inverse,
+    FewOutputs,
+    ManyOutputs,
     disturbance,
     likelihood_of_few,
     regressors,
     search,
 )
-from minorloop.identification.posterior import Posterior
-from minorloop.identification.prior import Hyperparameters, PlanePrior
-from minorloop.identification.prior_system import (
+from minorloop.identification.linear_algebra import cholesky, cholesky_inverse
+from minorloop.identification.posterior import (
     MOST_DENSE_CELLS,
+    DenseSystem,
+    Posterior,
     PriorSystem,
-    dense_system,
-    systems,
+    system_of_many,
 )
-from minorloop.operators.memory import Start
+from minorloop.identification.prior import Hyperparameters, PlanePrior
 from minorloop.threads import one_thread
-
-System = TypeVar("System", bound=PriorSystem)
 
 MOST_CORRELATED = 100
 """Samples up to which the discrepancy is correlated. Along the branches of a longer record, a
@@ -56,6 +65,70 @@ _SQUARES, _REACHED = 8, 0.1
 count; and share of a square that the record must have switched."""
 _LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 6, 0.5
 """Least nugget, most steps of the search for it, and tolerance of its logarithm."""
+_ROUGH = 0.1
+"""Nugget from which the distribution of the independent part matters."""
+_ROUNDS = 8
+"""Rounds of the variances; later ones change outputs by less than their error."""
+_LEAST_SQUARE = 1e-12
+"""Least squared weight, over its prior variance."""
+_MOST_PLAIN_BANDS = 50
+"""Bands of the plane at most, for bands without the prior; the outputs hardly depend on what is
+finer."""
+_OVERFIT = 0.5
+"""Share of the samples from which so many determined unknowns leave no reliable residuals."""
+_LEAST_FREE = 1.0
+"""Samples beyond the determined unknowns from which an exact fit shows that there is no noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Outputs ``y`` (M,) of the samples ``rows`` (M,), and their regressors.
+
+    In a condensed record, each output stands for several samples, one of which is in ``rows``.
+
+    ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
+    the outputs about the condensed ones. ``noise`` is the standard deviation of a sample, where it
+    is known.
+    """
+
+    matrix: DesignMatrix
+    y: FloatArray
+    rows: IntArray
+    inputs: FloatArray
+    measured: BoolArray
+    within: float = 0.0
+    noise: float | None = None
+
+    def squared_error(self, x: FloatArray) -> float:
+        """Sum of squared errors, without that within condensed samples."""
+        return float(self.weight @ (self.matrix.forward(x) - self.y) ** 2)
+
+    @property
+    def weight(self) -> FloatArray:
+        """(M,) number of samples that each output stands for, or weight."""
+        counts = self.matrix.counts
+        return np.ones(self.y.size) if counts is None else counts
+
+    @cached_property
+    def few(self) -> tuple[FloatArray, FloatArray] | None:
+        """Regressors and features of few samples, whose discrepancy is correlated; or None."""
+        spec, samples = self.matrix.spec, self.rows.size
+        correlated = samples <= MOST_CORRELATED and spec.cells <= MOST_DENSE_CELLS
+        if self.matrix.counts is not None or not correlated:
+            return None
+        return regressors(spec, self.inputs, self.measured, self.matrix.start)
+
+    @cached_property
+    def coarse(self) -> tuple[PlaneSpec, FloatArray] | None:
+        """Plane on which the hyperparameters of few samples are searched, and its regressors.
+
+        None if their own plane is coarse enough.
+        """
+        small = self.matrix.at_most(MOST_SEARCH_BANDS)
+        if self.few is None or small is self.matrix:
+            return None
+        start = self.matrix.start
+        return small.spec, regressors(small.spec, self.inputs, self.measured, start)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +146,83 @@ class PriorFit:
     """Logarithm of the marginal likelihood of the scaled outputs, up to a constant."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """Outputs (M,) of range 1 about their middle, less those of the mean of the prior."""
+
+    spec: PlaneSpec
+    y: FloatArray
+    unit: float
+    shift: float
+    centre: FloatArray
+    """Shape (n,). Mean of the prior of scaled outputs."""
+    noise: float | None
+    """Their noise, where it is known."""
+    given: FloatArray | None
+    """Mean of the prior in the unit of the output; None if zero."""
+
+    @classmethod
+    def of(
+        cls,
+        spec: PlaneSpec,
+        y: FloatArray,
+        kept: BoolArray,
+        forward: Callable[[FloatArray], FloatArray],
+        centre: FloatArray | None,
+        noise: float | None,
+    ) -> _Scaled:
+        """Scale outputs, those ``kept`` to a range of 1; ``forward`` gives outputs of unknowns."""
+        _, unit, shift = scale_outputs(spec, y[kept])
+        scaled, mean = (y - shift) / unit, np.zeros(spec.unknowns)
+        if centre is not None:
+            mean = centre / unit
+            if spec.offset:
+                mean[spec.cells] -= shift / unit
+            scaled = scaled - forward(mean)
+        known = None if noise is None else max(noise / unit, _LEAST_NOISE)
+        return cls(spec, scaled, unit, shift, mean, known, centre)
+
+    def fit(
+        self,
+        system: PriorSystem,
+        mean_square: Callable[[FloatArray], float],
+        switched: BoolArray,
+        samples: int,
+        determined: float,
+        leave_one_out: FloatArray | None,
+        learnt: Hyperparameters,
+    ) -> PriorFit:
+        """Fit under the sign constraints, and raise the discrepancy to the residuals that are left.
+
+        ``mean_square`` is that of the residuals at deviations (n,). ``switched`` (K,) cells switch
+        between the samples. The likelihood is that of the hyperparameters that are given: it
+        ignores the sign constraints, explains a falling output by negative weights, and then
+        underestimates the discrepancy.
+        """
+        likelihood = system.likelihood
+        x, kkt = system.bounded()
+        for _ in range(_REFINEMENTS):
+            rest = mean_square(x) - system.h.noise**2
+            if rest <= system.h.discrepancy**2:
+                break
+            system = replace(system, h=replace(system.h, discrepancy=float(np.sqrt(rest))))
+            x, kkt = system.bounded(x)
+        x = x + self.centre
+        system = _with_open_cells(system, x, switched)
+        posterior = system.posterior(self.unit, samples, determined)
+        x = x * self.unit
+        if self.spec.offset:
+            x[self.spec.cells] += self.shift
+        posterior = replace(posterior, centre=self.given)
+        return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
+
+
 def fit_prior(
-    matrix: DesignMatrix,
-    y: FloatArray,
-    dense: tuple[FloatArray, FloatArray] | None,
+    regression: Regression,
     *,
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
-    coarse: tuple[PlaneSpec, FloatArray] | None = None,
-    within: float = 0.0,
     centre: FloatArray | None = None,
     kept: BoolArray | None = None,
     independent: bool = False,
@@ -91,22 +231,14 @@ def fit_prior(
 
     Parameters
     ----------
-    matrix : DesignMatrix
-        Regressors of M measurements.
-    y : (M,) array
-        Outputs.
-    dense : tuple, optional
-        What `regressors` gives, for few samples.
+    regression : Regression
+        M measurements.
     signed : bool
         Let weights and slope be negative.
     noise : float, optional
         Standard deviation of a measured output, in its unit; learnt if not given.
     guess : Hyperparameters, optional
         Start of the search.
-    coarse : tuple, optional
-        What `coarse_rows` gives; with ``dense`` only.
-    within : float
-        Mean square of the outputs about the condensed ones, in squared units.
     centre : (n,) array, optional
         Mean of the prior; zero if not given.
     kept : (M,) array of bool, optional
@@ -121,29 +253,16 @@ def fit_prior(
     independent samples. The unknowns are not: most such errors of real records are hysteresis that
     the model lacks, and more of the prior would only add to them.
     """
-    if dense is not None and kept is not None:
-        y, dense = y[kept], (dense[0][kept], dense[1][kept])
-        coarse = None if coarse is None else (coarse[0], coarse[1][kept])
-    if dense is not None:
-        return fit_few(
-            matrix.spec,
-            y,
-            dense,
-            signed=signed,
-            noise=noise,
-            guess=guess,
-            coarse=coarse,
-            centre=centre,
-        )
-    weight = np.ones(y.size) if matrix.counts is None else matrix.counts
-    weight = weight if kept is None else weight * kept
+    used = np.ones(regression.y.size, dtype=np.bool_) if kept is None else kept
     with one_thread():
-        found = _fit_many(matrix, y, weight, signed, noise, guess, within, centre)
-        together = 1.0 if independent else correlation_time(matrix, y, found.x)
+        if regression.few is not None:
+            return _fit_few(regression, regression.few, used, signed, noise, guess, centre)
+        weight = regression.weight * used
+        found = _fit_many(regression, weight, signed, noise, guess, centre)
+        together = 1.0 if independent else _correlation_time(regression, found.x)
         if together == 1.0:
             return found
-        weight = weight / together
-        other = _fit_many(matrix, y, weight, signed, noise, found.learnt, within, centre)
+        other = _fit_many(regression, weight / together, signed, noise, found.learnt, centre)
     posterior = replace(
         other.posterior,
         determined=found.posterior.determined,
@@ -153,50 +272,166 @@ def fit_prior(
     return replace(found, posterior=posterior)
 
 
-def is_few(spec: PlaneSpec, samples: int) -> bool:
-    """Whether samples are so few that their discrepancy is correlated."""
-    return samples <= MOST_CORRELATED and spec.cells <= MOST_DENSE_CELLS
-
-
-def fit_few(
-    spec: PlaneSpec,
-    y: FloatArray,
+def _fit_few(
+    regression: Regression,
     dense: tuple[FloatArray, FloatArray],
-    *,
-    signed: bool = False,
-    noise: float | None = None,
-    guess: Hyperparameters | None = None,
-    coarse: tuple[PlaneSpec, FloatArray] | None = None,
-    centre: FloatArray | None = None,
+    kept: BoolArray,
+    signed: bool,
+    noise: float | None,
+    guess: Hyperparameters | None,
+    centre: FloatArray | None,
 ) -> PriorFit:
-    """Fit few samples, with correlated discrepancy; parameters as of `fit_prior`.
+    """Fit few samples on dense matrices, with a correlated discrepancy."""
+    spec, coarse, rows = regression.matrix.spec, regression.coarse, dense[0][kept]
+    dense = rows, dense[1][kept]
+    y = regression.y[kept]
+    scaled = _Scaled.of(
+        spec, y, np.ones(y.size, dtype=np.bool_), lambda mean: rows @ mean, centre, noise
+    )
+    found = FewOutputs.of(spec, scaled.y, dense)
+    small = found
+    if coarse is not None:
+        small = FewOutputs.of(coarse[0], scaled.y, (coarse[1][kept], dense[1]))
+    learnt = search(small, scaled.noise, guess)
+    h, plane = on_finer_plane(learnt, small.spec, spec), PlanePrior(spec)
+    if small is not found:
+        h = _with_best_nugget(h, lambda h: likelihood_of_few(plane, found, h))
+    leave_one_out, determined = _leave_one_out(plane, dense, scaled.y, h)
+    return scaled.fit(
+        DenseSystem(found, plane, h, signed, scaled.centre),
+        lambda x: float(np.mean((scaled.y - rows @ x) ** 2)),
+        np.ptp(rows, axis=0)[: spec.cells] > 0,
+        y.size,
+        determined,
+        leave_one_out,
+        learnt,
+    )
 
-    Where ``coarse`` is given, the hyperparameters are searched on that plane.
+
+def _fit_many(
+    regression: Regression,
+    weight: FloatArray,
+    signed: bool,
+    noise: float | None,
+    guess: Hyperparameters | None,
+    centre: FloatArray | None,
+) -> PriorFit:
+    """Fit samples whose discrepancy is independent, each with a weight (M,)."""
+    matrix, spec, count = regression.matrix, regression.matrix.spec, float(weight.sum())
+    scaled = _Scaled.of(spec, regression.y, weight > 0, matrix.forward, centre, noise)
+    y, within = scaled.y, regression.within / scaled.unit**2
+    small = matrix.at_most(MOST_SEARCH_BANDS)
+    learnt = search(ManyOutputs.of(small, y, weight, within), scaled.noise, guess)
+    h = on_finer_plane(learnt, small.spec, spec)
+    if noise is None:  # where both are independent, one is not told from the other
+        h = replace(h, discrepancy=float(np.hypot(h.discrepancy, h.noise)), noise=0.0)
+    system = system_of_many(matrix, y, weight, h, signed, scaled.centre)
+
+    def mean_square(x: FloatArray) -> float:
+        return float(weight @ (y - matrix.forward(x)) ** 2 / weight.sum()) + within
+
+    def with_variance_of_residuals(system: PriorSystem) -> PriorSystem:
+        left, free = mean_square(system.mean) * count, count - system.determined
+        return replace(system, h=_with_residual_variance(system.h, left, free, scaled.noise))
+
+    if small is not matrix:
+        system = with_variance_of_residuals(system)
+        begun = system
+        h = _with_best_nugget(begun.h, lambda h: replace(begun, h=h).likelihood)
+        system = with_variance_of_residuals(replace(system, h=h))
+    normal = None
+    if system.h.nugget >= _ROUGH and spec.cells <= MOST_DENSE_CELLS:
+        independent, rise = independent_variances(system)
+        if independent is not None:
+            normal = system.likelihood + rise
+            system = replace(system, plane=system.plane.varied(independent=independent))
+            if small is not matrix:
+                system = with_variance_of_residuals(system)
+    determined = system.determined
+    leave_one_out = None
+    if y.size <= MOST_SCREENED and (weight > 0).all():
+        leave_one_out = _leave_one_out_of_many(system, regression, y)
+    switched = matrix.column_squares(weight)[1][: spec.cells]
+    found = scaled.fit(
+        system, mean_square, switched, round(count), determined, leave_one_out, learnt
+    )
+    return found if normal is None else replace(found, likelihood=normal)
+
+
+def independent_variances(system: PriorSystem) -> tuple[FloatArray | None, float]:
+    """Variances of the independent parts of the weights, if their distribution has heavy tails.
+
+    Gives (K,) variances over those of the nugget, or None if the normal distribution is as likely;
+    and how much the logarithm of the marginal likelihood rises. ``system`` has many samples and the
+    normal prior.
     """
-    scaled, unit, shift = scale_outputs(spec, y)
-    mean = _scaled_centre(spec, centre, unit, shift)
-    scaled = scaled - dense[0] @ mean
+    usual = system.plane.nugget_variances(system.h)
+    share, scale, rise = np.ones(usual.size), 1.0, -np.inf
+    normal = found = system.independent_part()
+    for left in range(_ROUNDS - 1, -1, -1):
+        share = (scale + np.maximum(found.squares / usual, _LEAST_SQUARE)) / 2
+        scale = 1 / float(np.mean(1 / share))
+        found = replace(system, plane=system.plane.varied(independent=share)).independent_part()
+        ratio, before = scale / share, rise
+        spent = np.sum(1 - ratio / 2 + np.log(ratio / (2 * np.pi)) / 2)
+        # For a weight that no measurement determines, the bound is too low by so much.
+        spent += (np.log(2 * np.pi) - 1) / 2 * np.sum(1 - found.determined)
+        rise = found.likelihood + float(spent) - normal.likelihood
+        if before > -np.inf and rise + left * max(rise - before, 0.0) <= 0:
+            return None, 0.0  # the bound rises less and less from round to round
+    return (share, rise) if rise > 0 else (None, 0.0)
+
+
+def posterior_after(
+    spec: PlaneSpec, h: Hyperparameters, dense: tuple[FloatArray, FloatArray]
+) -> Posterior:
+    """Posterior after measurements with these regressors and features; output range 1.
+
+    Its mean is not used: the covariance does not depend on the outputs.
+    """
+    system = DenseSystem(
+        FewOutputs.of(spec, np.zeros(dense[0].shape[0]), dense), PlanePrior(spec), h
+    )
+    return system.posterior(1.0, MANY, system.determined)
+
+
+def plain_posterior(regression: Regression, x: FloatArray, determined: float) -> Posterior:
+    """Posterior of unknowns (n,) that were fitted without the prior, with their residuals.
+
+    The bands have the widths of the prior on a plane of at most 50 bands, with the variance of an
+    output from the residuals of the fit. Where so many unknowns, at least ``determined``, reproduce
+    the readings that the residuals say nothing, it is that of the known noise, or else what the
+    prior has learnt. The squared difference between the fit and the mean of the prior's posterior
+    is added to the variance: where the record leaves the plane open, both are guesses.
+    """
+    matrix = regression.matrix
+    scaled, unit, middle = scale_outputs(matrix.spec, regression.y)
+    small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(_MOST_PLAIN_BANDS)
+    # Neighbours whose errors are alike count as one sample.
+    weight = regression.weight / _correlation_time(regression, x)
+    within, count = regression.within / unit**2, float(weight.sum())
+    off = (matrix.forward(x) - regression.y) / unit
+    left = float(weight @ off**2) + within * count
     with one_thread():
-        found = Evidence.of_few(spec, scaled, dense)
-        small = found
-        if coarse is not None:
-            small = Evidence.of_few(coarse[0], scaled, (coarse[1], dense[1]))
-        learnt = search(small, _scaled_noise(noise, unit), guess)
-        h, plane = on_finer_plane(learnt, small.spec, spec), PlanePrior(spec)
-        if small is not found:
-            h = _with_best_nugget(h, lambda h: likelihood_of_few(plane, found, h))
-        leave_one_out, determined = _leave_one_out(plane, dense, scaled, h)
-        h, x, kkt, system, likelihood = _solve(
-            lambda h: dense_system(plane, found, h, signed, mean),
-            h,
-            lambda x: float(np.mean((scaled - dense[0] @ x) ** 2)),
-        )
-        switched = np.ptp(dense[0], axis=0)[: spec.cells] > 0
-        system = with_open_cells(system, spec, x + mean, switched)
-        posterior = system.posterior(unit, y.size, determined)
-    posterior = replace(posterior, centre=centre)
-    x = _unscaled(spec, x + mean, unit, shift)
-    return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
+        learnt = search(ManyOutputs.of(small, scaled, weight, within), None)
+        evidence, plane = ManyOutputs.of(medium, scaled, weight), PlanePrior(medium.spec)
+        h = on_finer_plane(learnt, small.spec, medium.spec)
+        h = _with_residual_variance(h, left, count, None)
+        determined = max(determined, DenseSystem(evidence, plane, h).determined)
+        free, noise = count - determined, None
+        if determined > _OVERFIT * count:
+            known, reproduced = regression.noise, reproduces(matrix, x, regression.y)
+            if reproduced and known:
+                noise = known / unit
+            elif not reproduced or (known is None and free < _LEAST_FREE):
+                left = max(left, max(free, 1.0) * learnt.variance)
+        h = _with_residual_variance(h, left, free, noise)
+        system = DenseSystem(evidence, plane, h)
+        other = np.bincount(matrix.spec.sums(medium.spec), x, medium.spec.unknowns)
+        if medium.spec.offset:
+            other[medium.spec.cells] -= middle
+        found = system.posterior(unit, round(count), determined)
+        return replace(found, dense=np.column_stack([found.dense, other - unit * system.mean]))
 
 
 def on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hyperparameters:
@@ -207,7 +442,7 @@ def on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hy
     return replace(h, nugget=h.nugget * fine.cells / coarse.cells)
 
 
-def correlation_time(matrix: DesignMatrix, y: FloatArray, x: FloatArray) -> float:
+def _correlation_time(regression: Regression, x: FloatArray) -> float:
     """Number of neighbouring samples whose errors count as one; 1 for independent errors.
 
     It is the sum of products of the autocorrelations of residual and output, up to the first that
@@ -218,10 +453,10 @@ def correlation_time(matrix: DesignMatrix, y: FloatArray, x: FloatArray) -> floa
     ----------
     Priestley, Spectral Analysis and Time Series, 1981, section 5.3: the variance of a mean.
     """
-    if matrix.counts is not None:
+    if regression.matrix.counts is not None:
         return 1.0
-    fitted = matrix.forward(x)
-    left, fitted = y - fitted, fitted - fitted.mean()
+    fitted = regression.matrix.forward(x)
+    left, fitted = regression.y - fitted, fitted - fitted.mean()
     squares = float(left @ left) * float(fitted @ fitted)
     total, least = 1.0, _SURE / np.sqrt(left.size)
     for lag in range(1, left.size // _MOST_ALIKE if squares else 1):
@@ -232,138 +467,27 @@ def correlation_time(matrix: DesignMatrix, y: FloatArray, x: FloatArray) -> floa
     return total if total >= _ALIKE else 1.0
 
 
-def _fit_many(
-    matrix: DesignMatrix,
-    y: FloatArray,
-    weight: FloatArray,
-    signed: bool,
-    noise: float | None,
-    guess: Hyperparameters | None,
-    within: float,
-    centre: FloatArray | None,
-) -> PriorFit:
-    spec = matrix.spec
-    _, unit, shift = scale_outputs(spec, y[weight > 0])
-    scaled = (y - shift) / unit
-    known, within = _scaled_noise(noise, unit), within / unit**2
-    mean = _scaled_centre(spec, centre, unit, shift)
-    if centre is not None:
-        scaled = scaled - matrix.forward(mean)
-    small = matrix.at_most(MOST_SEARCH_BANDS)
-    learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
-    h = on_finer_plane(learnt, small.spec, spec)
-    if known is None:  # where both are independent, one is not told from the other
-        h = replace(h, discrepancy=float(np.hypot(h.discrepancy, h.noise)), noise=0.0)
-    system_at = systems(matrix, scaled, weight, signed, mean)
-
-    def mean_square(x: FloatArray) -> float:
-        return float(weight @ (scaled - matrix.forward(x)) ** 2 / weight.sum()) + within
-
-    def with_variance_of_residuals(h: Hyperparameters) -> Hyperparameters:
-        system, count = system_at(h), float(weight.sum())
-        left = mean_square(system.mean) * count
-        return with_residual_variance(h, left, count - system.determined, known)
-
-    if small is not matrix:
-        h = with_variance_of_residuals(h)
-        h = _with_best_nugget(h, lambda h: system_at(h).likelihood)
-        h = with_variance_of_residuals(h)
-    normal = None
-    if h.nugget >= ROUGH and spec.cells <= MOST_DENSE_CELLS:
-        independent, rise = independent_variances(system_at.evidence, h)
-        if independent is not None:
-            normal = system_at(h).likelihood + rise
-            system_at = system_at.with_independent(independent)
-            if small is not matrix:
-                h = with_variance_of_residuals(h)
-    determined = system_at(h).determined
-    leave_one_out = None
-    if y.size <= MOST_SCREENED and (weight > 0).all():
-        leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
-    h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
-    likelihood = likelihood if normal is None else normal
-    switched = matrix.column_squares(weight)[1][: spec.cells]
-    system = with_open_cells(system, spec, x + mean, switched)
-    posterior = system.posterior(unit, round(weight.sum()), determined)
-    posterior = replace(posterior, centre=centre)
-    x = _unscaled(spec, x + mean, unit, shift)
-    return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
-
-
-def posterior_after(
-    spec: PlaneSpec, h: Hyperparameters, dense: tuple[FloatArray, FloatArray]
-) -> Posterior:
-    """Posterior after measurements with these regressors and features; output range 1.
-
-    Its mean is not used: the covariance does not depend on the outputs.
-    """
-    found = Evidence.of_few(spec, np.zeros(dense[0].shape[0]), dense)
-    system = dense_system(PlanePrior(spec), found, h, signed=True)
-    return system.posterior(1.0, MANY, system.determined)
-
-
-def coarse_rows(
-    matrix: DesignMatrix, u: FloatArray, measured: BoolArray, start: Start
-) -> tuple[PlaneSpec, FloatArray] | None:
-    """Plane that is coarse enough to search hyperparameters on, and its regressors.
-
-    None if the plane of ``matrix`` is coarse enough.
-    """
-    small = matrix.at_most(MOST_SEARCH_BANDS)
-    return None if small is matrix else (small.spec, regressors(small.spec, u, measured, start)[0])
-
-
-def _solve(
-    system_at: Callable[[Hyperparameters], PriorSystem],
-    h: Hyperparameters,
-    mean_square: Callable[[FloatArray], float],
-) -> tuple[Hyperparameters, FloatArray, float, PriorSystem, float]:
-    """Fit under the sign constraints, and raise the discrepancy to the residuals that are left.
-
-    The likelihood is that of the hyperparameters that are given.
-    """
-    system = system_at(h)
-    likelihood = system.likelihood
-    x, kkt = system.bounded()
-    for _ in range(_REFINEMENTS):
-        raised = _with_residual_discrepancy(h, mean_square(x))
-        if raised is h:
-            break
-        h = raised
-        system = system_at(h)
-        x, kkt = system.bounded(x)
-    return h, x, kkt, system, likelihood
-
-
-def with_open_cells(system: System, spec: PlaneSpec, x: FloatArray, switched: BoolArray) -> System:
+def _with_open_cells(system: PriorSystem, x: FloatArray, switched: BoolArray) -> PriorSystem:
     """System for the bands, whose prior knows little of cells that never switched.
 
     The hyperparameters are learnt where the record reaches, often near the diagonal. Beyond, any
     weight up to the greatest density that the record shows is as likely, whatever their decay.
-
-    Parameters
-    ----------
-    system : PriorSystem
-        System of the fit.
-    spec : PlaneSpec
-        The unknowns (n,): K packed weights, offset, slope.
-    x : (n,) array
-        Fitted unknowns, with an output range of 1.
-    switched : (K,) array of bool
-        Cells that switch between measured samples.
+    ``x`` (n,) are the fitted unknowns, with an output range of 1; ``switched`` (K,) are the cells
+    that switch between measured samples.
     """
-    i, j = np.tril_indices(spec.bands)
+    plane = system.plane
+    i, j = np.tril_indices(plane.spec.bands)
     seen = switched & (i != j)  # the diagonal has reversible weights too
     if switched.all() or not seen.any():
         return system
-    plane = PlanePrior(spec)
     square = np.minimum((_SQUARES * plane.middle).astype(int), _SQUARES - 1)
     place = _SQUARES * square[i] + square[j]
-    weight = np.bincount(place[seen], np.abs(x[: spec.cells][seen]), _SQUARES**2)
+    weight = np.bincount(place[seen], np.abs(x[: plane.spec.cells][seen]), _SQUARES**2)
     area = np.bincount(place[seen], plane.area[seen], _SQUARES**2)
     reached = area > _REACHED / _SQUARES**2
     densest = float(np.max(weight[reached] / area[reached], initial=0.0))
-    return system.widened(np.where(switched, 0.0, densest * plane.area))
+    least = np.where(switched, 0.0, densest * plane.area)
+    return replace(system, plane=plane.varied(least=least))
 
 
 def _leave_one_out(
@@ -384,17 +508,16 @@ def _leave_one_out(
 
 
 def _leave_one_out_of_many(
-    system: PriorSystem, h: Hyperparameters, matrix: DesignMatrix, y: FloatArray
+    system: PriorSystem, regression: Regression, y: FloatArray
 ) -> FloatArray:
     """(M,) leave-one-out residuals over their standard deviations.
 
     The inverse of the covariance of the outputs is R^-1 - R^-1 A P A' R^-1 with the covariance P of
     the posterior.
     """
-    counts = 1.0 if matrix.counts is None else matrix.counts
-    own = (h.noise**2 + h.discrepancy**2) / counts
-    left = y - matrix.forward(system.mean)
-    free = np.maximum(own - system.variances(matrix), _LEAST_NOISE**2)
+    left = y - regression.matrix.forward(system.mean)
+    free = system.h.variance / regression.weight - system.variances(regression.matrix)
+    free = np.maximum(free, _LEAST_NOISE**2)
     return np.asarray(left / np.sqrt(free))
 
 
@@ -416,7 +539,7 @@ def _with_best_nugget(
     return replace(h, nugget=float(np.exp(found.x)))
 
 
-def with_residual_variance(
+def _with_residual_variance(
     h: Hyperparameters, left: float, freedom: float, noise: float | None
 ) -> Hyperparameters:
     """Replace discrepancy and noise by the residual variance on the fine plane.
@@ -429,43 +552,8 @@ def with_residual_variance(
     return replace(h, discrepancy=float(np.sqrt(rest)), noise=own)
 
 
-def _with_residual_discrepancy(h: Hyperparameters, mean_square: float) -> Hyperparameters:
-    """Raise the discrepancy to the mean square of the residuals, if it is less.
-
-    The likelihood ignores the sign constraints: it explains a falling output by negative weights,
-    and then underestimates the discrepancy.
-    """
-    rest = mean_square - h.noise**2
-    if rest <= h.discrepancy**2:
-        return h
-    return replace(h, discrepancy=float(np.sqrt(rest)))
-
-
 def scale_outputs(spec: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
     """(M,) outputs with a range of 1, about their mean where an offset is fitted; unit and mean."""
     unit = float(np.ptp(y)) or 1.0
     shift = float(y.mean()) if spec.offset else 0.0
     return (y - shift) / unit, unit, shift
-
-
-def _unscaled(spec: PlaneSpec, x: FloatArray, unit: float, shift: float) -> FloatArray:
-    x = x * unit
-    if spec.offset:
-        x[spec.cells] += shift
-    return x
-
-
-def _scaled_centre(
-    spec: PlaneSpec, centre: FloatArray | None, unit: float, shift: float
-) -> FloatArray:
-    """(n,) mean of the prior for scaled outputs."""
-    if centre is None:
-        return np.zeros(spec.unknowns)
-    mean = centre / unit
-    if spec.offset:
-        mean[spec.cells] -= shift / unit
-    return mean
-
-
-def _scaled_noise(noise: float | None, unit: float) -> float | None:
-    return None if noise is None else max(noise / unit, _LEAST_NOISE)

@@ -13,7 +13,7 @@ from minorloop.identification.adaptive import Adaptive
 from minorloop.identification.fit import Plane
 from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import RecordAdvice
-from minorloop.identification.regularisation import Prior
+from minorloop.identification.prior import Prior
 from minorloop.lab.logs import AUTO, Named, read_log
 from minorloop.lab.records import Record
 from minorloop.lab.store import Point, Setup, Store, is_store
