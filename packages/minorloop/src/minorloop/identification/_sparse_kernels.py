@@ -324,6 +324,36 @@ def solve_half(start, at, rows, offset, data, x):
 
 
 @njit(cache=True, nogil=True)
+def weights_of_nodes(bands, nodes, out):
+    """Cell weights from Everett values: inverse of `cells_to_nodes` of `_kernels`."""
+    for i in range(bands):
+        here, above = i * (i + 1) // 2, (i - 1) * i // 2
+        for j in range(i + 1):
+            total = nodes[here + j]
+            if j < i:
+                total -= nodes[here + j + 1] + nodes[above + j]
+            if j + 1 < i:
+                total += nodes[above + j + 1]
+            out[here + j] = total
+
+
+@njit(cache=True, nogil=True)
+def weights_to_nodes(bands, weights, out):
+    """Transpose of `weights_of_nodes`."""
+    out[:] = 0.0
+    for i in range(bands):
+        here, above = i * (i + 1) // 2, (i - 1) * i // 2
+        for j in range(i + 1):
+            x = weights[here + j]
+            out[here + j] += x
+            if j < i:
+                out[here + j + 1] -= x
+                out[above + j] -= x
+            if j + 1 < i:
+                out[above + j + 1] += x
+
+
+@njit(cache=True, nogil=True)
 def add_paths(index, coefficient, parent, times, out):
     """Add the row of each of some samples (m,) to a column of ``out`` (n, m): factors of nodes."""
     for m in range(times.size):

@@ -26,7 +26,7 @@ from minorloop.identification.linear_algebra import conjugate_gradients
 from minorloop.identification.prior import FieldPrecision, Mesh
 
 if TYPE_CHECKING:
-    from scipy.sparse import csc_array, csr_array
+    from scipy.sparse import csc_array
 
 _SOFT = 1e-8
 """Negative diagonal of the multipliers, over the mean weight of a sample."""
@@ -93,7 +93,7 @@ class EverettSystem:
         self.precision: FieldPrecision | None = None
         self.owner: object = None
         """What the present factor belongs to, if it is to be used again."""
-        self.cells, self._weights = spec.cells, _weights_of_nodes(spec.bands)
+        self.cells = spec.cells
         parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
         everywhere[matrix.measured] = weight
         inner = np.zeros(parent.size, dtype=np.bool_)
@@ -221,7 +221,7 @@ class EverettSystem:
         """(n,) solution, to the accuracy of the factor."""
         spec, cells, out = self.matrix.spec, self.cells, np.empty_like(r)
         x = self._factor.solve(self._right(r / self.scale))
-        out[:cells] = self._weights @ x[:cells]
+        _kernels.weights_of_nodes(spec.bands, x[:cells], out[:cells])
         if spec.offset:
             out[cells] = x[self._root] + self.matrix.shift * x[self._total]
         if spec.slope:
@@ -231,7 +231,7 @@ class EverettSystem:
     def _right(self, r: FloatArray) -> FloatArray:
         """Right-hand side of the sparse system from that of the unknowns (n,)."""
         spec, cells, b = self.matrix.spec, self.cells, np.zeros(self._size)
-        b[:cells] = self._weights.T @ r[:cells]
+        _kernels.weights_to_nodes(spec.bands, r[:cells], b[:cells])
         if spec.offset:
             b[self._root] = r[cells]
             b[self._total] += self.matrix.shift * r[cells]
@@ -335,17 +335,6 @@ class _Entries:
         places = np.maximum(rows, columns), np.minimum(rows, columns)
         merged = coo_array((values, places)).tocsc().tocoo()
         return merged.row.astype(np.int64), merged.col.astype(np.int64), merged.data
-
-
-def _weights_of_nodes(bands: int) -> csr_array[Any]:
-    """(K, K) sparse map from Everett values to the weights of cells."""
-    from scipy.sparse import csr_array
-
-    parts = [(np.full(on.sum(), sign), np.flatnonzero(on), node[on])
-             for node, sign, on in corners(bands)]  # fmt: skip
-    signs, cells, nodes = (np.concatenate(part) for part in zip(*parts, strict=True))
-    count = bands * (bands + 1) // 2
-    return csr_array((signs, (cells, nodes)), shape=(count, count))
 
 
 def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
