@@ -166,3 +166,13 @@ def test_a_clock_that_was_set_back_continues_as_in_a_file():
     np.testing.assert_array_equal(record.t, np.arange(40.0))
     assert record.breaks.tolist() == [24]
     assert "the clock was set back 1 time" in record.notes[0]
+
+
+def test_it_is_drawn_and_shown_in_a_notebook():
+    record = Record([1, 2, 3], [[1, 2, np.nan], [3, 4, 5]], [0, 2, 4], "u [V]", ("a", "b [mm]"))
+    labels = [axes.get_ylabel() for axes in record.plot().axes]
+    assert labels == ["a, b [mm]", "u [V]", "a"]
+    shown = record._repr_html_()
+    assert "<b>Record</b><table><tr><th>samples</th><td>3</td></tr>" in shown
+    assert "<th>a</th><td>1 to 2</td>" in shown
+    assert 'src="data:image/png;base64,' in shown

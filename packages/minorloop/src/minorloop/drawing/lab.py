@@ -11,11 +11,26 @@ from minorloop.drawing.layout import new_figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from minorloop.lab.records import Record
     from minorloop.lab.reduction import Reduction
 
 _COLORS = {"settled": "C0", "extrapolated": "C1", "unsettled": "C3"}
 _MOST_DRAWN = 20_000
 """Samples of the log that are drawn: more cannot be seen."""
+
+
+def draw_record(record: Record) -> Any:
+    """Return a figure: outputs and inputs in time, and the first of each against the other."""
+    figure, axes = new_figure(1, 3, 3.5, 13.0)
+    every = slice(None, None, max(len(record) // _MOST_DRAWN, 1))
+    u, y = np.atleast_2d(record.u)[:, every], np.atleast_2d(record.y)[:, every]
+    for place, values, names in ((axes[0], y, record.outputs), (axes[1], u, record.inputs)):
+        place.plot(record.t[every], values.T, ".-", ms=2, lw=0.6, rasterized=True)
+        label = ", ".join(map(_label, names))
+        place.set(xlabel=_label(record.time), ylabel=label)
+    axes[2].plot(u[0], y[0], ".-", ms=2, lw=0.4, rasterized=True)
+    axes[2].set(xlabel=_label(record.input), ylabel=_label(record.output))
+    return figure
 
 
 def draw_reduction(result: Reduction) -> Any:

@@ -21,6 +21,7 @@ from minorloop.arrays import (
     frozen,
 )
 from minorloop.errors import ParameterError, RecordError, SignalError, are, counted
+from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
 from minorloop.lab.codes import FEWEST, Code, without_codes
 from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
@@ -106,7 +107,7 @@ class Origin:
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class Record(Drawn):
     """Inputs and outputs of an actuator, with what each row has beside them.
 
     Parameters
@@ -228,6 +229,16 @@ class Record:
     def __str__(self) -> str:
         names = ", ".join(str(q) for q in (*self.inputs, *self.outputs))
         return f"{len(self)} samples of {names}"
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return rows of a short table: samples, and the range of each channel."""
+        rows = [("samples", f"{len(self)}")]
+        for names, values in ((self.inputs, self.u), (self.outputs, self.y)):
+            for name, channel in zip(names, np.atleast_2d(values), strict=True):
+                known = channel[np.isfinite(channel)]
+                text = f"{known.min():.6g} to {known.max():.6g}" if known.size else "not measured"
+                rows.append((str(name), text))
+        return rows
 
     @property
     def input(self) -> Quantity:
