@@ -80,7 +80,6 @@ def test_a_settled_model_stays_constant(name, before):
     np.testing.assert_allclose(y, y[0], rtol=0, atol=1e-9)
 
 
-HOLDS = [0, 1, 2, 9], [0, 1, 1, 1], [0, 1, 1, 1]
 LAG, SAMPLED = Linear.lags(1.0), Linear.lags(1.0).discretise(1.0)
 LINE, LAW = Polynomial([0.0, 2.0], -50.0, 50.0), BoucWen(5e4, 800.0, -1100.0)
 T = np.arange(300) / 750
@@ -114,11 +113,6 @@ REFUSED = [
     (ParameterError, "numbers >= 0", lambda: Creep([1.0], [-0.1])),
     (ParameterError, "finite", lambda: Creep([1.0], [0.1], gain=np.nan)),
     (NotInvertibleError, "prompt", lambda: Creep([1], [1], 0).compensate([0, 1], [0, 1], before=0)),
-    (
-        ParameterError,
-        "at least 1",
-        lambda: fit_creep(*HOLDS, per_decade=0),
-    ),
     (ParameterError, "shortest <= longest", lambda: fit_creep([0, 1, 2], [0, 1, 1], [0, 1, 1])),
     (SignalError, "at least one step", lambda: fit_creep([0, 1, 2], [1, 1, 1], [0, 1, 2])),
     (ParameterError, "linear' and ahead", lambda: Cascade(PLANE, G, "linear", ahead=LAG)),

@@ -10,7 +10,6 @@ from minorloop.drawing.layout import new_figure
 
 if TYPE_CHECKING:
     from minorloop.dynamics.cascade import CascadeInversion
-    from minorloop.dynamics.creep import CreepFit
     from minorloop.dynamics.linear import Linear
     from minorloop.identification.after_effect_result import AfterEffectIdentification
     from minorloop.identification.dynamic_result import DynamicIdentification
@@ -95,16 +94,4 @@ def draw_cascade_inversion(result: CascadeInversion) -> Any:
     upper.legend(frameon=False)
     lower.plot(result.t, result.u, color="C1", lw=1.0)
     lower.set(xlabel="time [s]", ylabel="input")
-    return figure
-
-
-def draw_creep_fit(result: CreepFit) -> Any:
-    """Draw the record with the fit, and the strengths."""
-    figure, (left, right) = new_figure(1, 2)
-    left.plot(result.t, result.y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
-    left.plot(result.t, result.prediction, lw=0.9, color="C0", label="model", rasterized=True)
-    left.set(xlabel="time [s]", ylabel="output", title="Record")
-    left.legend(frameon=False)
-    right.stem(result.model.times, result.model.strengths, basefmt="0.6")
-    right.set(xlabel="time constant [s]", ylabel="strength", xscale="log", title="Creep")
     return figure

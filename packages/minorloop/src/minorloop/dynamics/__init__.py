@@ -1,7 +1,7 @@
 """Linear dynamics around an operator."""
 
 from minorloop.dynamics.cascade import Cascade, CascadeInversion, CascadeState
-from minorloop.dynamics.creep import Creep, CreepFit, fit_creep
+from minorloop.dynamics.creep import Creep, fit_creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.trajectory import Trajectory
@@ -11,7 +11,6 @@ __all__ = [
     "CascadeInversion",
     "CascadeState",
     "Creep",
-    "CreepFit",
     "Linear",
     "Oscillator",
     "Trajectory",

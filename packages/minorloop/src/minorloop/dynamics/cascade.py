@@ -23,7 +23,7 @@ from minorloop.arrays import (
 )
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.propagation import Between
+from minorloop.dynamics.state_space import Between
 from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
 from minorloop.figures import Drawn
 from minorloop.operators.inversion import (

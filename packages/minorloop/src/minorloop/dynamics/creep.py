@@ -13,15 +13,13 @@ from minorloop.arrays import (
     as_samples,
     as_times,
     as_waveform,
-    as_whole,
     frozen,
 )
 from minorloop.dynamics import _kernels
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
-from minorloop.figures import Drawn
 
 PER_DECADE = 2
-"""Default number of time constants per decade. Responses of lags that are closer than a factor of
+"""Time constants per decade. Responses of lags that are closer than a factor of
 3 are almost collinear, so that a record cannot separate more."""
 
 
@@ -143,35 +141,6 @@ class Creep:
         return "\n".join(f"{name:<24} {value}" for name, value in rows)
 
 
-@dataclass(frozen=True, eq=False)
-class CreepFit(Drawn):
-    """Creep identified from a record."""
-
-    model: Creep
-    """The identified creep."""
-    t: FloatArray
-    x: FloatArray
-    y: FloatArray
-    """``t``, ``x`` and ``y``: shape (T,). The record."""
-    before: float
-    """Value of x at which the output had settled before."""
-
-    @property
-    def prediction(self) -> FloatArray:
-        """(T,) outputs of the model along the record."""
-        return self.model.simulate(self.t, self.x, before=self.before)
-
-    @property
-    def nrmse(self) -> float:
-        """Root-mean-square error over the range of the output."""
-        known = np.isfinite(self.y)
-        error = (self.prediction - self.y)[known]
-        return float(np.sqrt(np.mean(error**2)) / (np.ptp(self.y[known]) or 1.0))
-
-    def __str__(self) -> str:
-        return f"{self.model}\n{'error':<24} {self.nrmse:.3%} of range"
-
-
 def fit_creep(
     t: npt.ArrayLike,
     x: npt.ArrayLike,
@@ -180,9 +149,8 @@ def fit_creep(
     before: float | None = None,
     shortest: float | None = None,
     longest: float | None = None,
-    per_decade: int = PER_DECADE,
     times: npt.ArrayLike | None = None,
-) -> CreepFit:
+) -> Creep:
     """Fit creep to a record of holds, by least squares with non-negative strengths.
 
     Parameters
@@ -199,8 +167,6 @@ def fit_creep(
     shortest, longest : float, optional
         Limits of the time constants in seconds; twice the median interval and the longest hold if
         not given.
-    per_decade : int
-        Number of time constants per decade.
     times : (n,) array_like, optional
         The time constants themselves, in seconds.
 
@@ -227,7 +193,7 @@ def fit_creep(
     held = float(values[0]) if before is None else as_finite("before", before)
     if np.ptp(np.append(values, held)) == 0:
         raise SignalError(f"x is {held:g} throughout; record at least one step and the hold after")
-    taus = _grid(clock, values, shortest, longest, per_decade) if times is None else frozen(times)
+    taus = _grid(clock, values, shortest, longest) if times is None else frozen(times)
     slow = _lagging(clock, values, held, taus)
     free = np.column_stack([values, np.ones(values.size)])
     known = np.isfinite(outputs)
@@ -238,9 +204,7 @@ def fit_creep(
     strengths, _ = nnls(_projected_out(slow, basis), _projected_out(measured, basis))
     rest = measured - slow @ strengths
     gain, offset = np.linalg.lstsq(free, rest, rcond=None)[0]
-    return CreepFit(
-        Creep(taus, strengths, float(gain), float(offset)), clock, values, outputs, held
-    )
+    return Creep(taus, strengths, float(gain), float(offset))
 
 
 def _projected_out(columns: FloatArray, basis: FloatArray) -> FloatArray:
@@ -248,7 +212,7 @@ def _projected_out(columns: FloatArray, basis: FloatArray) -> FloatArray:
 
 
 def _grid(
-    t: FloatArray, x: FloatArray, shortest: float | None, longest: float | None, per_decade: int
+    t: FloatArray, x: FloatArray, shortest: float | None, longest: float | None
 ) -> FloatArray:
     begin = (
         2 * float(np.median(np.diff(t))) if shortest is None else as_finite("shortest", shortest)
@@ -260,7 +224,7 @@ def _grid(
             f"creep times from {begin:g} to {end:g} s; give 0 < shortest <= longest, or a record "
             "with longer holds"
         )
-    count = np.ceil(as_whole("per_decade", per_decade, 1) * np.log10(end / begin))
+    count = np.ceil(PER_DECADE * np.log10(end / begin))
     return np.geomspace(begin, end, int(count) + 1)
 
 

@@ -20,8 +20,8 @@ from minorloop.arrays import (
     check_option,
     frozen,
 )
-from minorloop.dynamics import _kernels, conversion
-from minorloop.dynamics.propagation import Between, StateSpace, propagate
+from minorloop.dynamics import _kernels, state_space
+from minorloop.dynamics.state_space import Between, StateSpace, propagate
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import Drawn
 
@@ -273,7 +273,7 @@ class Linear(ByValue, Drawn):
         if self.interval is not None:
             raise ParameterError(f"the system is sampled already, every {self.interval:g} s")
         step = as_seconds("interval", interval)
-        top, bottom = conversion.sampled(self.numerator, self.denominator, step)
+        top, bottom = state_space.sampled(self.numerator, self.denominator, step)
         return Linear(top, bottom, step, self.delay)._with_dc_gain(self.dc_gain)
 
     def continuous(self) -> Linear:
@@ -290,7 +290,7 @@ class Linear(ByValue, Drawn):
         """
         if self.interval is None:
             raise ParameterError("the system is continuous already")
-        top, bottom = conversion.continuous(self.numerator, self.denominator, self.interval)
+        top, bottom = state_space.continuous(self.numerator, self.denominator, self.interval)
         return Linear(top, bottom, None, self.delay)._with_dc_gain(self.dc_gain)
 
     def settled(self, u: float) -> FloatArray:
@@ -336,7 +336,7 @@ class Linear(ByValue, Drawn):
     @cached_property
     def state_space(self) -> StateSpace:
         """Matrices A, B, C, D in controllable canonical form."""
-        return conversion.canonical(self.numerator, self.denominator)
+        return state_space.canonical(self.numerator, self.denominator)
 
     @property
     def _finite_dc_gain(self) -> float:

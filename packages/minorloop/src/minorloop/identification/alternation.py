@@ -207,5 +207,5 @@ def _fitted_creep(
     if times is None and shortest > longest:
         return None
     y = np.where(record.fitted, record.y, np.nan)
-    creep = fit_creep(record.t, prompt, y, shortest=shortest, longest=longest, times=times).model
+    creep = fit_creep(record.t, prompt, y, shortest=shortest, longest=longest, times=times)
     return creep.normalised() if creep.gain > 0 and creep.strengths.any() else None

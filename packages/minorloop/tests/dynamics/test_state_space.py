@@ -1,0 +1,142 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from later import Later
+from minorloop.dynamics import state_space
+from minorloop.dynamics.state_space import propagate, transitions
+from minorloop.errors import ParameterError
+
+signal = Later("scipy.signal")
+
+A = np.array([[-0.5, -1.0], [1.0, 0.0]])
+B = np.array([1.0, 0.3])
+
+
+def integrated(x, begin, end, length):
+    """State after a step with a linear input, by a Runge-Kutta method."""
+
+    def slope(s, x):
+        return A @ x + B * (begin + (end - begin) * s / length)
+
+    return solve_ivp(slope, (0, length), x, rtol=1e-11, atol=1e-12).y[:, -1]
+
+
+@given(st.floats(0.01, 5), *[st.floats(-2, 2)] * 4)
+def test_a_transition_equals_numerical_integration(length, x0, x1, begin, end):
+    phi, at_begin, at_end, _ = transitions(A, B, np.array([length]))
+    x = np.array([x0, x1])
+    got = phi[0] @ x + at_begin[0] * begin + at_end[0] * end
+    np.testing.assert_allclose(got, integrated(x, begin, end, length), atol=1e-7)
+
+
+def test_equal_lengths_share_a_transition():
+    steps = np.diff(0.1 * np.arange(1000) + 1e6)
+    assert transitions(A, B, np.full(5, 0.1))[0].shape == (1, 2, 2)
+    assert np.unique(steps).size > 1
+    phi, _, _, which = transitions(A, B, np.array([0.1, 3.0, 0.1, 1e-4]))
+    assert phi.shape[0] == 3
+    np.testing.assert_array_equal(which, [1, 2, 1, 0])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.13, 0.5, 40.0])
+@pytest.mark.parametrize("between", ["held", "straight"])
+def test_dead_time_need_not_be_whole_samples(delay, between):
+    """Compared with the same system on a fine grid that contains every jump."""
+    system = (A, B, np.array([0.2, 1.0]), 0.7)
+    coarse = np.array([0.0, 0.3, 0.7, 1.1, 2.0, 2.6, 3.5])
+    u = np.array([1.0, 1.0, -2.0, 0.5, 0.5, 3.0, 3.0])
+    fine = 0.01 * np.arange(-30, 351)
+
+    def at(s):
+        if between == "straight":
+            return np.where(s < 0, 0.4, np.interp(s, coarse, u))
+        first = np.minimum(np.searchsorted(coarse, s), u.size - 1)
+        return np.where(s < -0.3, 0.4, u[first])
+
+    phi, at_begin, at_end, _ = transitions(A, B, np.array([0.01]))
+    x = np.linalg.solve(A, -B * 0.4)
+    rest, y = x.copy(), [np.nan]
+    for begin, end in pairwise(fine):
+        left, right = at(begin - delay + 1e-9), at(end - delay - 1e-9)
+        x = phi[0] @ x + at_begin[0] * left + at_end[0] * right
+        y.append(system[2] @ x + 0.7 * right)
+    wanted = np.interp(coarse, fine, y)
+    got = propagate(system, rest, coarse, u, delay=delay, before=0.4, between=between)
+    first = 1 if between == "straight" else 0
+    np.testing.assert_allclose(got[first:], wanted[first:], atol=1e-6)
+
+
+def test_the_shortest_step_is_one():
+    a, b = np.array([[-1.0]]), np.array([1.0])
+    phi, at_begin, at_end, which = transitions(a, b, np.array([5e-324, 1.0]))
+    assert phi[which[0], 0, 0] == 1
+    assert at_begin[which[0], 0] + at_end[which[0], 0] == 0
+
+
+POLES = st.lists(st.floats(-4, -0.05), min_size=1, max_size=4, unique_by=lambda p: round(4 * p))
+NUMBERS = st.lists(st.floats(-3, 3), min_size=5, max_size=5)
+
+
+def polynomials(poles, numbers):
+    bottom = np.poly(poles)
+    return np.array(numbers[: bottom.size]), bottom
+
+
+@given(POLES, NUMBERS)
+def test_canonical_form_has_the_transfer_function(poles, numbers):
+    top, bottom = polynomials(poles, numbers)
+    a, b, c, d = state_space.canonical(top, bottom)
+    for s in (0.7, 1j, -9.0, 2 - 3j):
+        ratio = np.polyval(top, s) / np.polyval(bottom, s)
+        got = c @ np.linalg.solve(s * np.eye(b.size) - a, b) + d
+        np.testing.assert_allclose(got, ratio, atol=1e-7 * (1 + abs(ratio)))
+
+
+@given(POLES, NUMBERS, st.floats(0.05, 2))
+def test_sampled_equals_scipy(poles, numbers, interval):
+    top, bottom = polynomials(poles, numbers)
+    got = state_space.sampled(top, bottom, interval)
+    system = state_space.canonical(top, bottom)
+    a, b, c, d = (np.atleast_2d(part) for part in system)
+    wanted = signal.cont2discrete((a, b.T, c, d), interval, method="zoh")
+    wanted = signal.ss2tf(*wanted[:4])
+    np.testing.assert_allclose(got[0], np.ravel(wanted[0]), atol=1e-8)
+    np.testing.assert_allclose(got[1], wanted[1], atol=1e-9)
+
+
+@given(POLES, NUMBERS, st.floats(0.1, 1))
+@example([-3.0, -4.0, -3.75], [0.0] * 5, 1.0)
+@settings(max_examples=25)
+def test_continuous_inverts_sampled(poles, numbers, interval):
+    top, bottom = polynomials(poles, numbers)
+    again = state_space.continuous(*state_space.sampled(top, bottom, interval), interval)
+    s = 1j * np.array([0.03, 0.3, 3.0])
+    wanted = np.polyval(top, s) / np.polyval(bottom, s)
+    got = np.polyval(again[0], s) / np.polyval(again[1], s)
+    np.testing.assert_allclose(got, wanted, atol=1e-5 * (1e-3 + np.abs(top).max()))
+
+
+def test_a_pure_gain_does_not_change():
+    for convert in (state_space.sampled, state_space.continuous):
+        top, bottom = convert(np.array([3.0]), np.array([1.0]), 0.5)
+        np.testing.assert_array_equal(top, [3.0])
+        np.testing.assert_array_equal(bottom, [1.0])
+
+
+def test_rounding_adds_no_zeros():
+    """Three lags, sampled and made continuous again, have no zeros."""
+    top, bottom = np.array([0, 0, 0, 1.0]), np.poly([-1 / 27, -1 / 6, -1 / 2])
+    again, _ = state_space.continuous(*state_space.sampled(top, bottom, 1.0), 1.0)
+    assert np.count_nonzero(again) == 1
+
+
+@pytest.mark.parametrize("pole", [0.0, -0.3, -1e-12])
+def test_refuses_poles_that_no_continuous_system_has(pole):
+    with pytest.raises(ParameterError, match="identify with a lower order or sample faster"):
+        state_space.continuous(np.array([0.0, 1.0]), np.array([1.0, -pole]), 1.0)
+    state_space.refuse_alternating(np.array([0.5, -0.3 + 0.1j, -0.3 - 0.1j]))
