@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, as_whole
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import output_error
@@ -14,6 +14,7 @@ from minorloop.identification.output_error import Coefficients, Stretch, Structu
 from minorloop.identification.steps import (
     Arrays,
     Reading,
+    Sampled,
     as_sampled,
     steps_in,
     whole,
@@ -82,13 +83,9 @@ def arx(
     Ljung, System Identification, 2nd edition, 1999, sections 4.2, 7.3 and 16.4. Sohn and
     colleagues, SWNT-reinforced polyaniline fibres, eq. 4: ARX from one step.
     """
-    record = as_sampled((t, u, y), reading)
-    other = None if second is None else as_sampled(second, reading)
-    if other is not None:
-        _check_interval(record.interval, other.interval)
+    record, *others = _records((t, u, y), second, reading)
     structures = _structures(highest_order, longest_dead_time)
-    scored = [] if other is None else [whole(other)]
-    return _identified([whole(record)], scored, record.interval, structures)
+    return _identified([whole(record)], [whole(one) for one in others], record.interval, structures)
 
 
 def step_response(
@@ -127,12 +124,9 @@ def step_response(
     SignalError, ParameterError
         As `arx`; the first also if no step moves the output.
     """
-    record = as_sampled((t, u, y), reading)
-    other = None if second is None else as_sampled(second, reading)
-    if other is not None:
-        _check_interval(record.interval, other.interval)
+    record, *more = _records((t, u, y), second, reading)
     structures = _structures(highest_order, longest_dead_time)
-    steps, scored = steps_in(record), [] if other is None else steps_in(other)
+    steps, scored = steps_in(record), [step for one in more for step in steps_in(one)]
     if not steps:
         raise SignalError("no step moves the output; record one with a hold before and after it")
     fits: dict[bool, LinearFit] = {}
@@ -251,24 +245,23 @@ def _as_linear(found: Coefficients, interval: float) -> Linear:
 
 
 def _structures(highest_order: int, longest_dead_time: int) -> list[Structure]:
-    for name, value, low, high in (
-        ("highest_order", highest_order, 1, HIGHEST_ORDER),
-        ("longest_dead_time", longest_dead_time, 0, 1000),
-    ):
-        whole_number = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        if not whole_number or not low <= value <= high:
-            raise ParameterError(f"{name} is {value!r}; give a whole number from {low} to {high}")
+    highest = as_whole("highest_order", highest_order, 1, HIGHEST_ORDER)
+    longest = as_whole("longest_dead_time", longest_dead_time, 0, 1000)
     return [
         Structure(na, nb, 1 + dead)
-        for na in range(1, highest_order + 1)
+        for na in range(1, highest + 1)
         for nb in range(1, na + 1)
-        for dead in range(longest_dead_time + 1)
+        for dead in range(longest + 1)
     ]
 
 
-def _check_interval(one: float, other: float) -> None:
+def _records(record: Arrays, second: Arrays | None, reading: Reading) -> list[Sampled]:
+    """Return one or two records, which have the same interval."""
+    found = [as_sampled(one, reading) for one in (record, second) if one is not None]
+    one, other = found[0].interval, found[-1].interval
     if abs(one - other) > 1e-3 * one:
         raise ParameterError(
             f"the records are sampled every {one:g} s and every {other:g} s; give both at one "
             "interval"
         )
+    return found

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_samples
+from minorloop.arrays import FloatArray, as_finite, as_samples, as_whole
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import Drawn
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
@@ -488,10 +488,8 @@ def _positive(name: str, values: npt.ArrayLike) -> FloatArray:
 
 
 def _check_counts(periods: int, samples: int, settling: float) -> None:
-    for name, value, fewest in (("periods", periods, 2), ("samples", samples, 40)):
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        if not whole or value < fewest:
-            raise ParameterError(f"{name} is {value!r}; give a whole number of at least {fewest}")
+    as_whole("periods", periods, 2)
+    as_whole("samples", samples, 40)
     if as_finite("settling", settling) < 0:
         raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
 

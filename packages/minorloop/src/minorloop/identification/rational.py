@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples, check_scale
+from minorloop.arrays import FloatArray, as_samples, as_whole, check_scale
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.figures import Drawn
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -287,21 +287,14 @@ def _as_response(
     return np.tile(hertz, gains.shape[0]), gains.ravel()
 
 
-def _orders(order: int | str, zeros: int | None, points: int) -> list[int]:
+def _orders(order: int | Literal["auto"], zeros: int | None, points: int) -> list[int]:
     if order == "auto":
         least = 1 if zeros is None else max(zeros, 1)
         wanted = [n for n in range(least, HIGHEST_ORDER + 1) if n == least or n < points]
     else:
-        whole = isinstance(order, int | np.integer) and not isinstance(order, bool)
-        if not whole or not 1 <= int(order) <= HIGHEST_ORDER:
-            raise ParameterError(
-                f'order is {order!r}; give "auto" or a whole number from 1 to {HIGHEST_ORDER}'
-            )
-        wanted = [int(order)]
-    if zeros is not None and not (isinstance(zeros, int) and 0 <= zeros <= wanted[-1]):
-        raise ParameterError(
-            f"zeros is {zeros!r}; give a whole number from 0 to the number of poles, {wanted[-1]}"
-        )
+        wanted = [as_whole("order", order, 1, HIGHEST_ORDER)]
+    if zeros is not None:
+        as_whole("zeros", zeros, 0, wanted[-1])
     if points < wanted[0]:
         raise SignalError(
             f"{points} frequencies for {wanted[0]} poles; measure at more frequencies, or give a "
