@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, as_pair, as_times, as_whole, check_option
 from minorloop.dynamics.oscillator import Oscillator
@@ -108,9 +107,7 @@ class Vibration:
                     f"{quantity.name} is in {quantity.unit}; an oscillator is identified from "
                     f"forces in N and displacements in m, so convert the column to {unit}"
                 )
-        used = record.cut()
-        rows = (used.t, used.u, used.y)
-        known = _record(*rows, self.period, self.between, self.substeps, self.stages, used.skip)
+        known = _record(self, record.cut())
         with one_thread():
             if isinstance(self.rough, Oscillator):
                 return replace(_from_start(known, self.rough, self.fixed), record=record)
@@ -122,27 +119,18 @@ class Vibration:
             return replace(_unknown(known, say), record=record)
 
 
-def _record(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    period: int | None,
-    between: Interpolation,
-    substeps: int,
-    stages: Sequence[Stage],
-    skip: int,
-) -> OscillatorRecord:
+def _record(law: Vibration, record: Record) -> OscillatorRecord:
     """Return the record, averaged over its settled periods."""
-    times, (forces, outputs) = as_times(t), as_pair(u, y)
+    times, (forces, outputs) = as_times(record.t), as_pair(record.u, record.y)
     if forces.shape != times.shape:
         raise SignalError(f"t has shape {times.shape} and u {forces.shape}; give one of each")
-    check_option("between", between, ("held", "straight", "band"))
-    count = as_whole("substeps", substeps, 1)
-    filters = checked_stages(stages, count)
+    check_option("between", law.between, ("held", "straight", "band"))
+    count = as_whole("substeps", law.substeps, 1)
+    filters = checked_stages(law.stages, count)
     interval = even_interval(times)
     noise, unsettled = None, 0
-    if period is not None:
-        mean = mean_period(forces, outputs, as_whole("period", period, 2))
+    if law.period is not None:
+        mean = mean_period(forces, outputs, as_whole("period", law.period, 2))
         forces, outputs, noise, unsettled = mean.u, mean.y, mean.noise, mean.unsettled
     scored = np.isfinite(outputs)
     if not scored.any():
@@ -150,11 +138,11 @@ def _record(
             f"no displacement of {outputs.size} is measured, all are NaN; give numbers where one is"
         )
     last = int(np.flatnonzero(scored)[-1])
-    scored[: as_whole("skip", skip, 0)] = False
+    scored[: as_whole("skip", record.skip, 0)] = False
     if not scored.any():
         raise SignalError(
-            f"no sample counts: skip is {skip}, and the last measured displacement of "
-            f"{'a period' if period is not None else 'the record'} is sample {last}, counted from "
+            f"no sample counts: skip is {record.skip}, and the last measured displacement of "
+            f"{'the record' if law.period is None else 'a period'} is sample {last}, counted from "
             "0; give a smaller skip"
         )
     if not np.ptp(outputs[scored]) or not np.ptp(forces):
@@ -166,9 +154,9 @@ def _record(
         forces,
         outputs,
         interval,
-        period is not None,
+        law.period is not None,
         noise,
-        between,
+        law.between,
         count,
         filters,
         scored,
