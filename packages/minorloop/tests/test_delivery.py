@@ -68,7 +68,7 @@ def test_the_plan_settles_in_saturation_and_never_ends_an_interval_early():
     assert plan.longest[0] == 100.0
     assert len(plan) == 1 + 3 * 10
     np.testing.assert_array_equal(plan.shortest, plan.longest)
-    again = Delivery.from_json(chosen.to_json(), float)
+    again = Delivery.from_json(chosen.to_json(), written=float)
     assert again.model == MODEL
     assert again.to_json() == chosen.to_json()
 

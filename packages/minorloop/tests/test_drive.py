@@ -144,7 +144,7 @@ def test_inputs_are_those_that_the_source_writes():
 def test_a_stopped_drive_continues_with_the_same_inputs():
     chosen, points, memory = drive(corrections=2), [], "negative"
     while (u := chosen.choose(points)) is not None:
-        again = TargetDrive.from_json(chosen.to_json(), float)
+        again = TargetDrive.from_json(chosen.to_json(), written=float)
         assert again.choose(points) == u
         y, memory = weak(memory, u)
         points.append(point(len(points), u, y))

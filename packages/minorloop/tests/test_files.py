@@ -69,7 +69,7 @@ def test_writes_exactly_the_content_and_no_other_file(tmp_path, content):
 @pytest.mark.parametrize(
     ("name", "begin", "kind"),
     [
-        ("a.json", b'{"format": "minorloop head", "version": 1', "the file of a head"),
+        ("a.json", b'{"format": "minorloop head", "version": 1', "a head file"),
         ("a.json", b'{\n  "version": 1, "format": "minorloop model"', "a model file"),
         ("a.csv", b'{"devices": {', "a JSON file"),
         ("a.csv", b"pan [deg],tilt [deg]", "a table"),

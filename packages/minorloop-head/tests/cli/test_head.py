@@ -236,7 +236,7 @@ def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypa
             "column 'pan [deg]' of empty.csv is empty in row 3; give a number",
         ),
         ("rad.csv", "head.json", "is in rad and a head is driven in deg; give the column in deg"),
-        ("head.json", "head.json", "head.json is the file of a head, not a table; give a CSV"),
+        ("head.json", "head.json", "head.json is a head file, not a table; give a CSV"),
         ("good.csv", "good.csv", "good.csv is not a valid file of a head: it is a table"),
         ("good.csv", "none.json", "no file none.json; give one that head identify or head cal"),
     ],

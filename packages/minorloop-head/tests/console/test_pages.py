@@ -314,7 +314,7 @@ def test_a_browser_without_the_key_gets_an_instruction(browser, address):
     context = browser.new_context()
     page = context.new_page()
     page.goto(address.split("?")[0])
-    assert "open the address that the console printed" in page.inner_text("body")
+    assert "open the address that the server printed" in page.inner_text("body")
     context.close()
 
 

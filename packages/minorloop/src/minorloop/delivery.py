@@ -11,14 +11,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-import msgspec
 import numpy as np
 
-from minorloop._modelschema import AnyModel, build, kind_of, plain
 from minorloop.arrays import FloatArray, as_finite, as_samples, as_seconds
-from minorloop.drive import ALLOWED_ERRORS, LEAST_ALLOWED, Arrival, DriveResult, TargetDrive
+from minorloop.drive import (
+    ALLOWED_ERRORS,
+    LEAST_ALLOWED,
+    Arrival,
+    Chooser,
+    DriveResult,
+    TargetDrive,
+)
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import FEWEST, Plan
@@ -41,7 +45,7 @@ _ANY_SLOPE = 1e300
 
 
 @dataclass(frozen=True, eq=False)
-class Delivery:
+class Delivery(Chooser):
     """Chooses inputs that bring an actuator to each target within an interval, and keep it there.
 
     Raises
@@ -92,21 +96,6 @@ class Delivery:
                 f"of {self.every:g} s, at most {MOST_INTERVALS} can be given; give longer "
                 "intervals (--every) or shorter holds (--hold)"
             )
-
-    @classmethod
-    def from_json(cls, fields: dict[str, Any], written: Callable[[float], float]) -> Delivery:
-        """Return the delivery that ``to_json`` described."""
-        model = build(msgspec.convert(fields["model"], AnyModel))
-        return cls(**{**fields, "model": model}, written=written)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return everything but ``written``, ready for JSON."""
-        names = ("every", "hold", "saturation", "low", "high", "nrmse")
-        return {
-            "model": {"kind": kind_of(self.model), **plain(self.model)},
-            "targets": self.targets.tolist(),
-            **{name: getattr(self, name) for name in names},
-        }
 
     @property
     def intervals(self) -> int:

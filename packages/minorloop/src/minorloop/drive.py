@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 import numpy as np
@@ -99,6 +99,17 @@ class DriveResult:
     """What to do first about missed targets; to correct or to hold longer if empty."""
 
     @property
+    def rows(self) -> list[list[str]]:
+        """A row of a table for each target: what was wanted and given, and how it was reached."""
+        return [
+            [
+                *(f"{x:.6g}" for x in (one.target, one.input, one.achieved)),
+                *(f"{one.error:+.3g}", f"{one.sd:.2g}", str(one.tries), one.verdict),
+            ]
+            for one in self.arrivals
+        ]
+
+    @property
     def errors(self) -> FloatArray:
         """(n,) achieved minus target; NaN where nothing was measured."""
         return np.array([arrival.error for arrival in self.arrivals])
@@ -162,8 +173,26 @@ class DriveResult:
         return {"offset": self.offset, **self.summary(), **missed, "targets": targets}
 
 
+class Chooser:
+    """What drives have in common: their fields as JSON, for a store."""
+
+    @classmethod
+    def from_json(cls, fields: dict[str, Any], **others: Any) -> Self:
+        """Return the drive that ``to_json`` described, with what it left out."""
+        model = build(msgspec.convert(fields["model"], AnyModel))
+        return cls(**{**fields, "model": model}, **others)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields but ``written`` and ``covered``, ready for JSON."""
+        known: dict[str, Any] = {**vars(self)}
+        model = known["model"]
+        known |= {"model": {"kind": kind_of(model), **plain(model)}}
+        known |= {"targets": known["targets"].tolist()}
+        return {name: known[name] for name in known if name not in ("written", "covered")}
+
+
 @dataclass(frozen=True, eq=False)
-class TargetDrive:
+class TargetDrive(Chooser):
     """Chooses the inputs that bring an actuator to targets.
 
     Raises
@@ -212,26 +241,6 @@ class TargetDrive:
             raise ParameterError(f"nrmse is {self.nrmse}; give an error >= 0")
         if not (np.isfinite(self.within) and self.within >= 0):
             raise ParameterError(f"within is {self.within}; give a finite error of at least 0")
-
-    @classmethod
-    def from_json(
-        cls, fields: dict[str, Any], written: Callable[[float], float], covered: str = ""
-    ) -> TargetDrive:
-        """Return the drive that ``to_json`` described."""
-        model = build(msgspec.convert(fields["model"], AnyModel))
-        return cls(**{**fields, "model": model}, written=written, covered=covered)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return everything but ``written`` and ``covered``, ready for JSON."""
-        return {
-            "model": {"kind": kind_of(self.model), **plain(self.model)},
-            "targets": self.targets.tolist(),
-            "saturation": self.saturation,
-            "corrections": self.corrections,
-            "within": self.within,
-            "absolute": self.absolute,
-            "nrmse": self.nrmse,
-        }
 
     def plan(self, hold: float, *, input: str, **settings: Any) -> Plan:
         """Return the plan of a run: the saturation, twice as long, then holds that are open.
@@ -364,8 +373,8 @@ class TargetDrive:
     def _replayed(self, points: Sequence[Point]) -> _DriveState:
         memory, predicted = _saturated(self.model, self.saturation)
         state = _DriveState(memory, [predicted])
-        for point in points[:1]:
-            state.offset = point.value - predicted
+        if points:
+            state.offset = points[0].value - predicted
         for point in points[1:]:
             self._take(state, point)
         return state

@@ -33,23 +33,11 @@ def drive_report(
         f"{result.offset:+.4g} more than the model; targets and outputs here count from the zero "
         "that was chosen for the drive.",
     )
-    rows = [
-        (
-            f"{arrival.target:.6g}",
-            f"{arrival.input:.6g}",
-            f"{arrival.achieved:.6g}",
-            f"{arrival.error:+.3g}",
-            f"{arrival.sd:.2g}",
-            str(arrival.tries),
-            arrival.verdict,
-        )
-        for arrival in result.arrivals
-    ]
     columns = ("target", str(run["input"]), "achieved", "error", "sd", "holds", "last hold")
     report.add(
         "Targets",
         pictures=[Picture(draw_drive(result, output), "Targets, achieved outputs, and errors.")],
-        table=Table(columns, rows),
+        table=Table(columns, result.rows),
         notes=list(warnings),
     )
     return report

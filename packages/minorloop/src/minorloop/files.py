@@ -28,8 +28,7 @@ _DECIMAL = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _BEGIN = 4096
 """Bytes at the begin of a file that tell what it is."""
 _OBJECT = re.compile(rb'\s*\{\s*["}]')
-_FORMAT = re.compile(rb'"format"\s*:\s*"minorloop (model|head)"')
-_FORMATS = {b"model": "a model file", b"head": "the file of a head"}
+_FORMAT = re.compile(rb'"format"\s*:\s*"minorloop ([a-z]+)"')
 _ENDINGS = {
     ".csv": "a table",
     ".mat": "a table",
@@ -87,7 +86,7 @@ def kind_of_file(path: PathLike, begin: bytes) -> str:
     """
     if _OBJECT.match(begin):
         found = _FORMAT.search(begin, 0, _BEGIN)
-        return _FORMATS[found[1]] if found else "a JSON file"
+        return f"a {found[1].decode()} file" if found else "a JSON file"
     return _ENDINGS.get(Path(path).suffix.lower(), "")
 
 

@@ -148,6 +148,13 @@ class ModelFile:
         return isinstance(self.model, Cascade | AfterEffect | Oscillator)
 
     @property
+    def nrmse(self) -> float:
+        """Error of the model on held-out data, or on fitted; 0 where it is not known."""
+        names = ("nrmse_holdout", "nrmse_train", "left_out_nrmse")
+        found = [self.provenance.scores.get(name) for name in names]
+        return next((score for score in found if score is not None), 0.0)
+
+    @property
     def operator(self) -> StaticModel:
         """The model, or the operator of one with time: the output for slow inputs.
 
@@ -514,7 +521,7 @@ def _flood(data: bytes) -> str:
 def _check_header(path: PathLike, data: bytes) -> None:
     """Refuse files that are not model files, or that a newer version wrote."""
     kind = kind_of_file(path, data)
-    what = f"{kind}, " if kind in ("a table", "a TOML file", "the file of a head") else ""
+    what = f"{kind}, " if kind not in ("", "a JSON file", "a model file") else ""
     if what or (data.strip() and not data.lstrip().startswith(b"{")):
         raise ModelFileError(f"{path} is {what}not a model file; {_GIVE}")
     if flood := _flood(data):

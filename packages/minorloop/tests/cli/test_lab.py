@@ -22,7 +22,7 @@ pytest.importorskip("uvicorn", reason="needs starlette and uvicorn: minorloop[pa
         ),
         ("--folder good.csv", "give one that exists"),
         ("--host no.such.host.invalid --port 0", "cannot listen"),
-        ("--name https://a.example", "give a host name such as console.example.org"),
+        ("--name https://a.example", "give a host name such as lab.example.org"),
     ],
 )
 def test_refuses_wrong_options_in_one_sentence(refused, options, sentence):

@@ -287,7 +287,7 @@ def read_head(path: PathLike) -> HeadFile:
     data = _bytes_of(path)
     try:
         kind = kind_of_file(path, data)
-        if kind not in ("", "a JSON file", "the file of a head"):
+        if kind not in ("", "a JSON file", "a head file"):
             raise ParameterError(f"it is {kind}, which has no format {FORMAT!r}; {_GIVE}")
         header = _decoded(data)
         if not isinstance(header, dict) or header.get("format") != FORMAT:

@@ -38,7 +38,7 @@ def check(port: int, name: str | None, certificate: Path | None, private_key: Pa
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
     if name is not None and re.fullmatch(r"[A-Za-z0-9._-]{1,253}", name) is None:
-        raise ParameterError(f"--name is {name!r}; give a host name such as console.example.org")
+        raise ParameterError(f"--name is {name!r}; give a host name such as lab.example.org")
     if (certificate is None) != (private_key is None):
         raise ParameterError("give --certificate and --private-key together, or neither")
     for file in (certificate, private_key):

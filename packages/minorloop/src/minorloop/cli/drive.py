@@ -110,21 +110,12 @@ def run(
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
         first = saturation_of(known.operator, plant.inputs[0]) if saturation is None else saturation
-        shared: dict[str, Any] = {
-            "nrmse": _error_of(known),
-            "written": getattr(plant, "written", float),
-        }
+        written = getattr(plant, "written", float)
+        shared: dict[str, Any] = {"nrmse": known.nrmse, "written": written}
         chosen: Delivery | TargetDrive
         if every is None:
-            chosen = TargetDrive(
-                known.operator,
-                targets,
-                first,
-                corrections=corrections,
-                within=within,
-                absolute=absolute,
-                **shared,
-            )
+            correcting = (corrections, within, absolute)
+            chosen = TargetDrive(known.operator, targets, first, *correcting, **shared)
             plan = chosen.plan(hold, input=names[0], tolerance=tolerance)
         else:
             limits = plant.inputs[0].low, plant.inputs[0].high
@@ -137,29 +128,17 @@ def run(
         setup = Setup(actuator, *names, specimen, seed, given, design)
         _common.print_warnings(known.warnings)
         with Store.create(store, plan, setup) as opened:
-            _carried(plant, opened, as_json, report, force)
+            carry_out(plant, opened, as_json, report, force)
 
 
 def _refuse_with_every(
     corrections: int, within: float, absolute: bool, tolerance: float | None
 ) -> None:
     """Refuse options that a delivery in time does not have."""
-    given = {
-        "--corrections": corrections != 0,
-        "--within": within != 0,
-        "--absolute": absolute,
-        "--tolerance": tolerance is not None,
-    }
-    if named := next((name for name, value in given.items() if value), None):
-        raise ParameterError(
-            f"{named} cannot be combined with --every, which uses no reading and waits for no "
-            "settled output; leave one of them out"
-        )
-
-
-def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
-    """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
-    _carried(plant, store, as_json)
+    given = {"corrections": corrections or None, "within": within or None}
+    given |= {"absolute": absolute or None, "tolerance": tolerance}
+    why = "cannot be combined with --every, which uses no reading and waits for no settled output"
+    _common.refuse_given(given, why)
 
 
 def _channel(plant: Actuator, input: str) -> Actuator:
@@ -169,21 +148,14 @@ def _channel(plant: Actuator, input: str) -> Actuator:
     return plant if len(plant.inputs) == 1 else single_channel(plant, input)
 
 
-def _error_of(known: ModelFile) -> float:
-    """Return the error of a model on held-out data, or on fitted; 0 where it is not known."""
-    scores = known.provenance.scores
-    names = ("nrmse_holdout", "nrmse_train", "left_out_nrmse")
-    found = [scores.get(name) for name in names]
-    return next((score for score in found if score is not None), 0.0)
-
-
-def _carried(
+def carry_out(
     plant: Actuator,
     store: Store,
     as_json: bool,
     report: Path | None = None,
     force: bool = False,
 ) -> None:
+    """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
     from minorloop.delivery import Delivery
     from minorloop.drive import TargetDrive
     from minorloop.drive_report import drive_report
@@ -191,9 +163,10 @@ def _carried(
     fields, written = (store.setup.design or {})["drive"], getattr(plant, "written", float)
     chosen: Delivery | TargetDrive
     if "every" in fields:
-        chosen = Delivery.from_json(fields, written)
+        chosen = Delivery.from_json(fields, written=written)
     else:
-        chosen = TargetDrive.from_json(fields, written, getattr(plant, "covered", ""))
+        covered = getattr(plant, "covered", "")
+        chosen = TargetDrive.from_json(fields, written=written, covered=covered)
     mode, faults = carry_out_levels(plant, store, chosen.choose)
     result, figures = chosen.result(store.points()), summary(store)
     warnings = [*result.advice, *run_warnings(plant, figures), *faults]
@@ -230,19 +203,8 @@ def _print(
 ) -> None:
     print_mode(mode)
     unit = known["output"]
-    rows = [
-        [
-            f"{arrival.target:.6g}",
-            f"{arrival.input:.6g}",
-            f"{arrival.achieved:.6g}",
-            f"{arrival.error:+.3g}",
-            str(arrival.tries),
-            arrival.verdict,
-        ]
-        for arrival in result.arrivals
-    ]
-    columns = [f"target {unit}", str(known["input"]), "achieved", "error", "holds", ""]
-    _common.print_table(columns, rows)
+    columns = [f"target {unit}", str(known["input"]), "achieved", "error", "sd", "holds", ""]
+    _common.print_table(columns, result.rows)
     score = result.summary()
     if score["rms"] is not None:
         typer.echo(f"error: {score['rms']:.3g} rms, {score['worst']:.3g} at most, in {unit}")

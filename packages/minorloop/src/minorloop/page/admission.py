@@ -49,7 +49,7 @@ class Admission:
         if response is None and self._authentication.is_key(request.query_params.get("key")):
             response = self._welcome(request)
         elif response is None and not self._has_token(request):
-            response = plain(403, "open the address that the console printed, with its key")
+            response = plain(403, "open the address that the server printed, with its key")
         if response is not None:
             await response(scope, receive, secured)
             return

@@ -6,8 +6,8 @@ import asyncio
 import contextlib
 import re
 import time
-from collections.abc import AsyncIterator, Coroutine, Iterator
-from functools import partial
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -81,8 +81,33 @@ class _Targets(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 # Made while the module is imported: a decoder is made slowly, and not for the first user.
 _choices = msgspec.json.Decoder(_Choice)
-_moves = msgspec.json.Decoder(_Move)
-_targets = msgspec.json.Decoder(_Targets)
+_asked: dict[str, msgspec.json.Decoder[Any]] = {
+    "move": msgspec.json.Decoder(_Move),
+    "invert": msgspec.json.Decoder(_Targets),
+}
+
+
+class _RefusedError(Exception):
+    """A request that is refused with a sentence."""
+
+    def __init__(self, sentence: str, status: int = 422) -> None:
+        super().__init__(sentence)
+        self.status = status
+
+
+def _answered(work: Callable[[Any, Request], Awaitable[Response]]) -> Any:
+    """Return a method whose refusals are answers."""
+
+    @wraps(work)
+    async def answer(lab: Any, request: Request) -> Response:
+        try:
+            return await work(lab, request)
+        except _RefusedError as error:
+            return JSONResponse({"error": str(error)}, status_code=error.status)
+        except FullError as error:
+            return JSONResponse({"error": str(error)}, status_code=507)
+
+    return answer
 
 
 class LabPage:
@@ -116,8 +141,8 @@ class LabPage:
             *files_of(STATIC, "/lab"),
             Route("/api/lab", self._drop, methods=["POST"]),
             Route("/api/lab/{user}/identify", self._identify, methods=["POST"]),
-            Route("/api/lab/{user}/move", self._move, methods=["POST"]),
-            Route("/api/lab/{user}/invert", self._invert, methods=["POST"]),
+            Route("/api/lab/{user}/move", self._ask, methods=["POST"]),
+            Route("/api/lab/{user}/invert", self._ask, methods=["POST"]),
             Route("/api/lab/{user}/{file}", self._download),
         ]
 
@@ -139,17 +164,13 @@ class LabPage:
         await self._quick.stop()
         await self._uploads.stop()
 
+    @_answered
     async def _drop(self, request: Request) -> Response:
         """Receive a file and describe its columns."""
-        try:
-            size = _length(request, self._quota.file)
-            with self._job(size):
-                upload = await self._received(request, size)
-                described = await self._described(request, upload)
-        except _RefusedError as error:
-            return _refusal(str(error), error.status)
-        except FullError as error:
-            return _refusal(str(error), 507)
+        size = _length(request, self._quota.file)
+        with self._job(size):
+            upload = await self._received(request, size)
+            described = await self._described(request, upload)
         return JSONResponse({"user": upload.key, **described})
 
     async def _received(self, request: Request, size: int) -> Upload:
@@ -187,13 +208,11 @@ class LabPage:
             async with self._for_large:
                 return await self._workers.ask("look", **options)
 
+    @_answered
     async def _identify(self, request: Request) -> Response:
         """Send stages and the result, a line of JSON each."""
-        try:
-            upload = self._upload(request)
-            choice = await _decoded(request, _choices)
-        except _RefusedError as error:
-            return _refusal(str(error), error.status)
+        upload = self._upload(request)
+        choice = await _decoded(request, _choices)
         return StreamingResponse(
             self._identified(upload, msgspec.structs.asdict(choice)),
             media_type="application/x-ndjson",
@@ -215,39 +234,30 @@ class LabPage:
         except _RefusedError as error:
             yield _line({"error": str(error)})
 
-    async def _move(self, request: Request) -> Response:
-        return await self._asked(request, "move", _moves)
+    @_answered
+    async def _ask(self, request: Request) -> Response:
+        """Answer a move or targets."""
+        task = request.url.path.rsplit("/", 1)[-1]
+        upload = self._upload(request)
+        options = msgspec.structs.asdict(await _decoded(request, _asked[task]))
+        with upload.in_use(), self._job(0):
+            found = await self._quick.ask(task, folder=str(upload.folder), **options)
+        if "error" in found:
+            raise _RefusedError(found["error"])
+        return JSONResponse(found)
 
-    async def _invert(self, request: Request) -> Response:
-        return await self._asked(request, "invert", _targets)
-
-    async def _asked(
-        self, request: Request, task: str, decoder: msgspec.json.Decoder[Any]
-    ) -> Response:
-        try:
-            upload = self._upload(request)
-            options = msgspec.structs.asdict(await _decoded(request, decoder))
-            with upload.in_use(), self._job(0):
-                found = await self._quick.ask(task, folder=str(upload.folder), **options)
-        except _RefusedError as error:
-            return _refusal(str(error), error.status)
-        return _refusal(found["error"]) if "error" in found else JSONResponse(found)
-
+    @_answered
     async def _download(self, request: Request) -> Response:
-        try:
-            upload = self._upload(request)
-        except _RefusedError as error:
-            return _refusal(str(error), 404)
-        name = request.path_params["file"]
+        upload, name = self._upload(request, 404), request.path_params["file"]
         file = upload.folder / name
         if name not in RESULTS or not file.is_file():
-            return _refusal("there is no such file yet", 404)
+            raise _RefusedError("there is no such file yet", 404)
         return FileResponse(file, filename=name, headers={"Cache-Control": "no-store"})
 
-    def _upload(self, request: Request) -> Upload:
+    def _upload(self, request: Request, status: int = 422) -> Upload:
         upload = self._uploads.find(request.path_params["user"])
         if upload is None:
-            raise _RefusedError("this file was removed; drop it again")
+            raise _RefusedError("this file was removed; drop it again", status)
         return upload
 
     def _is_large(self, upload: Upload) -> bool:
@@ -294,20 +304,11 @@ def files_of(folder: Path, path: str) -> list[BaseRoute]:
     return [Mount(path, StaticFiles(directory=folder))] if folder.is_dir() else []
 
 
-class _RefusedError(Exception):
-    """A request that is refused with a sentence."""
-
-    def __init__(self, sentence: str, status: int = 422) -> None:
-        super().__init__(sentence)
-        self.status = status
-
-
 async def _while_connected(request: Request, work: Coroutine[Any, Any, dict[str, Any]]) -> Any:
     """Return the result of some work; cancel it if the page closes."""
     job = asyncio.ensure_future(work)
-    closed = asyncio.ensure_future(
-        request.receive()
-    )  # after the body, only the end of the connection comes
+    # After the body, only the end of the connection comes.
+    closed = asyncio.ensure_future(request.receive())
     try:
         await asyncio.wait((job, closed), return_when=asyncio.FIRST_COMPLETED)
         if not job.done():
@@ -371,10 +372,6 @@ async def _decoded(request: Request, decoder: msgspec.json.Decoder[Any]) -> Any:
 
 def _line(report: dict[str, Any]) -> bytes:
     return msgspec.json.encode(report) + b"\n"
-
-
-def _refusal(sentence: str, status: int = 422) -> Response:
-    return JSONResponse({"error": sentence}, status_code=status)
 
 
 def _name(given: str) -> str:

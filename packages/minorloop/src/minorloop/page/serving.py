@@ -1,7 +1,7 @@
 """Run the server of the pages with uvicorn, with limits for strangers.
 
 uvicorn limits neither the time of a slow request nor the number of connections (its
-``limit_concurrency`` refuses the pilot with all others). The listening socket does both. The
+``limit_concurrency`` refuses a known user with all others). The listening socket does both. The
 protocol below answers requests that are too long, in such a way that the answer arrives.
 """
 
@@ -34,7 +34,7 @@ _LONG = (
     f"there are more than {_MOST_HEADERS} headers; shorten the name of the file, or remove the "
     "cookies of this host in your browser"
 )
-_UNREADABLE = "this is not a valid HTTP request; open the address that the console printed"
+_UNREADABLE = "this is not a valid HTTP request; open the address that the server printed"
 
 
 def serve(
@@ -61,7 +61,7 @@ def serve(
     listener = Listener(how.listening, limits)
     config = uvicorn.Config(
         _Marking(app, listener),
-        http=ConsoleHttp,
+        http=Http,
         ws=Sockets,
         log_level="warning",
         access_log=False,
@@ -111,7 +111,7 @@ class _Marking:
             await self._app(scope, receive, send)
 
 
-class ConsoleHttp(H11Protocol):
+class Http(H11Protocol):
     """HTTP protocol that answers a bad request with a sentence before it closes the connection."""
 
     _refused = False

@@ -52,7 +52,7 @@ class Workers:
     tasks : str
         Module of the tasks, with a function ``warm_up``.
     nice : int
-        Niceness of the workers: the processes that steer run first.
+        Niceness of the workers.
     memory, file : int
         Bytes of memory that a worker may take, and of a file that it may write, on systems that
         have such limits.
@@ -182,9 +182,9 @@ class _Worker:
 
 def serve(pipe: Connection, work: Work) -> None:
     """Do tasks until the pipe closes; for a process of its own."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the console, which ends its workers
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the server, which ends its workers
     be_nice(work.nice)
-    bind_to_parent("console-worker", signal.SIGKILL)
+    bind_to_parent("page-worker", signal.SIGKILL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tasks = importlib.import_module(work.tasks)
     tasks.warm_up()
