@@ -148,24 +148,11 @@ def as_pair(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]
 
 
 def as_levels(values: npt.ArrayLike) -> Levels:
-    """Return thresholds as a read-only float64 array.
+    """Return thresholds (L + 1,), in the unit of the input, as a read-only float64 copy.
 
     Raises a `ParameterError` if they are not finite, not strictly increasing, or fewer than two.
-
-    Parameters
-    ----------
-    values : (L + 1,) array_like
-        Thresholds in the unit of the input, strictly increasing, at least two.
-
-    Returns
-    -------
-    (L + 1,) array
-        A read-only copy.
     """
-    try:
-        levels = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ParameterError(f"levels are not an array of numbers: {error}") from None
+    levels = _numbers("levels", values)
     if levels.ndim != 1 or levels.size < 2:
         raise ParameterError(
             f"levels have shape {levels.shape}; give L + 1 >= 2 thresholds in one dimension"
@@ -188,6 +175,14 @@ def as_levels(values: npt.ArrayLike) -> Levels:
             f"levels are only {steps.min():g} apart, less than {_CLOSEST:g}; scale the input up"
         )
     return frozen(levels)
+
+
+def _numbers(name: str, values: npt.ArrayLike) -> FloatArray:
+    """Return a float64 copy; refuse what is no array of numbers."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ParameterError(f"{name} are not an array of numbers: {error}") from None
 
 
 def frozen(values: npt.ArrayLike) -> FloatArray:
@@ -265,10 +260,7 @@ def as_whole(name: str, value: int, low: int, high: int | None = None) -> int:
 def check_kind(name: str, value: object, kind: type) -> None:
     """Refuse a value of another class.
 
-    Raises
-    ------
-    ParameterError
-        The message names the right class.
+    Raises a `ParameterError` that names the right class.
     """
     if not isinstance(value, kind):
         raise ParameterError(f"{name} is {short(value)}; give a {kind.__name__}")
@@ -277,10 +269,7 @@ def check_kind(name: str, value: object, kind: type) -> None:
 def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
     """Refuse an option that is not one of the allowed words.
 
-    Raises
-    ------
-    ParameterError
-        The message names the allowed words.
+    Raises a `ParameterError` that names them.
     """
     if not isinstance(value, str) or value not in allowed:
         words = ", ".join(repr(word) for word in allowed)
@@ -288,24 +277,12 @@ def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
 
 
 def as_triangle(values: npt.ArrayLike, size: int, *, name: str) -> FloatArray:
-    """Return a lower-triangular array as read-only float64.
+    """Return a lower triangle (size, size), a number for each pair (alpha, beta), beta <= alpha.
 
-    Raises a `ParameterError` if the shape is wrong, a number is not finite, or one above the
-    diagonal is not zero.
-
-    Parameters
-    ----------
-    values : (size, size) array_like
-        One number for each pair (alpha, beta), beta <= alpha.
-    size : int
-        Number of rows and of columns.
-    name : str
-        Name of the values in an error message.
+    It is read-only float64. Raises a `ParameterError` if the shape is wrong, a number is not
+    finite, or one above the diagonal is not zero. ``name`` is that of the values, for a message.
     """
-    try:
-        triangle = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ParameterError(f"{name} are not an array of numbers: {error}") from None
+    triangle = _numbers(name, values)
     if triangle.shape != (size, size):
         raise ParameterError(f"{name} have shape {triangle.shape}; the levels need {(size, size)}")
     if not np.isfinite(triangle).all():

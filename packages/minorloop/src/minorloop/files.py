@@ -44,21 +44,7 @@ def check_name(what: str, name: str, error: type[MinorloopError] = ParameterErro
     """Return a name; refuse one with control characters.
 
     These are C0, DEL and C1, marks and overrides of the direction of writing, and separators of
-    lines and paragraphs.
-
-    Parameters
-    ----------
-    what : str
-        What has this name, for the message.
-    name : str
-        The name.
-    error : type of MinorloopError
-        Class of the error.
-
-    Raises
-    ------
-    MinorloopError
-        Of the type given.
+    lines and paragraphs. Raises an ``error``, whose message says ``what`` has this name.
     """
     found = _CONTROL.search(name)
     if found:
@@ -77,12 +63,7 @@ def printable(name: str) -> str:
 def kind_of_file(path: PathLike, begin: bytes) -> str:
     """Return what a file is, such as ``a model file``; empty if that is not known.
 
-    Parameters
-    ----------
-    path : str or path
-        Its ending tells, unless it begins as JSON.
-    begin : bytes
-        Its content, or the begin of it.
+    Its ending tells, unless its content, of which ``begin`` may be a part, begins as JSON.
     """
     if _OBJECT.match(begin):
         found = _FORMAT.search(begin, 0, _BEGIN)
@@ -249,19 +230,11 @@ def lock_path(path: PathLike, flags: int = os.O_RDONLY, *, shared: bool = False)
 
 
 def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: str = "") -> str:
-    """Return the first difference of two descriptions in words; empty if they are equal.
+    """Return the first difference of two objects of JSON; empty if they are equal.
 
-    Parameters
-    ----------
-    before, now : mapping
-        Objects of JSON, nested to any depth; elements of lists count from 0.
-    within : str
-        Name of the object that they are part of: in ``meter``, ``scale`` is ``meter.scale``.
-
-    Returns
-    -------
-    str
-        Such as ``meter.scale was 1 and is 2 now``.
+    It is in words, such as ``meter.scale was 1 and is 2 now``; elements of lists count from 0.
+    ``within`` is the name of the object that both are part of: in ``meter``, ``scale`` is
+    ``meter.scale``.
     """
     for name in [*before, *(name for name in now if name not in before)]:
         path = f"{within}.{name}" if within else name

@@ -113,6 +113,16 @@ class Positioning:
         return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
 
     @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row of a table for each target: target, and voltage and curvature of both inverses."""
+        one, other = self.preisach, self.quadratic
+        columns = one.voltages, one.achieved, other.voltages, other.achieved
+        return [
+            (f"{target:.2f}", f"{a:.3f}", f"{ya:.2f}", f"{b:.3f}", f"{yb:.2f}")
+            for target, a, ya, b, yb in zip(self.targets, *columns, strict=True)
+        ]
+
+    @property
     def coverage(self) -> float:
         """Share of the targets at which the curvature is within its band."""
         return self.bands.covers(self.preisach.achieved)

@@ -85,12 +85,7 @@ def positioning_report(result: Positioning) -> Report:
 
 def _target_table(result: Positioning) -> Table:
     columns = ("target, 1/m", "Preisach, V", "achieved, 1/m", "quadratic, V", "achieved, 1/m")
-    each = [(drive.voltages, drive.achieved) for drive in _drives(result).values()]
-    rows = [
-        (f"{target:.2f}", *(text for u, y in each for text in (f"{u[k]:.3f}", f"{y[k]:.2f}")))
-        for k, target in enumerate(result.targets)
-    ]
-    return Table(columns, rows)
+    return Table(columns, result.rows)
 
 
 def draw_staircase(result: Positioning) -> Any:

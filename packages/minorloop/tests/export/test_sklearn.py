@@ -60,7 +60,7 @@ def test_only_the_named_column_is_used():
 
 def test_it_works_in_a_search_with_contiguous_blocks():
     start = ours.PreisachRegressor(smoothness=0.0, predict_from="end")
-    splits = ours.ContiguousSplit(3)
+    splits = selection.TimeSeriesSplit(3, test_size=100)
     scores = selection.cross_val_score(base.clone(start).set_params(levels=8), X, Y, cv=splits)
     assert scores.shape == (3,)
     assert scores.min() > 0.999
@@ -68,39 +68,6 @@ def test_it_works_in_a_search_with_contiguous_blocks():
     assert search.best_params_ == {"levels": 8}
 
 
-def test_blocks_are_contiguous_and_cover_the_rest():
-    folds = list(ours.ContiguousSplit(4, first=0.3).split(np.zeros(50)))
-    assert len(folds) == ours.ContiguousSplit(4).get_n_splits() == 4
-    assert folds[0][0].tolist() == list(range(15))
-    for fitted, tested in folds:
-        assert tested[0] == fitted[-1] + 1
-        assert (np.diff(np.concatenate([fitted, tested])) == 1).all()
-    assert folds[-1][1][-1] == 49
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((0,), "n_splits is 0"),
-        ((2.5,), "n_splits is 2.5"),
-        ((True,), "n_splits is True"),
-        (("a",), "n_splits is 'a'"),
-    ],
-)
-def test_refuses_wrong_options_of_splits(arguments, message):
-    with pytest.raises(ParameterError, match=message):
-        ours.ContiguousSplit(*arguments)
-
-
-def test_refuses_wrong_shares_and_too_few_rows():
-    for first in (1, "a", np.nan):
-        with pytest.raises(ParameterError, match=f"first is {first!r}"):
-            ours.ContiguousSplit(first=first)
-
-
-def test_a_split_has_a_repr():
-    assert repr(ours.ContiguousSplit(3)) == "ContiguousSplit(3, first=0.5)"
-    with pytest.raises(ParameterError, match="too few for 5 blocks"):
-        list(ours.ContiguousSplit(5).split(np.zeros(6)))
+def test_a_wrong_beginning_of_a_prediction_is_refused():
     with pytest.raises(ParameterError, match="predict_from"):
         ours.PreisachRegressor(predict_from="middle").fit(X, Y)

@@ -95,25 +95,13 @@ def main(
     parser: Callable[[], Any] = _command,
     name: str = "minorloop",
 ) -> int:
-    """Run a command line; an error is one line on stderr and exit status 2.
+    """Run a command line, that of the process if none is given, and return its exit status.
 
-    With ``--json`` an error is also one JSON object on stdout, unless the result is already there.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        What follows the name of the program; ``sys.argv`` if not given.
-    parser : callable
-        What returns the commands; those of ``minorloop`` if not given.
-    name : str
-        Of the program.
-
-    Returns
-    -------
-    int
-        The exit status: 0 for success, 2 for a refusal, 3 where a source may still be on, 130 for
-        an interruption, 1 where the program that reads the output has ended, nothing in a fleet
-        could be identified, or an identified model is not to be trusted.
+    An error is one line on stderr and, with ``--json``, one JSON object on stdout, unless the
+    result is already there. The status is 0 for success, 2 for a refusal, 3 where a source may
+    still be on, 130 for an interruption, 1 where the program that reads the output has ended,
+    nothing in a fleet could be identified, or an identified model is not to be trusted.
+    ``parser`` returns the commands of another program, whose ``name`` is in its messages.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     for stream in ("stdout", "stderr"):
@@ -148,15 +136,12 @@ def main(
         _refuse("OSError", f"something could not be read or written: {error}")
         _drop_output()
         return _REFUSED
-    except (typer.Abort, KeyboardInterrupt):
-        status = _INTERRUPTED
-    except Exception as error:
-        if not _interrupted(error):
+    except BaseException as error:
+        if not isinstance(error, typer.Abort) and not _interrupted(error):
             raise
-        status = _INTERRUPTED
-    if status == _INTERRUPTED:
         print("interrupted", file=sys.stderr)
         _print_error("Interrupted", "interrupted")
+        return _INTERRUPTED
     return status
 
 

@@ -42,20 +42,18 @@ _EVERY = 10.0
 """Seconds between lines of a log."""
 
 
-def whole(text: str) -> int:
-    """Return a whole number, for the parser of options."""
-    try:
-        return int(text)
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a whole number") from None
+def _parser(kind: type[Any], what: str) -> Callable[[str], Any]:
+    def parse(text: str) -> Any:
+        try:
+            return kind(text)
+        except ValueError:
+            raise typer.BadParameter(f"{text!r} is not {what}") from None
+
+    return parse
 
 
-def number(text: str) -> float:
-    """Return a number, for the parser of options."""
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a number") from None
+whole, number = _parser(int, "a whole number"), _parser(float, "a number")
+"""Parsers of options."""
 
 
 def whole_option(help: str, *, panel: str | None = None) -> Any:
@@ -411,17 +409,9 @@ def connected(address: str, **options: Any) -> Iterator[Actuator]:
 
 
 def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], None]) -> Record:
-    """Return a record to be identified.
+    """Return the record of a table or an experiment store, with the columns of `minorloop.read`.
 
-    Parameters
-    ----------
-    file : path
-        A table or an experiment store.
-    columns : mapping
-        Of `minorloop.read`, as the command line has them; time and standard deviations are found if
-        they are None, and not read if they are ``none``.
-    now : callable
-        Shows progress, as `working` yields it.
+    Time and standard deviations are found if they are None, and not read if they are ``none``.
     """
     from minorloop.lab.columns import read_headers
     from minorloop.lab.store import is_store
@@ -457,18 +447,8 @@ def _reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
 def read_column(file: Path, column: str, unit: str = "", of: str = "the model") -> FloatArray:
     """Return one column of a CSV file, without gaps, in the unit that is needed.
 
-    Raises a `RecordError` if its header has a unit that differs by more than a prefix.
-
-    Parameters
-    ----------
-    file : path
-        The file.
-    column : str
-        The column.
-    unit : str
-        In which it is needed; not compared if empty.
-    of : str
-        What has this unit, for the message.
+    Raises a `RecordError` if its header has a unit that differs by more than a prefix. An empty
+    unit is not compared; ``of`` is what has it, for the message.
     """
     from minorloop.lab.columns import opened
     from minorloop.lab.conversion import unit_factor
@@ -487,24 +467,32 @@ def read_column(file: Path, column: str, unit: str = "", of: str = "the model") 
     return values if factor == 1 else factor * values
 
 
-def times_of(
-    known: File, file: Path, column: str | None
-) -> tuple[dict[str, FloatArray], TimeCheck | None]:
+def check_units(
+    known: File, names: Sequence[str], of: str, hints: Sequence[str] = ("", "")
+) -> None:
+    """Refuse a model in other units than those of names of an input and an output.
+
+    ``of`` is what has these names, and ``hints`` are what else to do, for the messages.
+    """
+    from minorloop.lab.records import Quantity
+
+    mine = ("input", known.input), ("output", known.output)
+    for (what, one), name, hint in zip(mine, names, hints, strict=True):
+        unit = Quantity.parse(name).unit
+        if one.unit and unit and one.unit != unit:
+            raise ParameterError(
+                f"the {what} of the model is '{one}' and that of {of} '{name}'; identify a model "
+                f"in {unit}{hint}"
+            )
+
+
+def times_of(known: File, file: Path, column: str) -> tuple[dict[str, FloatArray], TimeCheck]:
     """Return the column of time by its header, in seconds, and what was found in it.
 
-    Both are empty if no column is given and none is needed.
-
-    Raises a `ParameterError` if a model with dynamics needs it; a `RecordError` if the times run
-    backwards.
+    Raises a `RecordError` if the times run backwards.
     """
     from minorloop.lab.logs import read_times
 
-    if column is None:
-        if known.has_time:
-            raise ParameterError(
-                f"the model has dynamics and needs times; name the column of {file} with --time"
-            )
-        return {}, None
     quantity, check = read_times(file, column)
     check_order(file, column, check, strictly=known.has_time)
     return {str(quantity): check.t}, check
@@ -519,24 +507,10 @@ def check_order(
     part: slice = slice(None),
     rows: IntArray | None = None,
 ) -> None:
-    """Refuse times that run backwards; the message has the row of the file.
+    """Refuse times in a part of the samples that run backwards, or ``strictly`` that repeat.
 
-    Raises a `RecordError` if they do.
-
-    Parameters
-    ----------
-    file : path
-        The file.
-    column : str
-        Column of time.
-    check : TimeCheck
-        What was found in it.
-    strictly : bool
-        Whether times that repeat are refused too.
-    part : slice
-        Samples that are used.
-    rows : (T,) array of int, optional
-        Rows of the file that the samples are, counted from 0; all if not given.
+    Raises a `RecordError` with the row of the file: ``rows`` (T,) are those of the samples, counted
+    from 0; all if not given.
     """
     import numpy as np
 
@@ -642,15 +616,7 @@ def check_outputs(
     """Check before a long computation that its results can be written.
 
     Raises an `OutputError` if one of them cannot be written, is also an input, or is named twice.
-
-    Parameters
-    ----------
-    paths : sequence of path
-        Files to be written; None for a result that is not wanted.
-    force : bool
-        Whether existing files may be replaced.
-    inputs : sequence of path
-        Files to be read, which are never replaced.
+    None is a result that is not wanted.
     """
     from minorloop.files import check_writable
 

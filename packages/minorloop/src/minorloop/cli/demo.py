@@ -47,32 +47,15 @@ def run(
 def _show(result: Positioning, as_json: bool) -> None:
     if as_json:
         _common.print_json(result.summary)
-    else:
-        _print(result)
-
-
-def _print(result: Positioning) -> None:
-    rows = [
-        (f"{target:.2f}", f"{a:.3f}", f"{ya:.2f}", f"{b:.3f}", f"{yb:.2f}")
-        for target, a, ya, b, yb in zip(
-            result.targets,
-            result.preisach.voltages,
-            result.preisach.achieved,
-            result.quadratic.voltages,
-            result.quadratic.achieved,
-            strict=True,
-        )
-    ]
+        return
     columns = ("target [1/m]", "Preisach [V]", "achieved", "quadratic [V]", "achieved")
-    _common.print_table(columns, rows, f"{len(rows)} curvatures in 1/m, open loop")
-    ratio = result.quadratic.rms / result.preisach.rms
+    _common.print_table(columns, result.rows, f"{len(result.rows)} curvatures in 1/m, open loop")
+    one, other = result.preisach, result.quadratic
     typer.echo(
-        f"rms error {result.preisach.rms:.3f} 1/m with the Preisach inverse, "
-        f"{result.quadratic.rms:.3f} 1/m with the quadratic: {ratio:.1f} times"
+        f"rms error {one.rms:.3f} 1/m with the Preisach inverse, {other.rms:.3f} 1/m with the "
+        f"quadratic: {other.rms / one.rms:.1f} times"
     )
-    typer.echo(
-        f"largest error {result.preisach.worst:.3f} 1/m and {result.quadratic.worst:.3f} 1/m"
-    )
+    typer.echo(f"largest error {one.worst:.3f} 1/m and {other.worst:.3f} 1/m")
 
 
 def _save(result: Positioning, folder: Path) -> None:

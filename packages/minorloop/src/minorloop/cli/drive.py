@@ -10,14 +10,12 @@ import typer
 
 from minorloop.cli import _common, _conversion
 from minorloop.cli.run import carry_out_levels, print_mode, run_warnings, summary
-from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
     from minorloop.drive import DriveResult
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.run import ResumeMode
     from minorloop.lab.store import Setup, Store
-    from minorloop.modelfile import ModelFile
 
 NAME = "drive"
 EXAMPLE = (
@@ -108,7 +106,7 @@ def run(
         channel = _channel(plant, str(known.input))
         plant = options.converted(channel)
         names = str(plant.inputs[0]), str(plant.outputs[0])
-        _check_units(known, plant)
+        _common.check_units(known, names, "the actuator", ("", _HINT))
         first = saturation_of(known.operator, plant.inputs[0]) if saturation is None else saturation
         written = getattr(plant, "written", float)
         shared: dict[str, Any] = {"nrmse": known.nrmse, "written": written}
@@ -183,19 +181,6 @@ def carry_out(
 def is_drive(setup: Setup) -> bool:
     """Whether the store of a run belongs to a drive."""
     return "drive" in (setup.design or {})
-
-
-def _check_units(known: ModelFile, plant: Actuator) -> None:
-    """Refuse a model in other units than those of the actuator."""
-    for what, mine, its in (
-        ("input", known.input, plant.inputs[0]),
-        ("output", known.output, plant.outputs[0]),
-    ):
-        if mine.unit and its.unit and mine.unit != its.unit:
-            raise ParameterError(
-                f"the {what} of the model is '{mine}' and that of the actuator '{its}'; identify a "
-                f"model in {its.unit}{_HINT if what == 'output' else ''}"
-            )
 
 
 def _print(

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.sine_response import SinePeriods
     from minorloop.lab.sines import MeasuredSine
-    from minorloop.modelfile import ModelFile
 
 NAME = "frequency"
 _HELD = "input held"
@@ -69,25 +68,28 @@ def run(
     With a model, the gains from its output to that of the actuator are computed too. They do not
     depend on the amplitude if the actuator is hysteresis followed by linear dynamics.
     """
+    from minorloop import modelfile
     from minorloop.identification.sine_response import sine_response, unsaturated
     from minorloop.lab.store import is_store
 
     read = [file] if model is None else [file, model]
     _common.check_outputs([save, samples, report], inputs=read, force=force)
-    known = None if model is None else _model(model)
+    known = None if model is None else modelfile.read(model)
+    operator = None if known is None else known.operator
     if is_store(file):
         if (input, output, time) != (None, None, None):
             raise ParameterError(
                 f"{file} is an experiment store, which has one input and one output; leave "
                 "--input, --output and --time out"
             )
-        sines, names, measured = _of_store(file, known)
+        sines, names, measured = _of_store(file, operator)
     else:
         if samples is not None:
             raise ParameterError(f"--samples is for an experiment store, and {file} is none")
-        sines, names = _of_csv(file, known, (input, output, time, frequency), periods)
+        sines, names = _of_csv(file, operator, (input, output, time, frequency), periods)
         measured = []
-    _check_units(known, names)
+    if known is not None:
+        _common.check_units(known, names, "the sines")
     response, notes = sine_response(sines)
     if known is not None:
         notes += unsaturated(known.operator, [one.sine.preamble for one in measured])
@@ -105,14 +107,8 @@ def run(
     _common.do_all(steps)
 
 
-def _model(path: Path) -> ModelFile:
-    from minorloop import modelfile
-
-    return modelfile.read(path)
-
-
 def _of_store(
-    file: Path, known: ModelFile | None
+    file: Path, operator: Any
 ) -> tuple[list[SinePeriods], tuple[str, str], list[MeasuredSine]]:
     from minorloop.identification.sine_response import measured_periods
     from minorloop.lab.run import measured_sines
@@ -121,12 +117,12 @@ def _of_store(
     with Store.open(file) as store:
         measured = measured_sines(store)
         names = store.setup.input, store.setup.output
-    return [measured_periods(one, _operator(known)) for one in measured], names, measured
+    return [measured_periods(one, operator) for one in measured], names, measured
 
 
 def _of_csv(
     file: Path,
-    known: ModelFile | None,
+    operator: Any,
     columns: tuple[str | None, str | None, str | None, str],
     periods: int,
 ) -> tuple[list[SinePeriods], tuple[str, str]]:
@@ -146,27 +142,8 @@ def _of_csv(
     if not record.timed:
         raise ParameterError(f"{file} has no column of time; name it with --time")
     log = record.t, record.u, record.y, hertz
-    sines = logged_periods(*log, _operator(known), periods=periods, held=held)
+    sines = logged_periods(*log, operator, periods=periods, held=held)
     return sines, (str(record.input), str(record.output))
-
-
-def _operator(known: ModelFile | None) -> Any:
-    return None if known is None else known.operator
-
-
-def _check_units(known: ModelFile | None, names: tuple[str, str]) -> None:
-    """Refuse a model of other units than the sines."""
-    from minorloop.lab.records import Quantity
-
-    if known is None:
-        return
-    for what, mine, name in (("input", known.input, names[0]), ("output", known.output, names[1])):
-        unit = Quantity.parse(name).unit
-        if mine.unit and unit and mine.unit != unit:
-            raise ParameterError(
-                f"the {what} of the model is '{mine}' and that of the sines '{name}'; identify a "
-                f"model in {unit}"
-            )
 
 
 def _slow(measured: list[MeasuredSine]) -> list[str]:

@@ -1,4 +1,4 @@
-"""A scikit-learn regressor for the Preisach operator, and a splitter into contiguous blocks.
+"""A scikit-learn regressor for the Preisach operator.
 
 Rows are samples in the order of time. The prediction of a row depends on the rows before it. The
 checks of scikit-learn that exclude this are named in `EXPECTED_FAILURES`, each with its reason.
@@ -6,14 +6,12 @@ checks of scikit-learn that exclude this are named in `EXPECTED_FAILURES`, each 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, IntArray, as_finite, as_whole, check_option
-from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.arrays import FloatArray, as_whole, check_option
+from minorloop.errors import MissingExtraError
 from minorloop.identification.pipeline import Options
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
@@ -24,7 +22,7 @@ try:
 except ImportError:
     raise MissingExtraError("scikit-learn", "sklearn") from None
 
-__all__ = ["EXPECTED_FAILURES", "ContiguousSplit", "PreisachRegressor"]
+__all__ = ["EXPECTED_FAILURES", "PreisachRegressor"]
 
 _REMEMBERS = "the output depends on the rows before, so {}"
 EXPECTED_FAILURES: dict[str, str] = {
@@ -49,7 +47,7 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Memory before the first row of what is fitted.
     predict_from : {"start", "end"}
         Whether the rows to predict begin from ``start``, or follow the last fitted row, as the
-        blocks of `ContiguousSplit` do.
+        blocks of ``sklearn.model_selection.TimeSeriesSplit`` do.
 
     Attributes
     ----------
@@ -75,8 +73,7 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         start: Any = "negative",
         predict_from: Any = "start",
     ) -> None:
-        self.levels = levels
-        self.column = column
+        self.levels, self.column = levels, column
         self.relay = relay
         self.diagonal = diagonal
         self.smoothness = smoothness
@@ -142,56 +139,3 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True  # the rows of the checks are not ordered in time
         return tags
-
-
-class ContiguousSplit:
-    """Contiguous blocks, each tested after a fit to all rows before it.
-
-    A test begins with the memory after the last fitted row; use
-    ``PreisachRegressor(predict_from="end")``.
-
-    Parameters
-    ----------
-    n_splits : int
-        Number of blocks to test.
-    first : float
-        Share of the rows in the first fit, above 0 and below 1.
-
-    Raises
-    ------
-    ParameterError
-        If there is no block or the share is out of range.
-    """
-
-    def __init__(self, n_splits: int = 5, *, first: float = 0.5) -> None:
-        self.n_splits = as_whole("n_splits", n_splits, 1, 1_000_000)
-        self.first = as_finite("first", first)
-        if not 0 < self.first < 1:
-            raise ParameterError(f"first is {first!r}; give a share above 0 and below 1")
-
-    def __repr__(self) -> str:
-        return f"ContiguousSplit({self.n_splits}, first={self.first})"
-
-    def split(
-        self,
-        X: Any,
-        y: Any = None,
-        groups: Any = None,
-    ) -> Iterator[tuple[IntArray, IntArray]]:
-        """Yield the row numbers to fit and to test, block by block.
-
-        Raises a `ParameterError` if there are too few rows for so many blocks.
-        """
-        rows = len(X)
-        begin = max(1, round(self.first * rows))
-        if rows - begin < self.n_splits:
-            raise ParameterError(
-                f"{rows} rows leave {rows - begin} to test, too few for {self.n_splits} blocks"
-            )
-        ends = np.linspace(begin, rows, self.n_splits + 1).round().astype(int)
-        for low, high in pairwise(ends):
-            yield np.arange(low), np.arange(low, high)
-
-    def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
-        """Return the number of blocks."""
-        return self.n_splits

@@ -37,40 +37,18 @@ atexit.register(_workers.close)
 
 
 def fit_on_worker(work: Work, task: Task, limit: float, topic: str) -> Found:
-    """Identify a specimen on a worker of the cluster, in a process that it can end.
-
-    Parameters
-    ----------
-    work, task, limit
-        As for `FitProcesses.run`.
-    topic : str
-        Dask topic for messages about delays.
-    """
+    """Do as `FitProcesses.run` on a worker of the cluster, with messages in a topic of Dask."""
     from distributed import get_worker
 
     return _workers.run(work, task, limit, partial(get_worker().log_event, topic))
 
 
 class Cluster:
-    """The workers of a Dask scheduler.
+    """The workers of the Dask scheduler at an address, which do work as of `FitProcesses.run`.
 
-    Parameters
-    ----------
-    address : str
-        Address of the scheduler.
-    patience : float
-        Seconds to wait for a worker or for an answer.
-    work : callable
-        Function that a worker applies to a task.
-    limit : float
-        Seconds that one specimen may take.
-    say : callable
-        Called with sentences about delays and faults.
+    ``patience`` are the seconds to wait for a worker or for an answer.
 
-    Raises
-    ------
-    ParameterError
-        If there is no scheduler at the address.
+    Raises a `ParameterError` if there is no scheduler at the address.
     """
 
     def __init__(
@@ -91,13 +69,7 @@ class Cluster:
         self._watching = self._begin(self._watch())
 
     def fit(self, task: Task) -> Found:
-        """Return the result of a task.
-
-        Raises
-        ------
-        FleetError
-            If the scheduler is gone.
-        """
+        """Return the result of a task; raises a `FleetError` if the scheduler is gone."""
         while True:
             future = self._client.submit(
                 self._fit,
@@ -124,10 +96,8 @@ class Cluster:
     def look(self) -> None:
         """Say what does not answer.
 
-        Raises
-        ------
-        FleetError
-            If the scheduler is gone, or it or all workers do not answer within the patience.
+        Raises a `FleetError` if the scheduler is gone, or it or all workers do not answer within
+        the patience.
         """
         self._check_connection()
         now, most = time.monotonic(), min(SILENT, self._patience)

@@ -44,12 +44,7 @@ class Task:
 def identify_one(task: Task, scratch: Path) -> Found:
     """Identify the model of a specimen and its scores; errors are returned as text.
 
-    Parameters
-    ----------
-    task : Task
-        What to identify.
-    scratch : Path
-        Name of a temporary file for the record and the model.
+    ``scratch`` is the name of a temporary file for the record and the model.
     """
     from minorloop.identification.pipeline import Options
 

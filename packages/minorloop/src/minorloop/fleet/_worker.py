@@ -64,25 +64,12 @@ class FitProcesses:
         self._last_notice = float("-inf")
 
     def run(self, work: Work, task: Task, limit: float, say: Callable[[str], None]) -> Found:
-        """Return what a worker makes of a task, or that it fails.
+        """Return what work makes of a task in a process, or that it fails.
 
-        If the worker ends, the task is tried once more.
+        It is given up after ``limit`` seconds. If its process ends, it is tried once more. ``say``
+        is called with sentences about delays and faults.
 
-        Parameters
-        ----------
-        work : callable
-            Applied to the task.
-        task : Task
-            What to identify.
-        limit : float
-            Seconds after which it is given up.
-        say : callable
-            Called with sentences about delays and faults.
-
-        Raises
-        ------
-        FleetError
-            If no worker can be started, or this is closed meanwhile.
+        Raises a `FleetError` if no process can be started, or this is closed meanwhile.
         """
         for attempt in range(1, ATTEMPTS + 1):
             worker = self._ready()
@@ -163,19 +150,7 @@ class FitProcesses:
 
 
 class LocalWorkers:
-    """Workers on this machine.
-
-    Parameters
-    ----------
-    workers : int
-        Number of processes.
-    work : callable
-        Function that a worker applies to a task.
-    limit : float
-        Seconds that one specimen may take.
-    say : callable
-        Called with sentences about delays and faults.
-    """
+    """A number of processes on this machine, which do work as of `FitProcesses.run`."""
 
     def __init__(self, workers: int, work: Work, limit: float, say: Callable[[str], None]) -> None:
         self.ahead = 2 * workers
@@ -273,13 +248,7 @@ class Worker:
 
 
 def serve(alive: int) -> None:
-    """Main loop of the process: call what comes on stdin, and answer on stdout.
-
-    Parameters
-    ----------
-    alive : int
-        A pipe whose other end is open while the parent process runs.
-    """
+    """Call what comes on stdin, and answer on stdout, until the pipe ``alive`` closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with(alive)
     tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")

@@ -25,18 +25,9 @@ VERSION = 2
 def write_result(
     place: Path, one: Specimen, outcome: Outcome, model: bytes | None = None
 ) -> Outcome:
-    """Write the result of a specimen, and return it; without a model, remove an earlier one.
+    """Write the result of a specimen and the content of its model file into the folder.
 
-    Parameters
-    ----------
-    place : Path
-        The folder.
-    one : Specimen
-        The specimen.
-    outcome : Outcome
-        Its result.
-    model : bytes, optional
-        Content of its model file.
+    Without a model, an earlier one is removed. Returns the result.
     """
     path = _model(place, one)
     if model is not None:
@@ -58,17 +49,7 @@ def has_result(place: Path, one: Specimen) -> bool:
 
 
 def earlier_outcome(place: Path, one: Specimen, sha256: str) -> Outcome | None:
-    """Return the outcome of an earlier start if record, columns and model are unchanged.
-
-    Parameters
-    ----------
-    place : Path
-        The folder.
-    one : Specimen
-        The specimen.
-    sha256 : str
-        Digest of its record.
-    """
+    """Return the outcome of an earlier start if record, by its digest, columns and model are same."""
     with suppress(OSError, ValueError, TypeError):
         found = Outcome(**json.loads(_result(place, one).read_text()))
         model = None

@@ -23,13 +23,7 @@ LONGEST = 400
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one specimen.
-
-    Parameters
-    ----------
-    file, input, output, time, curves, groups, sd : str, optional
-        File of the record, and its columns, as the manifest names them.
-    """
+    """Result of one specimen, with file and columns of its record as the manifest names them."""
 
     specimen: str
     """Its name."""

@@ -26,13 +26,7 @@ _HEADERS = {
 
 
 class Admission:
-    """Admits requests with the key or the cookie, from pages of this server only.
-
-    Parameters
-    ----------
-    app : ASGI application
-    authentication : Authentication
-    """
+    """Admits requests with the key or the cookie, from pages of this server only."""
 
     def __init__(self, app: ASGIApp, authentication: Authentication) -> None:
         self._app, self._authentication = app, authentication

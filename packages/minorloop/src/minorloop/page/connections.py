@@ -94,14 +94,7 @@ class Connection(socket.socket):
 
 
 class Listener(socket.socket):
-    """A listening socket that keeps a list of its open connections.
-
-    Parameters
-    ----------
-    listening : socket.socket
-        A bound socket, which this object takes over.
-    limits : Limits
-    """
+    """A listening socket that keeps a list of its open connections, and takes a bound one over."""
 
     def __init__(self, listening: socket.socket, limits: Limits | None = None) -> None:
         super().__init__(fileno=listening.detach())
@@ -115,10 +108,7 @@ class Listener(socket.socket):
     def accept(self) -> tuple[socket.socket, Any]:
         """Accept the next connection.
 
-        Raises
-        ------
-        BlockingIOError
-            If there is none, or enough were accepted in this turn.
+        Raises a BlockingIOError if there is none, or enough were accepted in this turn.
         """
         while self._turn < self.limits.accepted:
             self._turn += 1

@@ -113,14 +113,8 @@ def _answered(work: Callable[[Any, Request], Awaitable[Response]]) -> Any:
 class LabPage:
     """Uploaded files and the workers that compute with them.
 
-    Parameters
-    ----------
-    workers : int
-        Simultaneous computations; of two or more, one is kept free for small files.
-    quota : Quota, optional
-        Limits of uploads.
-    folder : Path, optional
-        Where uploads are kept; the system's folder for temporary files without it.
+    ``workers`` are the simultaneous computations; of two or more, one is kept free for small files.
+    Uploads are kept in ``folder``; in the system's folder for temporary files without it.
     """
 
     def __init__(

@@ -35,13 +35,7 @@ _BARE = re.compile(_OPTION)
 
 
 def on_page(sentence: str) -> str:
-    """Return advice with the fields of the page in place of options.
-
-    Parameters
-    ----------
-    sentence : str
-        Advice of `identify`, such as ``skip=30 (--skip 30)``.
-    """
+    """Return advice, such as ``skip=30 (--skip 30)``, with the fields of the page for options."""
     text = sentence.replace("Dynamics() (--time COLUMN --dynamics auto)", "--dynamics auto")
     text = text.replace("(minorloop reduce)", "with the command minorloop reduce LOG")
     return _BARE.sub(_field, _PAIR.sub(_field, text))

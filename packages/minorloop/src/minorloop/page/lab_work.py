@@ -111,21 +111,9 @@ def identify_file(
 ) -> Reports:
     """Identify a model; report stages, the result, and the end of the report.
 
-    Parameters
-    ----------
-    folder, name : str
-        Of the file.
-    input, output, time, curves, groups : str
-        Columns.
-    first, last : int
-        Rows to use, counted from 0, ``last`` not included.
-    dynamics : {"none", "auto"}
-        Whether to identify dead time, poles and creep too; this needs times.
-    creep, rate
-        Laws of time in the plane to compare, as in `minorloop.Viscosity`; with ``"none"`` and
-        false, none. They need times.
-    **options
-        Of `minorloop.identification.pipeline.Options`.
+    Columns, rows and options are those of the lab page; ``creep`` and ``rate`` name laws of time
+    in the plane to compare, as in `minorloop.Viscosity`. The others are those of
+    `minorloop.identification.pipeline.Options`.
     """
     os.chdir(folder)
     if input == output:

@@ -44,19 +44,10 @@ def serve(
     limits: Limits | None = None,
     server: type[uvicorn.Server] = uvicorn.Server,
 ) -> None:
-    """Serve until a signal ends it.
+    """Serve an application until a signal ends it; the socket is closed at the end.
 
-    It may run again with the same authentication: browsers that have the cookie stay connected.
-
-    Parameters
-    ----------
-    app : ASGI application
-    how : Serving
-        Its socket is closed at the end.
-    limits : Limits, optional
-        Limits of strangers.
-    server : type, optional
-        Its class; a subclass may decide when it ends.
+    It may run again with the same authentication: browsers that have the cookie stay connected. A
+    subclass of ``server`` may decide when it ends.
     """
     listener = Listener(how.listening, limits)
     config = uvicorn.Config(
@@ -191,13 +182,7 @@ class Sockets(WebSocketsSansIOProtocol):
 
 
 class RateLimitedLog(logging.Filter):
-    """Log filter that lets few messages through in a time.
-
-    Parameters
-    ----------
-    most : int
-    seconds : float
-    """
+    """Log filter that lets few messages through in some seconds."""
 
     def __init__(self, most: int = 5, seconds: float = 10.0) -> None:
         super().__init__()

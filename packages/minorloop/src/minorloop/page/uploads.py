@@ -92,11 +92,7 @@ class Upload:
 class Uploads:
     """All uploads, in a folder that is removed with the server.
 
-    Parameters
-    ----------
-    quota : Quota
-    folder : Path, optional
-        Where that folder is made; the system's folder for temporary files without it.
+    It is made in ``folder``; in the system's folder for temporary files without it.
     """
 
     def __init__(self, quota: Quota, folder: Path | None = None) -> None:

@@ -42,20 +42,11 @@ class Work:
 
 
 class Workers:
-    """A pool of worker processes.
+    """A pool of ``count`` worker processes of a niceness.
 
-    Parameters
-    ----------
-    count : int
-    longest : float
-        Seconds that a task may take.
-    tasks : str
-        Module of the tasks, with a function ``warm_up``.
-    nice : int
-        Niceness of the workers.
-    memory, file : int
-        Bytes of memory that a worker may take, and of a file that it may write, on systems that
-        have such limits.
+    A task may take the ``longest`` seconds. ``tasks`` is the module of the tasks, with a function
+    ``warm_up``. ``memory`` and ``file`` are the bytes of memory that a worker may take, and of a
+    file that it may write, on systems that have such limits.
     """
 
     def __init__(
