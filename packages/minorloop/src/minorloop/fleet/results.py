@@ -49,7 +49,7 @@ def has_result(place: Path, one: Specimen) -> bool:
 
 
 def earlier_outcome(place: Path, one: Specimen, sha256: str) -> Outcome | None:
-    """Return the outcome of an earlier start if record, by its digest, columns and model are same."""
+    """Return an earlier outcome if the digest of the record, columns and model are the same."""
     with suppress(OSError, ValueError, TypeError):
         found = Outcome(**json.loads(_result(place, one).read_text()))
         model = None
