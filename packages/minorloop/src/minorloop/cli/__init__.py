@@ -139,9 +139,10 @@ def main(
     except BaseException as error:
         if not isinstance(error, typer.Abort) and not _interrupted(error):
             raise
+        status = _INTERRUPTED
+    if status == _INTERRUPTED:  # the parser returns this too
         print("interrupted", file=sys.stderr)
         _print_error("Interrupted", "interrupted")
-        return _INTERRUPTED
     return status
 
 
