@@ -15,13 +15,6 @@ def test_a_script_gives_its_answers_and_knows_when_it_is_finished():
     assert script.finished()
 
 
-def test_flush_discards_answers_that_were_not_read():
-    script = Script([("READ?", "1\n2")])
-    script.ask("READ?")
-    script.flush()
-    assert script.finished()
-
-
 def test_a_driver_that_sends_something_else_fails():
     with pytest.raises(AssertionError, match="the script has 'B'"):
         Script([("B", None)]).send("A")
