@@ -122,11 +122,12 @@ def check_writable(path: PathLike, *, force: bool = False) -> Path:
     return target
 
 
-def write_atomically(path: PathLike, content: str | bytes) -> None:
-    """Write a file completely or not at all, replacing an existing one.
+def write_atomically(path: PathLike, content: str | bytes, *, new: bool = False) -> None:
+    """Write a file completely or not at all, replacing an existing one unless it must be ``new``.
 
     A reader sees the old file or the new one, never a part. A failure leaves the old one. Text is
-    written as UTF-8 with unchanged line ends.
+    written as UTF-8 with unchanged line ends. The name of a new file survives a power cut, where
+    the system can guarantee it.
 
     Raises an `OutputError` if the file cannot be written.
     """
@@ -138,12 +139,35 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(scratch, target)
+        if new:
+            _take_name(scratch, target)
+        else:
+            os.replace(scratch, target)
+    except FileExistsError:
+        raise OutputError(f"{target} exists already; give another name") from None
     except OSError as error:
         raise refusal(target, error) from None
     finally:
         with suppress(OSError):
             scratch.unlink(missing_ok=True)
+
+
+def _take_name(scratch: Path, target: Path) -> None:
+    """Rename a finished file in one step; raise a `FileExistsError` if the name is taken."""
+    try:
+        os.link(scratch, target)  # unlike a rename, never replaces a file
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        if target.exists():
+            raise FileExistsError from None
+        os.rename(scratch, target)
+    with suppress(OSError):
+        handle = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def make_folder(path: PathLike, *, force: bool = False) -> Path:

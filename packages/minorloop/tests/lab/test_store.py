@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import OutputError, ParameterError, RecordError, StoreError
 from minorloop.files import lock_path
-from minorloop.lab import store as store_module
+from minorloop.lab import _store_file as store_file
 from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point, Setup, Store, is_store
 
@@ -29,7 +29,7 @@ STATE = {"state": [0.1, 0.2, -1e-17], "samples": 40}
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch):
-    monkeypatch.setattr(store_module, "_LOCK_WAIT", 0.01)
+    monkeypatch.setattr(store_file, "LOCK_WAIT", 0.01)
 
 
 def _point(index, /, **changed):
@@ -250,7 +250,7 @@ class TestRefusals:
             Path(path).write_text("kept")
             return Path(path)
 
-        monkeypatch.setattr(store_module, "check_writable", late)
+        monkeypatch.setattr(store_file, "check_writable", late)
         with pytest.raises(OutputError, match="exists already"):
             Store.create(tmp_path / "a", PLAN, SETUP)
         assert (tmp_path / "a").read_text() == "kept"
@@ -307,7 +307,7 @@ class TestRefusals:
             Store.open(tmp_path / path)
         assert not is_store(tmp_path / path)
 
-    @pytest.mark.parametrize("version", [1, store_module.VERSION + 1])
+    @pytest.mark.parametrize("version", [1, store_file.VERSION + 1])
     def test_a_store_of_another_version(self, tmp_path, version):
         path = _filled(tmp_path / "a")
         hand = sqlite3.connect(path)
@@ -380,8 +380,8 @@ class TestRights:
 
 HOLD = """
 import sys
-from minorloop.lab import store
-store._LOCK_WAIT = 0.01
+from minorloop.lab import _store_file, store
+_store_file.LOCK_WAIT = 0.01
 try:
     with store.Store.open(sys.argv[1], write=sys.argv[2] == "write"):
         print("opened", flush=True)
@@ -463,7 +463,7 @@ class TestOneWriterAndManyReaders:
                 os.unlink(lock)
             return locked[-1]
 
-        monkeypatch.setattr(store_module, "lock_path", late)
+        monkeypatch.setattr(store_file, "lock_path", late)
         with Store.open(path, write=True) as store:
             assert len(locked) == 2
             with _other_process(path, "write") as says:
@@ -594,7 +594,7 @@ class TestFullDisk:
     def test_no_store_is_begun_where_none_fits(self, tmp_path, room):
         with (
             _files_no_longer_than(room),
-            pytest.raises(StoreError, match="a cannot be created: the disk"),
+            pytest.raises(OutputError, match="a cannot be written: File too large"),
         ):
             Store.create(tmp_path / "a", PLAN, SETUP)
         assert _folder_is_clean(tmp_path)

@@ -12,15 +12,12 @@ store is opened next.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
 import sqlite3
-import stat
 import sys
-import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, astuple, dataclass, field
 from datetime import UTC, datetime
@@ -33,40 +30,32 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import (
     MinorloopError,
-    OutputError,
     ParameterError,
     RecordError,
     StoreError,
     counted,
 )
-from minorloop.files import PathLike, check_writable, first_difference, lock_path
+from minorloop.files import PathLike, first_difference, lock_path
+from minorloop.lab._store_file import (
+    LOCK_WAIT,
+    MAGIC,
+    READ_WAIT,
+    beside,
+    create_file,
+    digest,
+    existing,
+    explained,
+    in_words,
+    locked,
+    prepare,
+    unlock,
+)
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.signals import Deferred
 
 __all__ = ["Point", "RunSession", "Setup", "Store", "is_store", "reason_of"]
 
-APPLICATION = 0x6D6C6F70
-"""The application id in the header of the file: 'mlop'."""
-VERSION = 2
-_LOCK_WAIT = 1.0
-"""Seconds to wait for another process that is just finishing."""
-_LOCK_EVERY = 0.02
-"""Seconds between two attempts to lock."""
-_READ_WAIT = 30.0
-"""Seconds that a writer waits, before its first point only, for others that are just reading."""
-_MAGIC = b"SQLite format 3\0"
-_IN_USE = "another process has it open; wait until that one has ended"
-_TABLES = {
-    "about": "name TEXT PRIMARY KEY, value TEXT NOT NULL",
-    "sitting": "id INTEGER PRIMARY KEY, began TEXT NOT NULL, ended TEXT, first INTEGER NOT NULL, "
-    "way TEXT NOT NULL, end TEXT",
-    "point": "id INTEGER PRIMARY KEY, input REAL NOT NULL, value REAL, sd REAL, "
-    "verdict TEXT NOT NULL, t REAL NOT NULL, held REAL NOT NULL, checkpoint TEXT, "
-    "sample_interval REAL, time_uncertainty REAL",
-    "trace": "id INTEGER PRIMARY KEY REFERENCES point (id), t BLOB NOT NULL, y BLOB NOT NULL",
-}
-"""Columns of the tables; the last one of each is a digest of the others."""
 _COUNTS = (
     "SELECT (SELECT coalesce(max(id) + 1, 0) FROM point WHERE id < ?1), "
     "(SELECT coalesce(max(id) + 1, 0) FROM trace WHERE id < ?1)"
@@ -155,7 +144,7 @@ def is_store(path: PathLike) -> bool:
     file gives up all its locks on it.
     """
     with suppress(OSError, ValueError), open(path, "rb") as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+        return file.read(len(MAGIC)) == MAGIC
     return False
 
 
@@ -210,21 +199,9 @@ class Store:
         ------
         OutputError
             If the file exists already or cannot be written, or its name is too long.
-        StoreError
-            If the disk is full.
         """
-        target = _with_room_beside(check_writable(path))
-        scratch = target.with_name(f".minorloop-{os.urandom(6).hex()}.tmp")
-        try:
-            _write_header(scratch, plan, setup)
-            _take_name(scratch, target)
-        except sqlite3.Error as error:
-            raise StoreError(f"{target} cannot be created: {_in_words(error)}") from None
-        finally:
-            for leftover in (scratch, scratch.with_name(scratch.name + "-journal")):
-                with suppress(OSError):
-                    leftover.unlink(missing_ok=True)
-        return cls.open(target, write=True)
+        about = {"plan": plan.to_json(), "setup": setup.to_json()}
+        return cls.open(create_file(path, about), write=True)
 
     @classmethod
     def open(cls, path: PathLike, *, write: bool = False) -> Store:
@@ -246,25 +223,25 @@ class Store:
             If there is no store, it is damaged or of a newer version, or another process writes
             to it and ``write`` is true.
         """
-        file = _existing(path)
+        file = existing(path)
         if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
             raise StoreError(f"{file} and its folder must be writable; check their permissions")
         # Only SQLite opens the file: closing another handle on it would give up the lock of a
         # connection that this process may have already.
         uri = f"{file.absolute().as_uri()}?mode=rw"
-        lock = _locked(file) if write else None
+        lock = locked(file) if write else None
         try:
-            with _explained(file):
-                wait = _READ_WAIT if write else _LOCK_WAIT
+            with explained(file):
+                wait = READ_WAIT if write else LOCK_WAIT
                 connection = sqlite3.connect(uri, uri=True, timeout=wait, isolation_level=None)
                 try:
-                    _prepare(connection, write)
+                    prepare(connection, write)
                     return cls(file, connection, lock)
                 except BaseException:
                     connection.close()
                     raise
         except BaseException:
-            _unlock(file, lock)
+            unlock(file, lock)
             raise
 
     def close(self) -> None:
@@ -274,7 +251,7 @@ class Store:
                 self._execute("PRAGMA busy_timeout = 0")
                 self._execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
-        _unlock(self.path, self._lock)
+        unlock(self.path, self._lock)
         self._lock = None
 
     def __enter__(self) -> Store:
@@ -289,7 +266,7 @@ class Store:
         self.close()
 
     def __len__(self) -> int:
-        with _explained(self.path):
+        with explained(self.path):
             count, traces = self._execute(_COUNTS, self._end).fetchone()
             if count != traces:
                 raise ValueError(f"it has {counted(count, 'point')} and {counted(traces, 'trace')}")
@@ -306,7 +283,7 @@ class Store:
         if self._lock is not None:
             return True
         try:
-            lock = lock_path(_beside(self.path), shared=True)
+            lock = lock_path(beside(self.path), shared=True)
         except FileNotFoundError:
             return False
         except OSError:  # the file of another user
@@ -352,7 +329,7 @@ class Store:
         first : int
             Index of the first point to return.
         """
-        with _explained(self.path):
+        with explained(self.path):
             found = self._read("point", "WHERE id >= ? AND id < ? ORDER BY id", first, self._end)
             points = [_as_point(row) for row in found]
             for index, point in enumerate(points, first):
@@ -373,7 +350,7 @@ class Store:
         ``longest_interval`` between samples and the largest ``time_uncertainty``, in seconds. None
         where nothing is known.
         """
-        with _explained(self.path):
+        with explained(self.path):
             rows = self._execute(_FIGURES, self._end).fetchall()
         verdicts = [row[0] for row in rows]
         figures = np.array([row[1:] for row in rows], dtype=np.float64).reshape(-1, 4).T
@@ -403,7 +380,7 @@ class Store:
         ParameterError
             If there is no such point.
         """
-        with _explained(self.path):
+        with explained(self.path):
             if index in range(len(self)):
                 _, *found = self._read("trace", "WHERE id = ?", index)[0]
                 t, y = (np.frombuffer(x, dtype="<f8").astype(np.float64) for x in found)
@@ -443,7 +420,7 @@ class Store:
 
     def sessions(self) -> list[RunSession]:
         """Return every session that carried out part of the plan, and how it ended."""
-        with _explained(self.path):
+        with explained(self.path):
             return [RunSession(*row[1:]) for row in self._read("sitting", "ORDER BY id")]
 
     def origin(self) -> dict[str, Any] | None:
@@ -563,7 +540,7 @@ class Store:
 
     def _noted(self, name: str) -> Any:
         """Return a note about the whole run by its name; None if there is none."""
-        with _explained(self.path):
+        with explained(self.path):
             found = self._read("about", "WHERE name = ?", name)
             return json.loads(found[0][1]) if found else None
 
@@ -579,7 +556,7 @@ class Store:
 
     def _insert(self, table: str, *content: Any, how: str = "INSERT") -> None:
         places = ", ".join("?" * (len(content) + 1))
-        self._execute(f"{how} INTO {table} VALUES ({places})", *content, _digest(content))
+        self._execute(f"{how} INTO {table} VALUES ({places})", *content, digest(content))
 
     def _read(self, table: str, which: str = "", *values: object) -> list[tuple[Any, ...]]:
         """Return rows of a table without their digests.
@@ -588,7 +565,7 @@ class Store:
         """
         rows = []
         for *content, written in self._execute(f"SELECT * FROM {table} {which}", *values):
-            if _digest(content) != written:
+            if digest(content) != written:
                 raise ValueError(f"row {content[0]!r:.40} was altered")
             rows.append(tuple(content))
         return rows
@@ -614,98 +591,10 @@ class Store:
                     self._execute("ROLLBACK")
             if isinstance(error, sqlite3.Error):
                 raise StoreError(
-                    f"{self.path} cannot be written: {_in_words(error)}; "
+                    f"{self.path} cannot be written: {in_words(error)}; "
                     "its points are kept, and the run can be continued from there"
                 ) from None
             raise
-
-
-@contextmanager
-def _explained(path: Path) -> Iterator[None]:
-    """Raise errors of reading as one sentence."""
-    try:
-        yield
-    except sqlite3.Error as error:
-        raise StoreError(f"{path} cannot be used: {_in_words(error)}") from None
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise StoreError(f"{path} is damaged: {error}; restore a copy of it") from None
-
-
-def _existing(path: PathLike) -> Path:
-    file = Path(path)
-    try:
-        regular = stat.S_ISREG(file.stat().st_mode)
-    except FileNotFoundError:
-        raise StoreError(f"{file} does not exist; give the name of an experiment store") from None
-    except (OSError, ValueError) as error:
-        raise StoreError(f"{str(file)!r} cannot be opened: {error}") from None
-    if not regular:
-        raise StoreError(f"{file} is not a regular file; give the name of an experiment store")
-    return file
-
-
-def _beside(file: Path) -> str:
-    """Return the file that whoever writes to a store locks."""
-    return f"{file}-lock"
-
-
-def _locked(file: Path) -> int:
-    """Return the descriptor of the lock beside a store; refuse if another process has it."""
-    deadline = time.monotonic() + _LOCK_WAIT
-    while True:
-        lock = lock_path(_beside(file), os.O_RDWR | os.O_CREAT)
-        if lock is not None:
-            if os.fstat(lock).st_nlink:
-                return lock
-            os.close(lock)  # the process before has just removed it
-        elif time.monotonic() < deadline:
-            time.sleep(_LOCK_EVERY)
-        else:
-            raise StoreError(f"{file} cannot be used: {_IN_USE}")
-
-
-def _unlock(file: Path, lock: int | None) -> None:
-    """Remove the file of a lock, and then give the lock up."""
-    if lock is not None:
-        with suppress(OSError):
-            os.unlink(_beside(file))
-        os.close(lock)
-
-
-def _prepare(connection: sqlite3.Connection, write: bool) -> None:
-    """Check the database, and make it durable if it is to be written."""
-    (application,) = connection.execute("PRAGMA application_id").fetchone()
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
-    if application != APPLICATION:
-        raise sqlite3.DatabaseError("it is a database, but not an experiment store")
-    if version != VERSION:
-        raise sqlite3.DatabaseError(
-            f"it has format {version} and this minorloop reads {VERSION}; install one that reads it"
-        )
-    if not write:
-        connection.execute("PRAGMA query_only = ON")
-        return
-    connection.execute("PRAGMA synchronous = FULL")
-    (found,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
-    if found != "ok":
-        raise sqlite3.DatabaseError(f"it is damaged ({found}); restore a copy of it")
-
-
-def _write_header(scratch: Path, plan: Plan, setup: Setup) -> None:
-    texts = {"plan": plan.to_json(), "setup": setup.to_json()}
-    connection = sqlite3.connect(scratch, isolation_level=None)
-    try:
-        connection.execute(f"PRAGMA application_id = {APPLICATION}")
-        connection.execute(f"PRAGMA user_version = {VERSION}")
-        connection.execute("PRAGMA synchronous = FULL")
-        connection.execute("BEGIN")
-        for name, columns in _TABLES.items():
-            connection.execute(f"CREATE TABLE {name} ({columns}, digest TEXT NOT NULL)")
-        rows = [(*text, _digest(text)) for text in texts.items()]
-        connection.executemany("INSERT INTO about VALUES (?, ?, ?)", rows)
-        connection.execute("COMMIT")
-    finally:
-        connection.close()
 
 
 def _now() -> str:
@@ -732,85 +621,6 @@ def _as_point(row: tuple[Any, ...]) -> Point:
     checkpoint = None if state is None else json.loads(state)
     value, sd, *times = (math.nan if x is None else x for x in (value, sd, *times))
     return Point(index, input, value, sd, verdict, t, held, checkpoint, *times)
-
-
-def _with_room_beside(target: Path) -> Path:
-    """Return the name of a new store; refuse one that leaves no room for those beside it.
-
-    Raises an `OutputError` if ``NAME-journal``, the longest of them, is too long for the file
-    system.
-    """
-    try:
-        os.lstat(f"{target}-journal")
-    except FileNotFoundError:
-        pass
-    except OSError as error:
-        raise OutputError(
-            f"{target} cannot be a store, because files beside it have the same name with up to 8 "
-            f"more characters ({error.strerror}); give a shorter name"
-        ) from None
-    return target
-
-
-def _in_words(error: sqlite3.Error) -> str:
-    """Return the error of SQLite in words."""
-    name = getattr(error, "sqlite_errorname", "")
-    for begin, words in (
-        ("SQLITE_FULL", "the disk is full; make room"),
-        ("SQLITE_BUSY", _IN_USE),
-        ("SQLITE_LOCKED", _IN_USE),
-        ("SQLITE_READONLY", "it is protected against writing"),
-        ("SQLITE_CORRUPT", "it is damaged; restore a copy of it"),
-        ("SQLITE_NOTADB", "it is not an experiment store, or damaged; run makes a new one"),
-        ("SQLITE_CANTOPEN", "it, or the journal beside it, cannot be opened"),
-        ("SQLITE_IOERR", f"the disk cannot read or write it ({error})"),
-    ):
-        if name.startswith(begin):
-            return words
-    return str(error)
-
-
-def _take_name(scratch: Path, target: Path) -> None:
-    """Rename a finished file in one step; never replace an existing one.
-
-    Raises an `OutputError` if the name exists, or the folder cannot be written.
-    """
-    try:
-        try:
-            os.link(scratch, target)  # unlike a rename, never replaces a file
-        except FileExistsError:
-            raise
-        except OSError:  # a file system without links
-            if target.exists():
-                raise FileExistsError from None
-            os.rename(scratch, target)
-    except FileExistsError:
-        raise OutputError(f"{target} exists already; give another name") from None
-    except OSError as error:
-        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from None
-    _sync_folder(target.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the new name survive a power cut, where the system can guarantee it."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(handle)
-    except OSError:
-        pass
-    finally:
-        os.close(handle)
-
-
-def _digest(content: Iterable[object]) -> str:
-    summary = hashlib.sha256()
-    for item in content:
-        data = item if isinstance(item, bytes) else repr(item).encode()
-        summary.update(len(data).to_bytes(8, "little") + data)
-    return summary.hexdigest()
 
 
 def _or_none(value: float) -> float | None:
