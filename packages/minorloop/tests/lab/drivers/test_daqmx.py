@@ -1,9 +1,7 @@
-import sys
-
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
+from minorloop.errors import InstrumentError
 from minorloop.lab.drivers import daqmx
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 
@@ -126,14 +124,6 @@ def test_a_device_that_was_pulled_is_opened_again(task):
     assert task.opened == 0
     task.broken = False
     assert device.read().tolist() == [0.7, -3.0]
-
-
-def test_keys_and_the_library_are_checked(monkeypatch):
-    with pytest.raises(ParameterError, match="missing required field `device`"):
-        daqmx.open_device(DevicePlan("card", {}))
-    monkeypatch.setitem(sys.modules, "nidaqmx", None)
-    with pytest.raises(MissingExtraError, match=r"minorloop\[daqmx\]"):
-        daqmx.open_device(PLAN)
 
 
 def test_without_the_driver_of_the_manufacturer_the_sentence_says_so():

@@ -1,7 +1,10 @@
+import sys
+from importlib import import_module
+
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, LimitError
+from minorloop.errors import InstrumentError, LimitError, MissingExtraError, ParameterError
 from minorloop.lab.conversion import CalibrationTable, linear
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, Wired, Wiring, all_done
 
@@ -88,3 +91,35 @@ def test_a_plan_knows_the_rest_of_its_channels():
     plan = DevicePlan("board", {}, (DeviceChannel("u", {}, rest=0.3),), lines=lines)
     assert plan.rest.tolist() == [0.3]
     assert plan.resting_lines == {0: True, 1: False}
+
+
+DRIVERS = {
+    "daqmx": ("nidaqmx", {"device": "Dev1"}, {"channel": "ao0"}, {"channel": "port0/line0"}),
+    "labjack": ("labjack", {}, {"channel": "DAC0"}, {"channel": "FIO0"}),
+    "modbus": ("pymodbus.client", {"host": "127.0.0.1", "port": 1}, {"register": 0}, {"coil": 3}),
+}
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+@pytest.mark.parametrize("wrong", ["device", "source", "sensor", "line"])
+def test_unknown_keys_are_refused_before_anything_is_opened(name, wrong):
+    library, *known = DRIVERS[name]
+    pytest.importorskip(library, reason=f"needs {library}")
+    keys, source, line = ({**each} for each in known)
+    parts = {"device": keys, "source": source, "sensor": {**source}, "line": line}
+    parts[wrong]["bit"] = 3
+    channels = [
+        (DeviceChannel("one", parts[what], what=what),) for what in ("source", "sensor", "line")
+    ]
+    driver = import_module(f"minorloop.lab.drivers.{name}")
+    with pytest.raises(ParameterError, match=f"{wrong} 'one' does not .*`bit`; the fields there"):
+        driver.open_device(DevicePlan("one", parts["device"], *channels))
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_without_the_library_of_a_driver_its_extra_is_named(name, monkeypatch):
+    monkeypatch.setitem(sys.modules, DRIVERS[name][0], None)
+    driver = import_module(f"minorloop.lab.drivers.{name}")
+    with pytest.raises(MissingExtraError, match=rf"minorloop\[{name}\]"):
+        driver.open_device(DevicePlan("one", DRIVERS[name][1]))
+    assert getattr(driver, "found", list)() == [] or name != "labjack"

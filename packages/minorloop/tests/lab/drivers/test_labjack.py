@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
+from minorloop.errors import InstrumentError
 from minorloop.lab.drivers import labjack
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 
@@ -104,15 +104,6 @@ def test_a_device_that_is_missing_is_one_sentence(library):
     for act in (device.read, device.safe, lambda: labjack.open_device(PLAN)):
         with pytest.raises(InstrumentError, match=r"cannot be used: .*DEVICE_NOT_FOUND"):
             act()
-
-
-def test_keys_and_the_library_are_checked(library, monkeypatch):
-    with pytest.raises(ParameterError, match="`modell`; the fields there are model, connection"):
-        labjack.open_device(DevicePlan("jack", {"modell": "T7"}))
-    monkeypatch.setitem(sys.modules, "labjack", None)
-    with pytest.raises(MissingExtraError, match=r"minorloop\[labjack\]"):
-        labjack.open_device(PLAN)
-    assert labjack.found() == []
 
 
 def test_without_the_library_of_the_manufacturer_the_sentence_says_so():

@@ -4,7 +4,7 @@ import threading
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
+from minorloop.errors import InstrumentError
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 from minorloop.lab.drivers.modbus import open_device
 
@@ -119,24 +119,3 @@ def test_a_device_that_is_missing_is_named():
             act()
         assert f"{HOST}:{port}" in str(found.value)
     device.close()
-
-
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        (
-            {"lines": (DeviceChannel("led", {"bit": 3}, what="line"),)},
-            "line 'led' does not .*`bit`.*there are coil",
-        ),
-        ({"sensors": (DeviceChannel("a", {"register": 0, "type": "f64"}),)}, "Invalid enum value"),
-    ],
-)
-def test_wrong_keys_are_refused_before_anything_is_opened(changes, sentence):
-    with pytest.raises(ParameterError, match=sentence):
-        open_device(plan(1, **changes))
-
-
-def test_without_pymodbus_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pymodbus.client", None)
-    with pytest.raises(MissingExtraError, match=r"minorloop\[modbus\]"):
-        open_device(plan(1))

@@ -200,6 +200,6 @@ def test_an_unknown_key_of_a_source_is_answered_with_all_that_there_are(tmp_path
         connect(f"bench:{file}")
     assert "source 'pan current' does not describe a source: " in str(found.value)
     assert str(found.value).endswith(
-        "unknown field `rat`; the fields there are name, device, low, high, unit, rate, rest, "
+        "unknown field `rat`; the fields there are name, low, high, unit, rate, device, rest, "
         "conversion, channel"
     )

@@ -107,23 +107,29 @@ class _ConversionRow(Section, kw_only=True):
     reading: str | None = None
 
 
-class _SourceRow(Section, kw_only=True):
+class _Input(Section, kw_only=True):
     name: str
-    device: str
     low: float
     high: float
     unit: str = ""
     rate: float = float("inf")
+
+
+class _Output(Section, kw_only=True):
+    name: str
+    unit: str = ""
+    low: float = float("-inf")
+    high: float = float("inf")
+
+
+class _SourceRow(_Input, kw_only=True):
+    device: str
     rest: float = 0.0
     conversion: _ConversionRow | None = None
 
 
-class _SensorRow(Section, kw_only=True):
-    name: str
+class _SensorRow(_Output, kw_only=True):
     device: str
-    unit: str = ""
-    low: float = float("-inf")
-    high: float = float("inf")
     of: str | None = None
     conversion: _ConversionRow | None = None
 
@@ -155,21 +161,6 @@ class _Meter(Section, kw_only=True):
 class _Board(Section, kw_only=True):
     resource: str
     baud: int | None = None
-
-
-class _Input(Section, kw_only=True):
-    name: str
-    low: float
-    high: float
-    unit: str = ""
-    rate: float = float("inf")
-
-
-class _Output(Section, kw_only=True):
-    name: str
-    unit: str = ""
-    low: float = float("-inf")
-    high: float = float("inf")
 
 
 class _SingleFile(Section, kw_only=True):
