@@ -28,16 +28,18 @@ def design_of(plant: Actuator, options: dict[str, Any]) -> dict[str, Any]:
     holds, hours = options["holds"], options["hours"]
     if holds is None and hours is None:
         holds = Adaptive.holds
+    names = "low", "high", "levels", "step"
     design = {
-        "low": channel.low if options["low"] is None else options["low"],
-        "high": channel.high if options["high"] is None else options["high"],
-        "levels": Adaptive.levels if options["levels"] is None else options["levels"],
+        "low": channel.low,
+        "high": channel.high,
+        "levels": Adaptive.levels,
         "holds": design_holds(holds, hours, options["hold"] or HOLD),
         "least_gain": options["least_gain"] or 0.0,
+        **{name: options[name] for name in names if options[name] is not None},
     }
     for end in ("low", "high"):
         check_input(plant.inputs, design[end])
-    return design if options["step"] is None else {**design, "step": options["step"]}
+    return design
 
 
 def next_level(chooser: Adaptive, points: Sequence[Point]) -> float | None:

@@ -318,9 +318,11 @@ class Wiring:
 
     def written(self, u: float) -> float:
         """Return the input that the only source writes for ``u``; nothing is applied."""
+        if len(self.commands) != 1 or self.commands[0] is not None:
+            return u
         (device,) = (part.device for part in self.parts if part.sources)
         written = getattr(device, "written", None)
-        return u if written is None or self.commands != [None] else float(written(u))
+        return u if written is None else float(written(u))
 
     def read(self) -> FloatArray:
         """Return the outputs; NaN where a conversion does not cover a reading."""
