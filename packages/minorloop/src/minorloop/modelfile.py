@@ -74,7 +74,6 @@ from minorloop._modelschema import (
     Header,
     LinearPart,
     Model,
-    Named,
     Provenance,
     StaticModel,
     build,
@@ -311,13 +310,12 @@ class Identified(Protocol):
 
 
 def save(
-    model: Model | Identified,
+    model: Model | Identified | ModelFile,
     path: PathLike,
     *,
     input: str | Quantity = "input",
     output: str | Quantity = "output",
     lag: int | None = None,
-    lag_seconds: float | None = None,
     provenance: Provenance | Mapping[str, Any] | None = None,
     warnings: Sequence[str] | None = None,
     force: bool = False,
@@ -327,8 +325,9 @@ def save(
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
-            Cascade, Linear, AfterEffect, Oscillator, or the result of an identification
-        The model. That of an identification is written with its lag, scores and warnings.
+            Cascade, Linear, AfterEffect, Oscillator, the result of an identification, or ModelFile
+        The model. That of an identification is written with its lag, scores and warnings; the
+        content of a file is written as it is.
     path : str or path
         The file to write.
     input, output : str or Quantity
@@ -336,9 +335,6 @@ def save(
     lag : int, optional
         Samples by which the output follows the model; that of the identification, or 0, if not
         given.
-    lag_seconds : float, optional
-        The same in seconds, where it is known, for records with other intervals; that of the
-        identification if not given.
     provenance : Provenance or mapping, optional
         Origin of the model; a mapping has the keys of `Provenance`.
     warnings : sequence of str, optional
@@ -355,15 +351,20 @@ def save(
         If a file cannot contain the model, the provenance or the warnings.
     """
     target = check_writable(path, force=force)
-    complete, bands = _complete(provenance), None
-    if isinstance(model, Identified):
+    if isinstance(model, ModelFile):
+        input, output, provenance = model.input, model.output, model.provenance
+    complete, lag_seconds = _complete(provenance), 0.0
+    known: Any = None
+    if isinstance(model, ModelFile):
+        lag, lag_seconds, warnings = model.lag, model.lag_seconds, model.warnings
+        known, model = model.bands, model.model
+    elif isinstance(model, Identified):
         lag = getattr(model, "lag_of_model", model.lag) if lag is None else lag
-        lag_seconds = model.lag_seconds if lag_seconds is None else lag_seconds
+        lag_seconds = model.lag_seconds
         warnings = model.warnings if warnings is None else warnings
-        known = getattr(model, "band_model", None)
-        bands = None if known is None else known.in_file()
         complete = {**complete, "scores": {**model.scores, **complete["scores"]}}
-        model = model.model
+        known, model = getattr(model, "band_model", None), model.model
+    bands: Any = known.in_file() if hasattr(known, "in_file") else msgspec.to_builtins(known)
     content = {
         "format": FORMAT,
         "version": 0,
@@ -440,13 +441,12 @@ def read(path: PathLike) -> ModelFile:
         if content.bands is not None and not isinstance(model, Preisach):
             raise ParameterError("a model of another kind than preisach has no bands")
         _check_words(content.provenance)
-        mapped = _quantity(content.input), _quantity(content.output)
+        names = [Quantity(each.name, each.unit) for each in (content.input, content.output)]
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
     warnings, lag_s = tuple(content.warnings), float(content.lag_s)
-    return ModelFile(
-        model, *mapped, content.lag, content.provenance, warnings, lag_s, content.bands
-    )
+    about: Any = content.lag, content.provenance, warnings, lag_s, content.bands
+    return ModelFile(model, names[0], names[1], *about)
 
 
 def read_linear(path: PathLike) -> Linear:
@@ -543,10 +543,6 @@ def _check_header(path: PathLike, data: bytes) -> None:
         )
 
 
-def _quantity(named: Named) -> Quantity:
-    return Quantity(named.name, named.unit)
-
-
 def _named(quantity: str | Quantity) -> dict[str, str]:
     if not isinstance(quantity, str | Quantity):
         raise ParameterError(f"the name is {quantity!r}; give one such as 'voltage [V]'")
@@ -560,8 +556,9 @@ def _complete(provenance: Provenance | Mapping[str, Any] | None) -> dict[str, An
         if isinstance(provenance, Provenance):
             provenance = msgspec.structs.asdict(provenance)
         fields = {"scores": {}, **(provenance or {})}
-        scores = {name: _score(name, value) for name, value in dict(fields["scores"]).items()}
-        known = msgspec.convert({**fields, "scores": scores}, Provenance)
+        for name, score in dict(fields["scores"]).items():
+            as_finite(f"score {name}", 0.0 if score is None else score)
+        known = msgspec.convert(fields, Provenance)
     except (TypeError, ValueError) as error:
         raise ParameterError(f"provenance cannot be used: {reason(error)}") from None
     created = known.created or datetime.now(UTC).replace(microsecond=0)
@@ -571,7 +568,3 @@ def _complete(provenance: Provenance | Mapping[str, Any] | None) -> dict[str, An
         )
     )
     return complete
-
-
-def _score(name: str, value: float | None) -> float | None:
-    return None if value is None else as_finite(f"score {name}", value)

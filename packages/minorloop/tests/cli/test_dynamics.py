@@ -9,6 +9,7 @@ from minorloop import modelfile
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
+from minorloop.lab.records import Quantity
 
 T = 0.01 * np.arange(300)
 UNITS = {"input": "voltage [V]", "output": "length [um]"}
@@ -53,7 +54,9 @@ def test_invert_follows_targets_in_time(cascade, run):
 
 
 def test_the_inputs_of_a_model_with_a_lag_are_ahead_of_the_targets(cascade, model, run):
-    modelfile.save(model, "late.json", lag=20, lag_seconds=0.2, **UNITS)
+    names = (Quantity.parse(name) for name in UNITS.values())
+    late = modelfile.ModelFile(model, *names, 20, modelfile.Provenance(), lag_seconds=0.2)
+    modelfile.save(late, "late.json")
     line = "invert late.json moves.csv --target length --time time"
     status, _, err = run(f"{line} --save in.csv")
     assert status == 0

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from minorloop.lab.records import Record
     from minorloop.lab.timebase import TimeCheck
     from minorloop.modelfile import ModelFile as File
-    from minorloop.report import Report
+    from minorloop.report import Report as Drawn
 
 
 NONE = "none"
@@ -193,6 +193,8 @@ Holdout = Annotated[
     number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3."),
 ]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
+Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
+Target = Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")]
 Specimen = Annotated[int | None, whole_option("Seed of a twin's specimen; nominal if not given.")]
 Noise = Annotated[float, number_option("Standard deviation of a twin's sensor, in its unit.")]
 Seed = Annotated[int, whole_option("Seed of a twin's noise.")]
@@ -568,7 +570,7 @@ def write_csv(path: Path, columns: Mapping[str, Any], *, force: bool) -> None:
     write_atomically(path, table_text(columns, rows))
 
 
-def write_report(draw: Callable[[], Report], path: Path, *, force: bool) -> None:
+def write_report(draw: Callable[[], Drawn], path: Path, *, force: bool) -> None:
     """Draw a report and write it; an error in drawing becomes one sentence."""
     try:
         draw().write(path, force=force)

@@ -31,7 +31,7 @@ _HINT = ", or convert the readings with --laser, --linear, --polynomial or --tab
 def run(
     model: _common.ModelFile,
     file: _common.DataFile,
-    target: Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")],
+    target: _common.Target,
     actuator: _common.Address,
     store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
     corrections: Annotated[
@@ -81,7 +81,7 @@ def run(
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
     seed: _common.Seed = 0,
-    report: Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")] = None,
+    report: _common.Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:

@@ -46,7 +46,6 @@ _Periods = Annotated[
 _Samples = Annotated[
     Path | None, typer.Option(help="Write the samples of a store to this CSV file.")
 ]
-_Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
 
 
 def run(
@@ -59,7 +58,7 @@ def run(
     periods: _Periods = 2,
     save: _common.Save = None,
     samples: _Samples = None,
-    report: _Report = None,
+    report: _common.Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:

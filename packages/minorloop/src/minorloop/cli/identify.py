@@ -132,7 +132,6 @@ _Field = Annotated[
     _common.number_option("With --from-loop: input at saturation; 5 HC if not given."),
 ]
 _Save = Annotated[Path | None, typer.Option(help="Write the model to this file.")]
-_Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
 
 
 def run(
@@ -170,7 +169,7 @@ def run(
     from_loop: _FromLoop = None,
     field: _Field = None,
     save: _Save = None,
-    report: _Report = None,
+    report: _common.Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
     verbose: _common.Verbose = False,

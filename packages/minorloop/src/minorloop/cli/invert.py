@@ -25,7 +25,7 @@ _SHOWN = 20
 def run(
     model: _common.ModelFile,
     file: _common.DataFile,
-    target: Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")],
+    target: _common.Target,
     clip: Annotated[
         bool, typer.Option("--clip", help="Go as near as possible to targets out of reach.")
     ] = False,

@@ -50,7 +50,6 @@ _Keep = Annotated[
     bool,
     typer.Option("--keep-unsettled", help="Write the outputs of holds that have not settled too."),
 ]
-_Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
 
 
 def run(
@@ -74,7 +73,7 @@ def run(
     subtract_drift: _Subtract = False,
     keep_unsettled: _Keep = False,
     save: _common.Save = None,
-    report: _Report = None,
+    report: _common.Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:

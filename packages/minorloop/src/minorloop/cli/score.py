@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _Column = typer.Option(show_default="the name that it has in the model")
 _Save = Annotated[Path | None, typer.Option(help="Write the residual of each row to this file.")]
-_Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
 
 
 def run(
@@ -37,7 +36,7 @@ def run(
     skip: _common.Skip = 0,
     between: _common.Between = None,
     save: _Save = None,
-    report: _Report = None,
+    report: _common.Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
     verbose: _common.Verbose = False,

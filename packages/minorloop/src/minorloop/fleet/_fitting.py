@@ -70,21 +70,21 @@ def identify_one(task: Task, scratch: Path) -> Found:
             advice="; ".join(result.advice),
             chosen="; ".join(result.chosen),
         )
-        modelfile.save(
-            result.model,
-            scratch,
-            input=str(log.input),
-            output=str(log.output),
-            lag=result.lag_of_model,
-            lag_seconds=result.lag_seconds,
-            provenance={
-                "data": task.specimen.file.name,
-                "sha256": outcome.sha256,
-                "scores": {name: value for name, value in scores.items() if value is not None},
-            },
-            warnings=result.warnings,
-            force=True,
+        origin = modelfile.Provenance(
+            data=task.specimen.file.name,
+            sha256=outcome.sha256,
+            scores={name: value for name, value in scores.items() if value is not None},
         )
+        known = modelfile.ModelFile(
+            result.model,
+            log.input,
+            log.output,
+            result.lag_of_model,
+            origin,
+            tuple(result.warnings),
+            result.lag_seconds,
+        )
+        modelfile.save(known, scratch, force=True)
         data = scratch.read_bytes()
         return replace(outcome, model=hashlib.sha256(data).hexdigest()), data
     except Exception as error:
