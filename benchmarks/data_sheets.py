@@ -10,6 +10,7 @@ import numpy as np
 import minorloop as ml
 from benchmarks._plants import Array
 from benchmarks._timing import Row, seconds
+from minorloop.identification import Identification
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.pipeline import Options
 from minorloop.lab.columns import read_columns
@@ -89,7 +90,7 @@ def _fitted(name: str, material: Material) -> Row:
     loop, seen = np.concatenate([down, -down]), np.concatenate([branch, -branch])
     results, times = [], []
     for mean in ("zero", "ridge"):
-        fits: list[ml.Identification] = []
+        fits: list[Identification] = []
         times.append(seconds(lambda mean=mean, fits=fits: fits.append(_fit(loop, seen, mean))))
         off, whole, inside = 0.0, 0.0, []
         for inputs, outputs in material.minor:
@@ -105,7 +106,7 @@ def _fitted(name: str, material: Material) -> Row:
     return Row(f"prior on the major loop of {name}", times[1], accuracy=accuracy)
 
 
-def _fit(u: Array, y: Array, mean: str) -> ml.Identification:
+def _fit(u: Array, y: Array, mean: str) -> Identification:
     options = {
         "levels": BANDS,
         "spacing": "adaptive",

@@ -11,17 +11,16 @@ from minorloop import errors
 NAMES = {
     *("Preisach", "RelayModel", "PrandtlIshlinskii", "GeneralisedPrandtlIshlinskii"),
     *("Polynomial", "Memory", "Tracker", "Inversion"),
-    *("identify", "Identification", "excitation", "densities"),
+    *("identify", "Fit", "excitation", "densities"),
     *(
         "Dynamics",
         "Plane",
         "Gaussian",
         "Smooth",
-        "DynamicIdentification",
         "from_loop",
         "DataSheetModel",
     ),
-    *("AfterEffect", "Viscosity", "AfterEffectIdentification"),
+    *("AfterEffect", "Viscosity"),
     *("Linear", "Cascade", "Trajectory", "Creep", "fit_creep"),
     *("Actuator", "Adaptive", "Channel", "Prediction", "NextInput", "next_input", "design"),
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),
@@ -32,7 +31,7 @@ NAMES = {
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
     *("OutputError", "StoreError", "InstrumentError", "SafetyError", "FleetError"),
     "MissingExtraError",
-    *("Oscillator", "BoucWen", "Duhem", "Vibration", "OscillatorIdentification"),
+    *("Oscillator", "BoucWen", "Duhem", "Vibration"),
 }
 
 

@@ -22,11 +22,9 @@ from minorloop.errors import SignalError as SignalError
 from minorloop.errors import StoreError as StoreError
 from minorloop.errors import UnreachableError as UnreachableError
 from minorloop.figures import plot as plot
-from minorloop.identification import AfterEffectIdentification as AfterEffectIdentification
-from minorloop.identification import DynamicIdentification as DynamicIdentification
 from minorloop.identification import Dynamics as Dynamics
+from minorloop.identification import Fit as Fit
 from minorloop.identification import Gaussian as Gaussian
-from minorloop.identification import Identification as Identification
 from minorloop.identification import Plane as Plane
 from minorloop.identification import Smooth as Smooth
 from minorloop.identification import Viscosity as Viscosity
@@ -46,9 +44,6 @@ from minorloop.identification.frequency import Preamble as Preamble
 from minorloop.identification.frequency import describing_function as describing_function
 from minorloop.identification.frequency import frequency_response as frequency_response
 from minorloop.identification.oscillator import Vibration as Vibration
-from minorloop.identification.oscillator_result import (
-    OscillatorIdentification as OscillatorIdentification,
-)
 from minorloop.identification.rational import fit_response as fit_response
 from minorloop.identification.recursive import Recursive as Recursive
 from minorloop.identification.representability import representability as representability

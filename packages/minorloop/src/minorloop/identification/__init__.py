@@ -9,11 +9,13 @@ from minorloop.identification.pipeline import identify
 from minorloop.identification.plane_result import Identification
 from minorloop.identification.prior import Gaussian, Smooth
 from minorloop.identification.reading import read
+from minorloop.identification.result import Fit
 
 __all__ = [
     "AfterEffectIdentification",
     "DynamicIdentification",
     "Dynamics",
+    "Fit",
     "Gaussian",
     "Identification",
     "Plane",

@@ -103,8 +103,8 @@ def identify(
 
     Returns
     -------
-    Identification, DynamicIdentification, AfterEffectIdentification or OscillatorIdentification
-        By the law.
+    Fit
+        The model with its scores and advice, and what else the law gives.
 
     Raises
     ------
