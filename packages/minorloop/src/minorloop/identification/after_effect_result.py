@@ -76,6 +76,10 @@ def _gaps(fit: AfterEffectIdentification) -> Iterator[str]:
         )
 
 
+def _ends(field: FloatArray) -> str:
+    return f"{field.min():.4g} to {field.max():.4g}" if field.size else ""
+
+
 def _next_holds(fit: AfterEffectIdentification) -> Iterator[str]:
     """Say which holds to measure next."""
     ratio = fit.left_out_error / fit.without_time if fit.without_time else 1.0
@@ -116,10 +120,10 @@ class AfterEffectIdentification(Fit[AfterEffect]):
         ScoreRow(
             "left_out_nrmse_without_time", "without_time", "  without time", of_range, kept=True
         ),
-        ScoreRow("settling", "model.settling"),
-        ScoreRow("", "_settling_text", "settling time"),
-        ScoreRow("field", "model.field"),
-        ScoreRow("", "_field_text", "fluctuation field"),
+        ScoreRow(
+            "settling", "model.settling", "settling time", lambda s: f"{s:.4g} s" if s else ""
+        ),
+        ScoreRow("field", "model.field", "fluctuation field", _ends),
         ScoreRow("times", "model.times"),
         ScoreRow("creep", lambda fit: [float(one.sum()) for one in fit.model.creep]),
         ScoreRow("laws", lambda fit: {one.law: one.error for one in fit.tried}),
@@ -170,15 +174,6 @@ class AfterEffectIdentification(Fit[AfterEffect]):
     def without_time(self) -> float:
         """The same for the model without time."""
         return self.tried[0].error
-
-    @property
-    def _settling_text(self) -> str:
-        return f"{self.model.settling:.4g} s" if self.model.field.size else ""
-
-    @property
-    def _field_text(self) -> str:
-        field = self.model.field
-        return f"{field.min():.4g} to {field.max():.4g}" if field.size else ""
 
     def _further_rows(self) -> list[tuple[str, str]]:
         model = self.model

@@ -79,7 +79,7 @@ class Identification(Fit[Preisach]):
         ScoreRow("samples", "samples", "samples fitted"),
         *MORE_ERRORS,
         ScoreRow("rmse_train", "rmse", "rms error on fitted data", "{:.4g}"),
-        ScoreRow("baseline_nrmse_holdout", "_baseline_held_out"),
+        ScoreRow("baseline_nrmse_holdout", lambda fit: fit.holdout_accuracy and fit.baseline_nrmse),
         ScoreRow("lag_samples", "lag_of_model"),
         ScoreRow("lag_s", lambda fit: fit.lag_seconds or None),
         ScoreRow("held_out", lambda fit: int(fit.held_out.sum()), "samples held out", unless_0),
@@ -431,10 +431,6 @@ class Identification(Fit[Preisach]):
     def _lag_text(self) -> str:
         seconds = f", {self.lag_seconds:.4g} s" if self.lag_seconds else ""
         return f"{counted(self.lag_of_model, 'sample')}{seconds}"
-
-    @property
-    def _baseline_held_out(self) -> float | None:
-        return None if self.holdout_accuracy is None else self.baseline_nrmse
 
     @property
     def _known_rank(self) -> int | None:
