@@ -15,7 +15,7 @@ import minorloop as ml
 from expected import inputs
 from expected.case import Case
 from minorloop.errors import MinorloopError
-from minorloop.operators.dead_zones import DeadZones
+from minorloop.operators.generalised_prandtl_ishlinskii import DeadZones
 from minorloop_head.heated_wire import HeatedWire
 
 _RNG = np.random.default_rng(1000)

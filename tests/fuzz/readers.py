@@ -26,8 +26,10 @@ from minorloop.lab.drivers.serial_line import Board
 from minorloop.lab.drivers.visa import Commands, ScpiMeter, ScpiSource
 from minorloop.lab.logs import read_log
 from minorloop.lab.plan import Plan
-from minorloop.operators.dead_zones import DeadZones
-from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.generalised_prandtl_ishlinskii import (
+    DeadZones,
+    GeneralisedPrandtlIshlinskii,
+)
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.relays import RelayModel
 

@@ -31,8 +31,8 @@ from minorloop.identification.band_model import BandModel
 from minorloop.lab.records import Quantity
 from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.differential import BoucWen, Duhem
+from minorloop.operators.generalised_prandtl_ishlinskii import DeadZones
 
 LEVELS = [-1.0, 0.0, 0.5, 2.0]
 TRIANGLE = [[0.1, 0.0, 0.0], [1 / 3, -0.0, 0.0], [5e-324, -1e300, np.pi]]

@@ -11,8 +11,10 @@ from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export.c99 import source
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.dead_zones import DeadZones
-from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.generalised_prandtl_ishlinskii import (
+    DeadZones,
+    GeneralisedPrandtlIshlinskii,
+)
 from minorloop.operators.memory import Memory
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii

@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError, UnreachableError
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.densities import FactoredGaussianDensity, GaussianDensity, UniformDensity
 from minorloop.operators.differential import BoucWen, Duhem
-from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.generalised_prandtl_ishlinskii import (
+    DeadZones,
+    GeneralisedPrandtlIshlinskii,
+)
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import integrate_density
 from minorloop.operators.polynomial import Polynomial

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +13,119 @@ from minorloop.arrays import (
     FloatArray,
     Samples,
     as_finite,
+    frozen,
 )
-from minorloop.errors import ParameterError
+from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators._play_fit import as_record, choose_knots, choose_radii, fit_bent_plays
-from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
-from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
+from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii, as_paired
 from minorloop.operators.tracker import StepTracker
+
+
+@dataclass(frozen=True, eq=False)
+class DeadZones(ByValue):
+    """A weighted sum of one-sided dead zones: piecewise linear, monotone, through the origin.
+
+    Placed after symmetric plays it bends their loops into saturating, asymmetric ones.
+
+    ``S(x) = sum of weights[k] * d_k(x)``, where ``d_k(x)`` is ``max(x - s, 0)`` for a threshold
+    s > 0, ``min(x - s, 0)`` for s < 0, and ``x`` for s = 0.
+
+    Raises
+    ------
+    ParameterError
+        If there is no threshold, they do not increase, lengths differ, or a number is not finite.
+
+    References
+    ----------
+    Kuhnen, European Journal of Control 9 (2003) 407: superposition operators.
+    """
+
+    thresholds: FloatArray
+    """Shape (K,). Strictly increasing, in the unit of x; a zero among them is the linear term."""
+    weights: FloatArray
+    """Shape (K,). Change of slope at each threshold, away from the origin; for threshold zero the
+    slope at the origin."""
+
+    def __post_init__(self) -> None:
+        thresholds, weights = as_paired(self.thresholds, self.weights, name="thresholds")
+        object.__setattr__(self, "thresholds", thresholds)
+        object.__setattr__(self, "weights", weights)
+
+    @classmethod
+    def from_slopes(cls, knots: npt.ArrayLike, slopes: npt.ArrayLike) -> DeadZones:
+        """Return dead zones from the slope of each piece.
+
+        Raises a `ParameterError` if a knot is zero or the lengths differ.
+
+        Parameters
+        ----------
+        knots : (K,) array_like
+            Where the slope changes, strictly increasing, none of them zero; may be empty.
+        slopes : (K + 1,) array_like
+            Slope of each piece, from left to right.
+        """
+        knots, slopes = np.asarray(knots, dtype=np.float64), np.asarray(slopes, dtype=np.float64)
+        if knots.ndim != 1 or slopes.shape != (knots.size + 1,):
+            raise ParameterError(
+                f"slopes have shape {slopes.shape}; {knots.size} knots need ({knots.size + 1},)"
+            )
+        if (knots == 0).any():
+            raise ParameterError("a knot is zero; the piece through the origin must be straight")
+        centre = int(np.count_nonzero(knots < 0))
+        below = slopes[:centre] - slopes[1 : centre + 1]
+        above = np.diff(slopes[centre:])
+        thresholds = np.insert(knots, centre, 0.0)
+        return cls(thresholds, np.concatenate([below, slopes[centre : centre + 1], above]))
+
+    @cached_property
+    def knots(self) -> FloatArray:
+        """Points where the slope changes: the thresholds without zero."""
+        return frozen(self.thresholds[self.thresholds != 0])
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Slope of each piece, one more than knots."""
+        negative, positive = self.thresholds < 0, self.thresholds > 0
+        straight = self.weights[~(negative | positive)].sum()
+        below = straight + np.cumsum(self.weights[negative][::-1])[::-1]
+        above = straight + np.cumsum(self.weights[positive])
+        return frozen(np.concatenate([below, [straight], above]))
+
+    @property
+    def invertible(self) -> bool:
+        """Whether every piece rises."""
+        return bool((self.slopes > 0).all())
+
+    def __call__(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the values of the curve at x, of any shape."""
+        return _follow(np.asarray(x, dtype=np.float64), self.knots, self.slopes, self.heights)
+
+    def invert(self, y: npt.ArrayLike) -> FloatArray:
+        """Return the x at which the curve has the values y, of any shape.
+
+        Raises a `NotInvertibleError` if a piece does not rise.
+        """
+        if not self.invertible:
+            piece = int(np.argmin(self.slopes))
+            raise NotInvertibleError(
+                f"piece {piece} of the dead zones has slope {self.slopes[piece]:g}; give weights "
+                "whose cumulative sums from zero outwards are all positive"
+            )
+        return _follow(np.asarray(y, dtype=np.float64), self.heights, 1 / self.slopes, self.knots)
+
+    @cached_property
+    def heights(self) -> FloatArray:
+        """Value of the curve at each knot."""
+        centre = int(np.count_nonzero(self.knots < 0))
+        corners = np.insert(self.knots, centre, 0.0)
+        pieces = np.concatenate([self.slopes[1 : centre + 1], self.slopes[centre:-1]])
+        rises = np.diff(corners) * pieces
+        heights = np.concatenate(
+            [-np.cumsum(rises[:centre][::-1])[::-1], np.cumsum(rises[centre:])]
+        )
+        return frozen(heights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,3 +243,15 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
         """Return a tracker that follows a live input sample by sample."""
         return StepTracker(self, self.positions(start))
+
+
+def _follow(
+    x: FloatArray, knots: FloatArray, slopes: FloatArray, heights: FloatArray
+) -> FloatArray:
+    """Return the values at x of the piecewise linear curve through the origin and the knots."""
+    centre = int(np.count_nonzero(knots < 0))
+    # Each piece begins at its corner nearer to the origin, where rounding errors are smallest.
+    corner_x = np.insert(knots, centre, 0.0)
+    corner_y = np.insert(heights, centre, 0.0)
+    piece = np.searchsorted(knots, x)
+    return np.asarray(corner_y[piece] + slopes[piece] * (x - corner_x[piece]))

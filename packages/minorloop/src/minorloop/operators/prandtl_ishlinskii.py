@@ -25,7 +25,6 @@ from minorloop.figures import Drawn
 from minorloop.operators import _play_kernels
 from minorloop.operators._parallel import filled
 from minorloop.operators._play_fit import as_record, choose_radii, fit_plays
-from minorloop.operators.dead_zones import as_paired
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
@@ -256,3 +255,33 @@ class PrandtlIshlinskii(ByValue, Drawn):
             f"the weights up to index {index} add up to {self.slopes[index]:g}; there is an "
             "inverse only if every cumulative sum is positive"
         )
+
+
+def as_paired(
+    places: npt.ArrayLike, weights: npt.ArrayLike, *, name: str
+) -> tuple[FloatArray, FloatArray]:
+    """Return strictly increasing places and their weights, both read-only.
+
+    Raises a `ParameterError` if there is none, they do not increase, lengths differ, or a number is
+    not finite.
+    """
+    try:
+        first, second = frozen(places), frozen(weights)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{name} or weights are not numbers: {error}") from None
+    if first.ndim != 1 or first.size == 0 or first.shape != second.shape:
+        raise ParameterError(
+            f"{name} have shape {first.shape} and weights {second.shape}; give as many weights "
+            f"as {name}, at least one, in one dimension"
+        )
+    for label, values in ((name, first), ("weights", second)):
+        if not np.isfinite(values).all():
+            index = int(np.argmin(np.isfinite(values)))
+            raise ParameterError(f"{label}[{index}] is {values[index]}; all must be finite")
+    if not (np.diff(first) > 0).all():
+        index = int(np.argmin(np.diff(first) > 0))
+        raise ParameterError(
+            f"{name} are not strictly increasing: {first[index]:g} at index {index} is followed "
+            f"by {first[index + 1]:g}"
+        )
+    return first, second
