@@ -1,3 +1,5 @@
+import sys
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,7 @@ from later import Later
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError
+from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.export.python_control import as_memory, as_state, as_system
 from minorloop.operators.memory import Memory
 from minorloop.operators.polynomial import Polynomial
@@ -104,3 +106,9 @@ def test_refusals():
             as_system(PREISACH, interval)
     with pytest.raises(ParameterError, match="Polynomial has no state"):
         as_system(Polynomial([1.0, 0.0], -1, 1))
+
+
+def test_without_python_control_the_message_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'minorloop\[control\]'"):
+        as_system(PREISACH)

@@ -1,8 +1,11 @@
+import importlib
+import sys
+
 import numpy as np
 import pytest
 
 from later import Later
-from minorloop.errors import ParameterError
+from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.operators.preisach import Preisach
 
 REASON = "needs scikit-learn: minorloop[sklearn]"
@@ -71,3 +74,11 @@ def test_it_works_in_a_search_with_contiguous_blocks():
 def test_a_wrong_beginning_of_a_prediction_is_refused():
     with pytest.raises(ParameterError, match="predict_from"):
         ours.PreisachRegressor(predict_from="middle").fit(X, Y)
+
+
+def test_without_scikit_learn_the_message_names_the_extra(monkeypatch):
+    for name in ("sklearn", "sklearn.base", "sklearn.utils.validation"):
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "minorloop.export.sklearn", raising=False)
+    with pytest.raises(MissingExtraError, match=r"pip install 'minorloop\[sklearn\]'"):
+        importlib.import_module("minorloop.export.sklearn")
