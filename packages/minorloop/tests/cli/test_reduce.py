@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from command_line import write
 
@@ -84,52 +83,12 @@ def test_what_cannot_be_used_is_one_sentence(refused, options, message):
     assert message in refused(f"{line} {options}")
 
 
-def test_the_unit_of_a_matlab_column_is_given_with_its_name(answer):
-    t, u, d = np.genfromtxt("log.csv", delimiter=",", skip_header=1).T
-    savemat("log.mat", {"t": t, "voltage": u, "d": d})
-    line = "reduce log.mat --input voltage --output 'd [mm]' --time 't [s]' --laser 20,15"
-    wanted = answer(f"{LINE} --laser 20,15")["points"]["curvature [1/m]"]
-    assert answer(line)["points"]["curvature [1/m]"] == wanted
-
-
-def test_two_columns_of_time_are_refused(refused):
-    write("two.csv", "t [s],u,y,clock [ms]", [[0, 1, 2, 3], [1, 2, 3, 4]])
-    write("named.csv", "t [s],u,y,time [ms]", [[0, 1, 2, 3], [1, 2, 3, 4]])
-    said = refused("reduce named.csv --input u --output y")
-    assert "named.csv has 2 columns that could be time, 't [s]' and 'time [ms]'; name one" in said
-    assert "0 holds" in refused("reduce two.csv --input u --output y --time clock")
-
-
 def test_a_second_clock_is_named_and_a_duration_is_not(answer):
     header, *rows = Path("log.csv").read_text().splitlines()
     two = [f"{header},t2 [s],held [s]", *(f"{row},{k},{-k}" for k, row in enumerate(rows))]
     Path("two.csv").write_text("\n".join(two) + "\n")
     said = " ".join(answer(LINE.replace("log.csv", "two.csv"))["notes"])
     assert "is the time; 't2 [s]' could be too: name it with time= (--time)" in said
-
-
-def spoilt(column, value, every=150):
-    """Replace some cells of the log; the column is counted from 0."""
-    header, *rows = Path("log.csv").read_text().splitlines()
-    cells = [row.split(",") for row in rows]
-    for row in cells[90::every]:
-        row[column] = value
-    Path("log.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
-
-
-@pytest.mark.parametrize("code", ["9999", "9.9e37", "-9999"])
-def test_codes_of_the_instrument_are_named_and_not_used(code, run, answer):
-    clean = answer(f"{LINE} --laser 20,15 --save clean.csv")
-    spoilt(2, code)
-    status, out, _ = run(f"{LINE} --laser 20,15 --save points.csv")
-    assert status == 0
-    assert "5 of 800 readings of distance [mm] are codes of the instrument" in " ".join(out.split())
-    assert clean["settled"] == 8
-    wanted, found = (
-        np.genfromtxt(name, delimiter=",", skip_header=1)[:, 2]
-        for name in ("clean.csv", "points.csv")
-    )
-    np.testing.assert_allclose(found, wanted, atol=0.05)
 
 
 def test_a_drift_of_the_sensor_is_refused_and_subtracted(refused, answer):

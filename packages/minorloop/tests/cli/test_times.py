@@ -66,18 +66,6 @@ def test_a_raw_log_is_not_to_be_trusted(run):
     assert "not to be trusted" in err
 
 
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ("time [V],voltage [V],length [um]", "time in column 'time [V]' must be in one of s, ms"),
-        ("time [s],voltage [V],length [um],time [ms]", "could be any of 'time [s]', 'time [ms]'"),
-    ],
-)
-def test_a_column_that_is_no_time_is_refused(refused, columns, message):
-    write("log.csv", columns, np.column_stack([T, U, U, T])[:, : columns.count(",") + 1])
-    assert message in refused(f"{LINE} --time time")
-
-
 def test_invert_keeps_the_times_of_the_targets(run, refused):
     write("wanted.csv", "when [ms],length [um]", [[0, 0.3], [500, 1.5], [1500, -2.0]])
     line = "invert model.json wanted.csv --target length --time when --save inputs.csv"

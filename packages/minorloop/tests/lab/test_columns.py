@@ -123,16 +123,6 @@ def test_a_row_of_text_is_no_row_of_units(table):
         read_columns(table("t,u\ns,oops\n0,1\n"), ["u"])
 
 
-def test_dates_give_seconds(table):
-    text = "when,u\n2026-03-01T12:00:00.5,1\n2026-03-01 12:00:01,2\n2026-03-01T13:00:02+01:00,3\n"
-    read = read_columns(table(text), ["when"], dates=["when"])["when"]
-    np.testing.assert_allclose(np.diff(read), [0.5, 1.0])
-    with pytest.raises(RecordError, match=r"the text '2026-03-01T12:00:00\.5' in row 2"):
-        read_columns(table(text), ["when"])
-    with pytest.raises(RecordError, match="the text 'noon' in row 2; give time as numbers, or as"):
-        read_columns(table("when,u\nnoon,1\n"), ["when"], dates=["when"])
-
-
 @given(
     st.lists(
         st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3),
@@ -277,6 +267,7 @@ def test_empty_cells_are_named_and_a_few_rows_are_no_table_of_two_loggers(table)
         ["01.03.2026 23:59:58.5", "01.03.2026 23:59:59,5", "2.3.2026 00:00:00"],
         ["2026-03-01 23:59:58.5", "2026-03-01T23:59:59.5", "2026-03-02"],
         ["23:59:58.5", "23:59:59,500", "24:00:00"],
+        ["2026-03-01 23:59:58.5", "2026-03-02T00:59:59.5+01:00", "2026-03-02T00:00:00"],
     ],
 )
 def test_dates_and_times_of_day_are_read(cells, tmp_path):

@@ -112,6 +112,18 @@ def test_readings_beyond_the_range_are_not_used(long):
     np.testing.assert_allclose(found.record().y, truth, atol=0.03)
 
 
+@pytest.mark.parametrize("code", [9999.0, 9.9e37, -9999.0])
+def test_codes_of_the_instrument_are_named_and_not_used(code, long):
+    log, truth = long
+    y = log.y.copy()
+    y[90::150] = code
+    found = reduce(Record(log.u, y, log.t, log.inputs, log.outputs), conversion=LASER)
+    count = np.count_nonzero(y == code)
+    assert f"{count} of {y.size} readings of distance [mm] are codes" in found.notes[0]
+    assert found.count("settled") == LEVELS.size
+    np.testing.assert_allclose(found.record().y, truth, atol=0.03)
+
+
 def test_spikes_are_counted_and_not_used(long):
     log, truth = long
     chance = np.random.default_rng(1000)
