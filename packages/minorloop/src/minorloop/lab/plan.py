@@ -122,6 +122,13 @@ class Plan:
         """Return a plan of sines.
 
         Raises a `ParameterError` if there are none, or too many.
+
+        Parameters
+        ----------
+        sines : sequence of Sine
+            In order, such as those of `minorloop.lab.sines.grid`.
+        input : str or Quantity
+            Name and unit of the input, such as ``voltage [V]``.
         """
         durations = [sine.duration for sine in sines]
         brief = min(durations, default=1.0)
