@@ -149,7 +149,7 @@ def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
     assert found["prior"] == "gaussian"
     assert found["nrmse_holdout"] is not None
     assert answer("identify own.sqlite --levels 8")["levels"] == 8
-    assert "samples held out" in run("identify own.sqlite")[1]
+    assert "samples held out" in run("identify own.sqlite -v")[1]
 
 
 def test_warns_of_points_that_did_not_settle():
