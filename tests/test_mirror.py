@@ -44,6 +44,7 @@ ELSEWHERE = {
     "minorloop_head/control/guard_state.py": "minorloop_head/control/test_guard.py",
     "minorloop_head/control/head.py": "minorloop_head/control/test_head_control.py",
     "minorloop_head/control/transient.py": "minorloop_head/control/test_heating.py",
+    "minorloop_head/inspection/heads.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/procedures/calibrate.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/procedures/inspected_view.py": "minorloop_head/procedures/test_inspection.py",
     "minorloop_head/procedures/ring.py": "papers/catheter/test_inspection_parts.py",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -339,9 +342,10 @@ def inspect(
     or Ctrl-C. What was found until then is kept, and --resume goes on from there, also after a
     power cut. The exit status is 1 if no view could be searched.
     """
-    from minorloop_head.cli import _inspection
-    from minorloop_head.cli._inspection_head import inspected_head
     from minorloop_head.cli.inspect import check_usable
+    from minorloop_head.inspection import Water, inspected_head
+    from minorloop_head.inspection import inspect as inspect_pipe
+    from minorloop_head.inspection.report import shown_tables, summary, wall_words
     from minorloop_head.vision.imaging import opencv
 
     places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
@@ -353,16 +357,18 @@ def inspect(
             f"--advances is {advances}; give each place once, since what two views show counts more"
         )
     opencv()  # before anything moves
-    filling = _water.GivenFilling(water, temperature, gas, pressure)
-    inspected = inspected_head(actuator, camera, head, specimen, seed, filling)
-    content = _inspection.carried_out(
-        inspected, out, [_MM * each for each in places], resume=resume
-    )
+    filling = Water(water, temperature, gas, pressure)
+    opened = inspected_head(actuator, camera, head, specimen=specimen, seed=seed, water=filling)
+    with _noted(), _common.working("opening the head", logged=True) as now:
+        found = inspect_pipe(opened, out, [_MM * each for each in places], resume=resume, told=now)
     if as_json:
-        _common.print_json(content)
+        _common.print_json(found.content)
     else:
-        _inspection.show(content, out)
-    check_usable(content)
+        for columns, rows, title in shown_tables(found.content):
+            _common.print_table(columns, rows, title)
+        typer.echo(" ".join(wall_words(found.content)))
+        typer.echo(f"{summary(found.content)}\nkept in {out}")
+    check_usable(found.content)
 
 
 @app.command(
@@ -418,20 +424,36 @@ def sweep(
     minutes. After Ctrl-C, the map of what was fired is kept, and --resume goes on from there, also
     after a power cut. Only the simulated head has a probe.
     """
-    from minorloop_head.cli import _sweep
+    from minorloop_head.inspection import Water, swept_head
+    from minorloop_head.inspection import sweep as sweep_wall
 
-    ends = [
+    degrees, places = (
         _common.numbers(name, text, (2,), f"two numbers in {unit}")
         for name, text, unit in (("around", around, "degrees"), ("along", along, "mm"))
-    ]
-    filling = _water.GivenFilling(water, temperature, gas, pressure)
-    content = _sweep.carried_out(
-        actuator, ends[0], ends[1], out, specimen, seed, filling, resume=resume
     )
+    filling = Water(water, temperature, gas, pressure)
+    opened = swept_head(actuator, specimen=specimen, seed=seed, water=filling)
+    angles, ends = [math.radians(each) for each in degrees], [_MM * each for each in places]
+    with _noted(), _common.working("identifying the head", logged=True) as now:
+        found = sweep_wall(opened, out, angles, ends, resume=resume, told=now)
     if as_json:
-        _common.print_json(content)
-    else:
-        _sweep.show(content, out)
+        _common.print_json(found.content)
+        return
+    if rows := found.findings:
+        cells = [["-" if each is None else str(each) for each in row.values()] for row in rows]
+        _common.print_table(list(rows[0]), cells)
+    typer.echo(f"{found.summary}\nkept in {out}")
+
+
+@contextmanager
+def _noted() -> Iterator[None]:
+    """Print what an error notes of the work that it ended."""
+    try:
+        yield
+    except BaseException as error:
+        for note in getattr(error, "__notes__", ()):
+            typer.echo(note, err=True)
+        raise
 
 
 app.command(epilog="Example: minorloop head board head.json --out firmware --float32 --memory 32")(

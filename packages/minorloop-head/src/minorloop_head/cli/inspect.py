@@ -281,7 +281,7 @@ def _poses(
         return repeat(PicturePose(**dict(zip(("pan", "tilt"), given, strict=True))))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
     if file.suffix == ".jsonl":
-        return _journalled(file, wanted, joints=joints)
+        return _journalled(file, joints=joints)
     with _seekable(file) as table:
         headers = [header for header in read_headers(table) if header in wanted]
         if not {"pan [deg]", "tilt [deg]"} <= set(headers):
@@ -300,25 +300,19 @@ def _unit(header: str) -> float:
     return _MM if header.endswith("[mm]") else math.radians(1.0)
 
 
-def _journalled(file: Path, wanted: dict[str, str], *, joints: bool) -> dict[str, PicturePose]:
+def _journalled(file: Path, *, joints: bool) -> dict[str, PicturePose]:
     """Return the poses in the journal of an inspection, by the names of its pictures.
 
     A line that was not written to its end, as when the program was killed, is left out.
     """
-    from minorloop_head.cli._journal import journal_of
+    from minorloop_head.inspection.journal import journal_lines
+    from minorloop_head.inspection.lines import ViewLine
     from minorloop_head.procedures.pictures import PicturePose
 
-    views = [line for line in journal_of(file) if line["what"] == "view"]
-    try:
-        found = {}
-        for view in views:
-            pose = view["pose"] if joints else {**view["pose"], **view["sight"]}
-            values = {name: _unit(header) * pose[header] for header, name in wanted.items()}
-            found[str(view["picture"])] = PicturePose(**values)
-    except (KeyError, TypeError):
-        raise RecordError(
-            f"{file} has a view without a picture or a pose; give the journal of an inspection"
-        ) from None
+    found = {}
+    for view in journal_lines(file, ViewLine):
+        pose, sight = view.pose.si(), view.sight.si()
+        found[view.picture] = PicturePose(**(pose if joints else {**pose, **sight}))
     if not found:
         raise RecordError(f"{file} has no views; give the journal of an inspection that has some")
     return found
@@ -404,7 +398,7 @@ def _report(
     columns: Sequence[str], content: dict[str, Any], best: list[Any], source: str
 ) -> Report:
     from minorloop.report import Picture, Report, Table
-    from minorloop_head.cli._inspection_report import figure_of
+    from minorloop_head.inspection.report import figure_of
 
     said = "; ".join([_summary(content), *content["advice"]])
     report = Report(f"Inspection of {Path(source).name}", said)

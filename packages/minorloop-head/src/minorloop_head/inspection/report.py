@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from minorloop.errors import counted
+from minorloop.errors import MinorloopError, OutputError, counted
+from minorloop.report import Picture, Report, Table
+from minorloop_head.procedures.finding_map import draw_c_scan, draw_finding
+from minorloop_head.procedures.inspected_wall import SeenWall, draw_wall
+from minorloop_head.procedures.inspection import NOT_VISITED
+from minorloop_head.procedures.pictures import annotated
 
 if TYPE_CHECKING:
-    from minorloop.report import Report
     from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
-    from minorloop_head.procedures.inspected_wall import SeenWall
     from minorloop_head.reconstruction.depth_map import DepthMap, WaterLine
     from minorloop_head.ultrasound.c_scan import CScan
 
@@ -76,7 +80,6 @@ def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
 
 def inspection_report(
     content: Mapping[str, Any],
-    summary: str,
     *,
     found: Sequence[InspectedView],
     lost: Sequence[Unconfirmed],
@@ -84,7 +87,6 @@ def inspection_report(
     water: WaterLine | None,
     walls: Mapping[str, DepthMap],
     scans: Mapping[str, CScan],
-    log: Sequence[Mapping[str, Any]],
 ) -> Report:
     """Return the report of an inspection.
 
@@ -92,7 +94,6 @@ def inspection_report(
     ----------
     content : dict
         Of ``findings.json``.
-    summary : str
     found : sequence of InspectedView
         Views with a finding, in the order of ``content["findings"]``.
     lost : sequence of Unconfirmed
@@ -103,16 +104,9 @@ def inspection_report(
         The wall about findings that were scanned, by the name of the view.
     scans : mapping of str to CScan
         Amplitude and depth of their echoes.
-    log : sequence of dict
-        Lines of the journal with steps.
     """
-    from minorloop.report import Picture, Report, Table
-    from minorloop_head.procedures.finding_map import draw_c_scan, draw_finding
-    from minorloop_head.procedures.inspected_wall import draw_wall
-    from minorloop_head.procedures.pictures import annotated
-
     rows = content["findings"]
-    report = Report(f"Inspection by head {content['head']}", summary)
+    report = Report(f"Inspection by head {content['head']}", summary(content))
     cells = [finding_cells(number, row) for number, row in enumerate(rows, 1)]
     report.add(
         "Findings",
@@ -157,7 +151,7 @@ def inspection_report(
             caption = "The wall about it by camera and echoes."
             pictures.append(Picture(draw_finding(walls[name]), caption))
         report.add(f"Finding {number}: {row['kind']}", text=_sentence(row), pictures=pictures)
-    steps = [[f"{each['t']:.0f}", each["step"], _outcome(each)] for each in log]
+    steps = [[f"{each['t']:.0f}", each["step"], _outcome(each)] for each in content["log"]]
     if steps:
         report.add("Log", table=Table(("t [s]", "step", "outcome"), steps))
     return report
@@ -308,13 +302,55 @@ def _outcome(step: Mapping[str, Any]) -> str:
     return str(step["outcome"]) if step["succeeded"] else f"failed: {step['outcome']}"
 
 
-def not_found(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
+def _not_found(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
     """Return how many candidates were not confirmed, and how many not visited."""
-    from minorloop_head.procedures.inspection import NOT_VISITED
-
     lost = [
         counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
     ]
     words = [f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))]
     left = len(unconfirmed) - len(lost)
     return "".join([*words, f"; {left} {NOT_VISITED}" if left else ""])
+
+
+def shown_tables(
+    content: Mapping[str, Any],
+) -> list[tuple[Sequence[str], list[list[str]], str]]:
+    """Return columns, cells and titles of the tables for a terminal."""
+    found = [finding_cells(number, row) for number, row in enumerate(content["findings"], 1)]
+    lost = table(content["unconfirmed"], LOST_COLUMNS)
+    tables = ((COLUMNS, found, ANGLES), (LOST_COLUMNS, lost, "not confirmed"))
+    return [each for each in tables if each[1]]
+
+
+def summary(content: Mapping[str, Any]) -> str:
+    """Return what was found in how many views, and how it ended."""
+    found, views = counted(len(content["findings"]), "finding"), counted(content["views"], "view")
+    bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
+    share = f"{sum(content['unusable'].values())} of {views} not usable: {bad}"
+    missed = "".join(
+        f"; not searched: pan {row['pan [deg]']:.1f}, tilt {row['tilt [deg]']:.1f} deg at "
+        f"{row['advance [mm]']:.1f} mm"
+        for row in content["not searched"]
+    )
+    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
+    known = [row["depth [mm]"] is not None or row["kind"] == THROUGH for row in content["findings"]]
+    depths = f"{sum(known)} of {len(known)} depths known"
+    depths = depths if content["probe"] else "no depth without a probe"
+    safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"
+    return f"{found} in {views}{less}; {content['ended']}; {depths}; the head {safe}"
+
+
+def written(draw: Callable[[], Report], path: Path) -> None:
+    """Draw a report and write it; an error in drawing is one sentence.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be drawn or written.
+    """
+    try:
+        draw().write(path, force=True)
+    except MinorloopError:
+        raise
+    except Exception as error:
+        raise OutputError(f"{path} was not written, the report cannot be drawn: {error}") from error

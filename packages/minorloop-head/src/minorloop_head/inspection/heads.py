@@ -1,0 +1,234 @@
+"""Heads that can be opened for an inspection: one of devices, or the simulated one in its pipe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from minorloop.errors import ParameterError
+from minorloop.lab.signals import ended_by_signals
+from minorloop_head.console.identified_head import head_of
+from minorloop_head.console.plant import FULL_PIPE, flowing_water, head_at, open_plant, open_tip
+from minorloop_head.console.settings import PIPE, is_pipe
+from minorloop_head.procedures.head_file import HeadFile, read_head
+from minorloop_head.procedures.probing import Probing
+from minorloop_head.procedures.rig import InspectionRig, LogEntry, rig_at
+from minorloop_head.procedures.seen_base import SeenBase
+from minorloop_head.twins.surroundings import GASES
+
+if TYPE_CHECKING:
+    from minorloop_head.procedures.calibration import HeadCalibration
+    from minorloop_head.twins.surroundings import Filling
+
+Logged: TypeAlias = Callable[[LogEntry], None]
+_HIGHEST = 9.9
+"""Of the water above or below the axis of the pipe, in mm, whose radius is 10 mm."""
+_RANGES = {"temperature": (5.0, 60.0, "degrees Celsius"), "pressure": (0.01, 100.0, "bar")}
+_PASCAL = 1e5
+
+
+@dataclass(frozen=True)
+class Water:
+    """What fills the simulated pipe.
+
+    Parameters
+    ----------
+    level : str
+        Height of the water above the axis in mm, -9.9 to 9.9; or ``full``, or ``dry``.
+    temperature : float
+        Of the water, 5 to 60 degrees Celsius.
+    gas : str
+        Above the water, and in the drained pipe: one of `GASES`.
+    pressure : float
+        Of the gas, 0.01 to 100 bar.
+    """
+
+    level: str = "full"
+    temperature: float = 20.0
+    gas: str = "air"
+    pressure: float = 1.01325
+
+    def filling(self) -> Filling:
+        """Return it; a dry pipe has no level.
+
+        Raises
+        ------
+        ParameterError
+            If a value is out of its range, or there is no such gas.
+        """
+        for name, (low, high, unit) in _RANGES.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ParameterError(f"--{name} is {value:g}; give {low:g} to {high:g} {unit}")
+        if self.gas not in GASES:
+            raise ParameterError(f"--gas is {self.gas!r}; give one of {', '.join(GASES)}")
+        known = {"full": FULL_PIPE, "dry": None}
+        level = known[self.level] if self.level in known else -1e-3 * self._height()
+        water = flowing_water(level, self.temperature)
+        return replace(water, gas=self.gas, pressure=_PASCAL * self.pressure)
+
+    def noted(self) -> dict[str, Any]:
+        """Return it for a journal; a level reads the same however it was given."""
+        given = self.level in ("full", "dry")
+        return {
+            "water [mm above the axis]": self.level if given else f"{self._height() + 0.0:g}",
+            "water [C]": self.temperature,
+            "gas": self.gas,
+            "gas [bar]": self.pressure,
+        }
+
+    def _height(self) -> float:
+        """Return the height of the water in mm above the axis."""
+        try:
+            height = float(self.level)
+        except ValueError:
+            height = math.nan
+        if not abs(height) <= _HIGHEST:
+            raise ParameterError(
+                f"--water is {self.level}; give full, dry, or its height above the axis of the "
+                f"pipe, {-_HIGHEST:g} to {_HIGHEST:g} mm"
+            )
+        return height
+
+
+@dataclass(frozen=True)
+class InspectedHead:
+    """A head that can be opened for an inspection or a sweep."""
+
+    begun: dict[str, Any]
+    """What it is, for the journal: an inspection is resumed with the same head only."""
+    view: HeadCalibration | None
+    """Of its camera; opening refuses a head without one."""
+    opened: Callable[[Logged], AbstractContextManager[InspectionRig]]
+    """Opens it, given what is told of each step. The head is safe at the end of its context."""
+    probing: Probing | None = None
+    """Its probe; None on a head without one."""
+
+
+def inspected_head(
+    actuator: str,
+    camera: str | None = None,
+    head: Path | None = None,
+    *,
+    specimen: int | None = None,
+    seed: int = 0,
+    water: Water = Water(),
+) -> InspectedHead:
+    """Return the head at an address, for `inspect`.
+
+    Parameters
+    ----------
+    actuator, camera : str
+        Addresses. The simulated pipe has a camera of its own.
+    head : path, optional
+        File of the head. The simulated one is identified without it.
+    specimen, seed : int
+        Of the simulated head, and of its noise and its pipe.
+    water : Water
+        What fills the simulated pipe.
+
+    Raises
+    ------
+    ParameterError
+        If a device lacks its camera or file, or the simulated pipe is given a camera, or water that
+        cannot be.
+    """
+    if is_pipe(actuator):
+        if camera is not None:
+            raise ParameterError(f"{PIPE} has a camera of its own; leave --camera out")
+        known = None if head is None else head_at(actuator, specimen, head)[0]
+        about = _about(HeadFile(serial=_serial(specimen)) if known is None else known)
+        return _simulated(actuator, specimen, seed, water, about, known, turned=True)
+    if camera is None or head is None:
+        raise ParameterError(
+            f"--actuator {actuator} needs --camera, and --head with a file that minorloop head "
+            f"identify writes; only {PIPE} needs neither"
+        )
+    if is_pipe(camera):
+        raise ParameterError(f"--camera is {PIPE}; give it as --actuator, without --camera")
+    if specimen is not None or seed or water != Water():
+        raise ParameterError(
+            f"--specimen, --seed, --water, --temperature, --gas and --pressure are of {PIPE}, and "
+            f"--actuator is {actuator}; leave them out"
+        )
+    known = read_head(head)
+    begun = {**_about(known), "actuator": actuator, "camera": camera}
+    return InspectedHead(begun, known.calibration, partial(rig_at, actuator, camera, head))
+
+
+def swept_head(
+    actuator: str,
+    *,
+    specimen: int | None = None,
+    seed: int = 0,
+    water: Water = Water(),
+) -> InspectedHead:
+    """Return the head at an address, for `sweep`; parameters as of `inspected_head`.
+
+    Raises
+    ------
+    ParameterError
+        If it has no probe, the pipe is dry, or its water cannot be.
+    """
+    if not is_pipe(actuator):
+        raise ParameterError(
+            f"the actuator {actuator} is not a head with an ultrasonic probe; give {PIPE}, the "
+            "only address that has one"
+        )
+    if water.filling().level is None:
+        raise ParameterError("a dry pipe cannot be swept; give --water a height, or leave it out")
+    return _simulated(actuator, specimen, seed, water, {"head": _serial(specimen)})
+
+
+def _about(known: HeadFile) -> dict[str, Any]:
+    calibrated = known.calibrated
+    return {
+        "head": known.serial,
+        "calibrated": None if calibrated is None else calibrated.isoformat(),
+    }
+
+
+def _serial(specimen: int | None) -> str:
+    """Return the serial number of the simulated head."""
+    from minorloop_head.twins.head import Head
+
+    return Head(specimen).serial
+
+
+def _simulated(
+    address: str,
+    specimen: int | None,
+    seed: int,
+    water: Water,
+    about: dict[str, Any],
+    known: HeadFile | None = None,
+    *,
+    turned: bool = False,
+) -> InspectedHead:
+    """Return the simulated head in its pipe; one whose base is ``turned`` by the flow sees it."""
+    filling = water.filling()
+    plant = open_plant(address, specimen=specimen, seed=seed, water=filling)
+    flow = getattr(plant, "flood", None)
+    tip, own = open_tip(address, specimen=specimen, seed=seed, flow=flow, water=filling)
+    view = own if known is None or known.calibration is None else known.calibration
+
+    @contextmanager
+    def opened(told: Logged) -> Iterator[InspectionRig]:
+        with ended_by_signals(exiting=True):
+            control = (
+                head_of(address, specimen) if known is None else known.control(interval=plant.tick)
+            )
+            base = SeenBase(view) if turned else None
+            try:
+                yield InspectionRig(plant, tip, control, view, base=base, told=told)
+            finally:
+                plant.safe()
+
+    begun = {**about, "actuator": address, "specimen": specimen, "seed": seed, **water.noted()}
+    probing = Probing(refused="no water" if filling.level is None else "")
+    return InspectedHead(begun, view, opened, probing)

@@ -1,0 +1,449 @@
+"""Inspect a pipe without an operator: all of it is kept at once, so that nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from minorloop.errors import OutputError, ParameterError, SafetyError, counted
+from minorloop.files import PathLike, make_folder, table_text, write_atomically
+from minorloop_head.inspection.journal import (
+    FINISHED,
+    NEW,
+    Before,
+    EndLine,
+    Journal,
+    Told,
+    folder_for,
+    go_on,
+    plain,
+    refusing,
+    untold,
+)
+from minorloop_head.inspection.lines import (
+    InspectionLine,
+    LostRow,
+    PoseRow,
+    RingLine,
+    ScanLine,
+    StepLine,
+    ViewLine,
+    check_new,
+    visit_row,
+)
+from minorloop_head.inspection.report import (
+    LOST_COLUMNS,
+    inspection_report,
+    summary,
+    table,
+    written,
+)
+from minorloop_head.procedures.inspected_view import (
+    InspectedView,
+    Unconfirmed,
+    first_visit,
+    lens_words,
+)
+from minorloop_head.procedures.inspected_wall import SeenWall, c_scan_of, seen_wall, wall_of
+from minorloop_head.procedures.inspection import inspect_wall, unvisited
+from minorloop_head.procedures.pictures import annotated
+from minorloop_head.procedures.probe_steps import ScannedRaster
+from minorloop_head.procedures.probing import Probing
+from minorloop_head.procedures.rig import InspectionRig, LogEntry
+from minorloop_head.procedures.ring import Ring as RingSweep
+from minorloop_head.procedures.steps import REFUSED
+from minorloop_head.reconstruction.findings import finding_table
+from minorloop_head.reconstruction.mesh import save_mesh
+from minorloop_head.vision.frame_checks import GOOD
+from minorloop_head.vision.imaging import opencv
+
+if TYPE_CHECKING:
+    from minorloop_head.inspection.heads import InspectedHead
+    from minorloop_head.procedures.calibration import HeadCalibration
+    from minorloop_head.reconstruction.depth_map import DepthMap
+
+_VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measure", "water line")
+"""Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
+of a device, and what the camera cannot do."""
+
+
+_Value = TypeVar("_Value")
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What an inspection found."""
+
+    content: dict[str, Any]
+    """Of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
+    views: tuple[InspectedView, ...]
+    """In the order in which they were taken."""
+    seen: SeenWall | None
+    """Map of the wall that the camera saw; None without a picture that can be used."""
+    folder: Path
+    """With ``report.html``, pictures and models."""
+
+    @property
+    def findings(self) -> list[dict[str, Any]]:
+        """Rows of the findings, as of `visit_row`."""
+        return list(self.content["findings"])
+
+    @property
+    def report(self) -> Path:
+        """The page for who answers for the pipe."""
+        return self.folder / "report.html"
+
+
+def inspect(
+    head: InspectedHead,
+    out: PathLike,
+    advances: Sequence[float] = (0.0,),
+    *,
+    resume: bool = False,
+    told: Told = untold,
+) -> Inspection:
+    """Search the wall within reach of a head for holes, pits and cracks, and measure each.
+
+    Whatever ends it, the head is made safe, and what was found until then is kept in the folder:
+    a note on the exception says so.
+
+    Parameters
+    ----------
+    head : InspectedHead
+    out : path
+        New or empty folder for journal, findings, report, pictures and models.
+    advances : sequence of float
+        Places of the catheter in metres from which it looks round; 0 without a catheter.
+    resume : bool
+        Whether to go on with the inspection in the folder, which was cut off: from any line of its
+        journal.
+    told : callable
+        Is given texts on the progress, and ``kept=True`` with those that matter later.
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    ParameterError
+        If the head does not reach an advance, or the inspection in the folder is another one or
+        finished.
+    RecordError
+        If a line of the journal has an impossible value.
+    OutputError
+        If the folder is not empty, or cannot be written.
+    InstrumentError
+        If a device fails, or the head did not confirm that it is safe (`SafetyError`).
+    """
+    folder = Path(out)
+    begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
+    before = Before.of(folder, begun, "inspection", InspectionLine) if resume else NEW
+    views = [] if head.view is None else _kept_views(before, head.view)
+    if head.probing is not None:
+        _keep_scans(before, head.probing)
+    kept: _Folder | None = None
+
+    def logged(entry: LogEntry) -> None:
+        told(f"{entry.what}: {entry.outcome}", kept=entry.what.startswith(_VISITS))
+        if kept is not None:
+            kept.log(entry)
+
+    try:
+        with folder_for(folder, resume=resume), head.opened(logged) as rig:
+            _check_advances(rig, begun["actuator"], advances)
+            if before.damaged:
+                told(before.set_aside(counted(len(views), "view")), kept=True)
+            kept = _Folder(folder, begun, before, rig.calibration, head.probing, views)
+            for view in inspect_wall(rig, advances, views, head.probing):
+                kept.add(view)
+    except BaseException as error:
+        _note_end(kept, error, folder, resume=resume)
+        raise
+    try:
+        return kept.end(FINISHED, safe=True)
+    except OutputError as error:
+        error.add_note(go_on(folder))
+        raise
+
+
+def _note_end(kept: _Folder | None, error: BaseException, folder: Path, *, resume: bool) -> None:
+    """End an inspection that an error ended, and note on the error what is kept."""
+    if kept is None:
+        if isinstance(error, KeyboardInterrupt):
+            nothing = "nothing was inspected yet, and nothing is kept"
+            error.add_note(f"what was found before is kept in {folder}" if resume else nothing)
+        return
+    why = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, KeyboardInterrupt):
+        why = "interrupted"
+    try:
+        found = kept.end(why, safe=not isinstance(error, SafetyError))
+    except OutputError:  # also the report has no place; the error that came first is told
+        error.add_note(go_on(folder))
+    else:
+        error.add_note(f"{summary(found.content)}; kept in {folder}")
+
+
+def _check_advances(rig: InspectionRig, actuator: str, advances: Sequence[float]) -> None:
+    """Refuse places that a head does not reach."""
+    if not rig.travels and any(advances):
+        raise ParameterError(
+            f"{actuator} has no catheter, so that it looks round from 0 mm only; leave --advances "
+            "out"
+        )
+    far, length = max(advances), rig.calibration.length
+    if length is not None and far > length:
+        raise ParameterError(
+            f"--advances has {1e3 * far:g}, and the pipe ends at {1e3 * length:g} mm; give less"
+        )
+
+
+def _kept_views(before: Before, calibration: HeadCalibration) -> list[InspectedView]:
+    """Return the views of a journal that need not be taken again, in the order of their taking.
+
+    Of each name it is the newest. Taken again is what has no picture in the folder, and what has
+    frames that cannot be used, unless the candidate that it visits was confirmed by another view.
+    """
+    found: dict[str, InspectedView] = {}
+    for where, line in before.each(ViewLine):
+        with refusing(where):
+            file = before.file.parent / "pictures" / line.picture
+            data = np.frombuffer(file.read_bytes() if file.is_file() else b"", np.uint8)
+            image = opencv().imdecode(data, opencv().IMREAD_GRAYSCALE) if data.size else None
+            found.pop(line.picture, None)
+            if image is not None:
+                found[line.picture] = line.restored(image, calibration)
+    each = [(view, view.picture.name) for view in found.values()]
+    confirmed = {first_visit(name) for view, name in each if view.finding is not None}
+    again = {
+        name
+        for view, name in each
+        if view.picture.verdict != GOOD and first_visit(name) not in confirmed
+    }
+    return [view for view, name in each if again.isdisjoint((name, first_visit(name)))]
+
+
+def _keep_scans(before: Before, probing: Probing) -> None:
+    """Give a probe what the journal of its inspection has of it."""
+    traces: dict[tuple[str, bytes], str] = {}
+    for where, scan in before.each(ScanLine):
+        with refusing(where):
+            for burst in scan.bursts:
+                check_new(traces, (scan.name, burst.trace), where)
+            probing.scans[scan.name] = scan.restored(probing.scans.get(scan.name))
+    for where, ring in before.each(RingLine):
+        with refusing(where):
+            probing.ring = ring.restored()
+
+
+class _Folder:
+    """A journal, the findings so far, and pictures.
+
+    Parameters
+    ----------
+    folder : path
+        Existing, and empty but for an inspection that was cut off.
+    begun : dict
+        What is inspected, and by what.
+    before : Before
+        What is known of an inspection that was cut off.
+    view : HeadCalibration
+        Of the head.
+    probing : Probing, optional
+        Its probe; the folder keeps what it measures.
+    views : sequence of InspectedView
+        That need not be taken again.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        begun: dict[str, Any],
+        before: Before,
+        view: HeadCalibration,
+        probing: Probing | None,
+        views: Sequence[InspectedView],
+    ) -> None:
+        self._folder, self._view, self._probing = folder, view, probing
+        self._views = {each.picture.name: each for each in views}
+        steps = (plain(line) for _, line in before.each(StepLine))
+        self._log = [{n: step[n] for n in ("t", "step", "outcome", "succeeded")} for step in steps]
+        make_folder(folder / "pictures", force=bool(before.lines))
+        self._journal = Journal(folder, begun, before, views=len(self._views))
+        times = {"began": self._journal.began, "resumed": self._journal.resumed}
+        self._content = {**begun, **times, "probe": probing is not None}
+        self._bursts: dict[str, int] = {}
+        if probing is not None:
+            probing.told = self.measured
+            self._bursts = {name: len(scanned.bursts) for name, scanned in probing.scans.items()}
+        for each in views:
+            self._mark(each)
+        self._write_findings()
+
+    def log(self, entry: LogEntry) -> None:
+        """Note a step."""
+        step = {"step": entry.what, "outcome": entry.outcome, "succeeded": entry.succeeded}
+        self._log.append({"t": self._journal.note(StepLine, **step).t, **step})
+
+    def add(self, view: InspectedView) -> None:
+        """Keep a view, its picture, and the finding if it has one; the newest of a name counts."""
+        name = view.picture.name
+        if name not in self._views:
+            self._write_picture(f"{name}.png", view.image)
+        self._views[name] = view
+        self._journal.note(ViewLine, **ViewLine.values(view))
+        self._mark(view)
+        self._write_findings()
+
+    def measured(self, name: str, new: ScannedRaster | RingSweep) -> None:
+        """Keep a scan of the probe so far, or the sweep round the pipe."""
+        if isinstance(new, ScannedRaster):
+            self._journal.note(ScanLine, **ScanLine.values(name, new, self._bursts.get(name, 0)))
+            self._bursts[name] = len(new.bursts)
+        else:
+            self._journal.note(RingLine, profile=new.profile, water=new.water)
+
+    def end(self, why: str, *, safe: bool) -> Inspection:
+        """Write the report, note the end, and return the inspection.
+
+        An inspection that is cut off while its report is written has not ended yet.
+
+        Parameters
+        ----------
+        why : str
+            ``finished``, or what ended it.
+        safe : bool
+            Whether the head has confirmed that it is safe.
+        """
+        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
+        try:
+            seen = self._write_results()
+            self._journal.note(EndLine, why=why, safe=safe)
+        finally:
+            self._journal.close()
+        return Inspection(self._all(), tuple(self._views.values()), seen, self._folder)
+
+    def _write_results(self) -> SeenWall | None:
+        """Write findings, models and the report, and return the map of the wall."""
+        probing, views = self._probing, list(self._views.values())
+        found = self._found()
+        scanned = _known({n: probing.scan_of(view) for n, view in found.items()}) if probing else {}
+        walls = _known({n: wall_of(found[n], one, self._view) for n, one in scanned.items()})
+        scans = _known({n: c_scan_of(one, self._view) for n, one in scanned.items()})
+        seen = seen_wall(views, self._view, list(walls.values()))
+        water = None if probing is None or probing.ring is None else probing.ring.water
+        self._content["wall"] = None if seen is None else wall_row(seen, self._view)
+        if water is not None:
+            if water.seen:
+                level = [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
+                self._content["water above the axis [mm]"] = level
+            self._content["water level"] = water.words
+        self._content["lens"] = lens_words(views)
+        self._write_findings()
+        self._write_models(walls)
+
+        def drawn() -> Any:
+            return inspection_report(
+                self._all(),
+                found=list(found.values()),
+                lost=self._unconfirmed(),
+                seen=seen,
+                water=water,
+                walls=walls,
+                scans=scans,
+            )
+
+        written(drawn, self._folder / "report.html")
+        return seen
+
+    def _found(self) -> dict[str, InspectedView]:
+        """Return the views with a finding."""
+        return {name: view for name, view in self._views.items() if view.finding is not None}
+
+    def _all(self) -> dict[str, Any]:
+        """Return the content of ``findings.json``."""
+        views = self._views.values()
+        verdicts = [view.picture.verdict for view in views]
+        bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != GOOD}
+        missed = [view for view in views if view.looks_round and view.picture.verdict != GOOD]
+        beyond = {
+            each["step"]: each["outcome"]
+            for each in self._log
+            if each["step"] in self._views and each["outcome"].startswith(REFUSED)
+        }
+        rows = {
+            "not searched": [
+                {
+                    "view": view.picture.name,
+                    "verdict": view.picture.verdict,
+                    **plain(PoseRow.of(view.angles, view.place, 4)),
+                }
+                for view in missed
+            ],
+            "out of reach": [{"view": name, "why": why} for name, why in beyond.items()],
+            "findings": [visit_row(view) for view in self._found().values()],
+            "unconfirmed": [LostRow.of(each) for each in self._unconfirmed()],
+            "log": self._log,
+        }
+        content = {**self._content, "views": len(self._views), "unusable": bad, **rows}
+        whole: dict[str, Any] = plain(content)
+        return whole
+
+    def _unconfirmed(self) -> list[Unconfirmed]:
+        """Return what was not confirmed, or not visited yet."""
+        views = list(self._views.values())
+        lost = [view.unconfirmed for view in views if view.unconfirmed is not None]
+        return [*lost, *unvisited(views, self._view.radius)]
+
+    def _write_findings(self) -> None:
+        content = self._all()
+        found = [view.finding for view in self._views.values() if view.finding is not None]
+        lost = table_text(LOST_COLUMNS, table(content["unconfirmed"], LOST_COLUMNS))
+        for name, text in (
+            ("findings.csv", finding_table(found)),
+            ("unconfirmed.csv", lost),
+            ("findings.json", f"{json.dumps(content, indent=1)}\n"),
+        ):
+            write_atomically(self._folder / name, text)
+
+    def _write_models(self, walls: dict[str, DepthMap]) -> None:
+        """Write the wall about each finding for viewers of PLY and glTF."""
+        for name, wall in walls.items():
+            make_folder(self._folder / "models", force=True)
+            for suffix in ("ply", "glb"):
+                save_mesh(wall, self._folder / "models" / f"{name}.{suffix}")
+
+    def _mark(self, view: InspectedView) -> None:
+        """Write the picture of a view with its finding marked, if it has one."""
+        if view.finding is not None:
+            marked = annotated(view.image, view.picture.findings)
+            self._write_picture(f"{view.picture.name} marked.jpg", marked)
+
+    def _write_picture(self, name: str, picture: Any) -> None:
+        path = self._folder / "pictures" / name
+        whole, data = opencv().imencode(path.suffix, picture)
+        if not whole:
+            raise OutputError(f"{path} cannot be written; check the disk")
+        write_atomically(path, data.tobytes())  # it is on the disk before the journal names it
+
+
+def _known(values: Mapping[str, _Value | None]) -> dict[str, _Value]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def wall_row(seen: SeenWall, view: HeadCalibration) -> dict[str, Any]:
+    """Return which wall was seen, and the shares of it that camera and echoes covered."""
+    return {
+        "pipe [mm]": None if view.length is None else round(1e3 * view.length, 2),
+        "z [mm]": [round(1e3 * z, 2) for z in seen.along],
+        "angles [deg]": [round(math.degrees(phi), 1) for phi in seen.around],
+        "seen": round(seen.seen_share, 4),
+        "probed": round(seen.probed_share, 6),
+    }

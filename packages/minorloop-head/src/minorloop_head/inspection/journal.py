@@ -1,0 +1,382 @@
+"""The journal of an inspection or a sweep, from which it goes on after it was cut off.
+
+It has a line for each step, view and scan of an inspection, and for each burst of a sweep.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import reprlib
+import time
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+
+from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop.files import first_difference, lock_path, new_folder, refusal, write_atomically
+
+FINISHED = "finished"
+NAME = "journal.jsonl"
+_AGAIN = (
+    "delete this line and all lines after it, so that they are measured again, or begin in a new "
+    "folder"
+)
+Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
+Told: TypeAlias = Callable[..., None]
+"""Is given a text on the progress, and ``kept=True`` with one that stays on the terminal."""
+
+
+class Line(
+    msgspec.Struct,
+    kw_only=True,
+    tag_field="what",
+    tag=lambda name: name.removesuffix("Line").lower(),
+):
+    """A line: its kind is ``what``, the name of its class in lower case.
+
+    A number that is not known is NaN or null.
+    """
+
+    t: Seconds
+    """Since the first line, without the time between an interruption and its resume."""
+
+
+class BeginLine(Line):
+    """The first line, which also has what is begun, and by what."""
+
+    began: str
+
+
+class ResumeLine(Line):
+    """An inspection or a sweep goes on, with some views or bursts."""
+
+    resumed: str
+    views: int | msgspec.UnsetType = msgspec.UNSET
+    bursts: int | msgspec.UnsetType = msgspec.UNSET
+
+
+class EndLine(Line):
+    """It has ended: why, and whether the head has confirmed that it is safe."""
+
+    why: str
+    safe: bool | msgspec.UnsetType = msgspec.UNSET
+
+
+AnyLine = TypeVar("AnyLine", bound=Line)
+
+
+class Impossible(ValueError):
+    """A value that a line cannot have, with its name and what is allowed."""
+
+    def __init__(self, name: str, value: Any, allowed: str) -> None:
+        super().__init__(name, value, allowed)
+        self.name, self.value, self.allowed = name, value, allowed
+
+
+def plain(value: Any) -> Any:
+    """Return structures and arrays as objects and lists of JSON."""
+    return msgspec.to_builtins(value, enc_hook=lambda array: array.tolist())
+
+
+def converted(raw: Any, kind: Any) -> Any:
+    """Return a value of JSON as a structure.
+
+    Raises
+    ------
+    Impossible
+        If a value is of another kind, or beyond its bounds.
+    ValueError
+        If a value is missing, or cannot be read.
+    """
+    try:
+        return msgspec.convert(raw, kind, dec_hook=lambda _, value: np.array(value))
+    except msgspec.ValidationError as error:
+        expected, _, path = str(error).partition(" - at `$")
+        if not expected.startswith("Expected"):
+            raise
+        allowed = expected.removeprefix("Expected ").replace("`", "").partition(", got")[0]
+        for sign, word in ((">=", "at least"), ("<=", "at most")):
+            allowed = allowed.replace(f"float {sign}", word).replace(f"int {sign}", word)
+        raise Impossible(*_at(raw, path.removesuffix("`")), allowed) from None
+
+
+@contextmanager
+def refusing(where: str) -> Iterator[None]:
+    """Refuse a line with an impossible value in one sentence, given its number and file.
+
+    Raises
+    ------
+    RecordError
+    """
+    try:
+        yield
+    except Impossible as error:
+        said = f"has {reprlib.repr(error.value)} as {error.name!r}, which must be {error.allowed}"
+        raise RecordError(f"{where} {said}; {_AGAIN}") from None
+    except (TypeError, ValueError) as error:
+        raise RecordError(f"{where} is not whole: {error}; {_AGAIN}") from None
+
+
+def _at(raw: Any, path: str) -> tuple[str, Any]:
+    """Return the last name on a path such as ``.pose.pan [deg]`` or ``.rim[1][0]``, and its value.
+
+    Names may have spaces and brackets, so that they are those of the line.
+    """
+    name = "line"
+    while path:
+        if path[0] == "[":
+            number, _, path = path[1:].partition("]")
+            raw = raw[int(number)]
+        else:
+            name = max((each for each in raw if path[1:].startswith(each)), key=len)
+            raw, path = raw[name], path[1 + len(name) :]
+    return name, raw
+
+
+@dataclass(frozen=True)
+class Before:
+    """What the journal of an inspection or a sweep that was cut off has: nothing of a new one."""
+
+    file: Path = Path(NAME)
+    raw: tuple[bytes, ...] = ()
+    """Lines up to the first that is damaged."""
+    lines: tuple[Line, ...] = ()
+    damaged: int = 0
+    """Number of the first damaged line, from 1; 0 without one."""
+
+    @classmethod
+    def of(cls, folder: Path, begun: Mapping[str, Any], what: str, kinds: Any) -> Before:
+        """Return it by the journal in a folder.
+
+        Parameters
+        ----------
+        folder : path
+        begun : mapping
+            What is begun, and by what.
+        what : str
+            ``inspection`` or ``sweep``.
+        kinds : type
+            Union of the kinds of its lines.
+
+        Raises
+        ------
+        RecordError
+            If there is no folder or no journal in it, or a line has an impossible value.
+        ParameterError
+            If it is finished, or another one was begun.
+        """
+        if not folder.is_dir():
+            raise RecordError(
+                f"there is no folder {folder}; give that of the {what} that was cut off, or begin "
+                "one without --resume"
+            )
+        file = folder / NAME
+        raw, every = _read(file)
+        damaged = 1 + every.index(None) if None in every else 0
+        sound = [line for line in every[: damaged - 1 if damaged else None] if line is not None]
+        if not sound:
+            raise _unreadable(file)
+        if next(line for line in reversed(every) if line is not None).get("why") == FINISHED:
+            raise ParameterError(
+                f"the {what} in {folder} is finished; give another folder, without --resume"
+            )
+        other = first_difference({name: sound[0].get(name) for name in begun}, begun)
+        if other:
+            raise ParameterError(
+                f"the {what} in {folder} is another one: {other}; resume it as it was begun, or "
+                "give another folder"
+            )
+        found = cls(file, tuple(raw[: len(sound)]), damaged=damaged)
+        lines: list[Line] = []
+        for number, line in enumerate(sound, 1):
+            with refusing(found.where(number)):
+                lines.append(converted(line, kinds))
+        if not isinstance(lines[0], BeginLine):
+            raise _unreadable(file)
+        return cls(file, found.raw, tuple(lines), damaged)
+
+    def where(self, number: int) -> str:
+        """Return the number of a line, and the file, for a message."""
+        return f"line {number} of {self.file}"
+
+    def each(self, kind: type[AnyLine]) -> Iterator[tuple[str, AnyLine]]:
+        """Return the lines of a kind, each after where it is."""
+        for number, line in enumerate(self.lines, 1):
+            if isinstance(line, kind):
+                yield self.where(number), line
+
+    def set_aside(self, kept: str) -> str:
+        """Copy a damaged journal beside it, and say so in a sentence with what is ``kept``."""
+        copies = (self.file.with_name(f"journal.damaged{n or ''}.jsonl") for n in range(1000))
+        copy = next(each for each in copies if not each.exists())
+        write_atomically(copy, self.file.read_bytes())
+        return (
+            f"line {self.damaged} of {self.file} is damaged; what is kept before it: {kept}; the "
+            f"rest is measured again, and the journal as it was is kept in {copy}"
+        )
+
+
+NEW = Before()
+"""Of an inspection or a sweep that is not resumed."""
+
+
+def journal_lines(file: Path, kind: type[AnyLine]) -> list[AnyLine]:
+    """Return the lines of a kind; a last one that was not written to its end is left out.
+
+    Raises
+    ------
+    RecordError
+        If it is no journal, or such a line has an impossible value.
+    """
+    _, every = _read(file)
+    if None in every:
+        raise RecordError(
+            f"line {1 + every.index(None)} of {file} is damaged; delete it and all lines after it, "
+            "so that what they say is measured again"
+            if every[0] is not None
+            else str(_unreadable(file))
+        )
+    if not every:
+        raise _unreadable(file)
+    found = []
+    for number, line in enumerate(every, 1):
+        if line is not None and line["what"] == kind.__struct_config__.tag:
+            with refusing(f"line {number} of {file}"):
+                found.append(converted(line, kind))
+    return found
+
+
+def _read(file: Path) -> tuple[list[bytes], list[dict[str, Any] | None]]:
+    """Return the lines of a journal, and each as an object, None for one that is damaged.
+
+    A last one that was not written to its end is left out; there is none if it cannot be read.
+    """
+    try:
+        *raw, rest = file.read_bytes().split(b"\n")
+    except OSError:
+        return [], []
+    if _parsed(rest) is not None:
+        raw.append(rest)
+    return raw, [_parsed(line) for line in raw]
+
+
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    with suppress(ValueError, RecursionError):
+        found = json.loads(line)
+        if isinstance(found, dict) and "what" in found:
+            return found
+    return None
+
+
+def _unreadable(file: Path) -> RecordError:
+    return RecordError(
+        f"{file} is not the journal of an inspection or a sweep, or is damaged; give its {NAME}"
+    )
+
+
+class Journal:
+    """A journal that is being written; each line is on the disk when its method returns.
+
+    Parameters
+    ----------
+    folder : path
+        Existing.
+    begun : mapping
+        What is begun, and by what.
+    before : Before
+        Of one that was cut off, which is continued.
+    **kept : int
+        Number of views or bursts that are kept of it.
+
+    Attributes
+    ----------
+    began : str
+        When its first line was written.
+    resumed : list of str
+        When it was continued.
+    """
+
+    def __init__(
+        self, folder: Path, begun: Mapping[str, Any], before: Before = NEW, **kept: int
+    ) -> None:
+        # Also one that is not closed, because of an error, is free again.
+        self._unlock = weakref.finalize(self, os.close, _locked(folder))
+        now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+        self._began = time.monotonic() - max((line.t for line in before.lines), default=0.0)
+        self.began, self.resumed = now, []
+        # A line that was not written to its end is left out.
+        write_atomically(folder / NAME, b"".join(line + b"\n" for line in before.raw))
+        self._file = (folder / NAME).open("ab", buffering=0)
+        if before.lines:
+            (self.began,) = (line.began for _, line in before.each(BeginLine))
+            self.resumed = [*(line.resumed for _, line in before.each(ResumeLine)), now]
+            self.note(ResumeLine, resumed=now, **kept)
+        else:
+            self._write({**plain(BeginLine(t=self.seconds(), began=now)), **begun})
+
+    def note(self, kind: type[AnyLine], **content: Any) -> AnyLine:
+        """Add a line of a kind, and return it.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written, as on a full disk. The lines before stay as they are.
+        """
+        line = kind(t=self.seconds(), **content)
+        self._write(plain(line))
+        return line
+
+    def _write(self, line: dict[str, Any]) -> None:
+        data, size = f"{json.dumps(line)}\n".encode(), os.fstat(self._file.fileno()).st_size
+        try:
+            while data:
+                data = data[self._file.write(data) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            with suppress(OSError):
+                self._file.truncate(size)
+            raise refusal(Path(self._file.name), error) from None
+
+    def seconds(self) -> float:
+        """Return for how many seconds it has been written."""
+        return round(time.monotonic() - self._began, 2)
+
+    def close(self) -> None:
+        """End it."""
+        self._file.close()
+        self._unlock()
+
+
+def _locked(folder: Path) -> int:
+    """Return what keeps other programs from writing a journal in a folder until it is closed."""
+    found = lock_path(folder)
+    if found is None:
+        raise OutputError(
+            f"another program writes to {folder}; wait until it has ended, or give another folder"
+        )
+    return found
+
+
+def folder_for(out: Path, *, resume: bool) -> Any:
+    """Return a context of the folder of results: a new one, or that to go on with."""
+    return nullcontext(out) if resume else new_folder(out)
+
+
+def go_on(folder: Path) -> str:
+    """Return what to do after a folder could not be written, as a sentence."""
+    return (
+        f"what was measured before is kept in {folder}; the same command with --resume goes on "
+        "from there"
+    )
+
+
+def untold(text: str, *, kept: bool = False) -> None:
+    """Tell nobody of the progress."""

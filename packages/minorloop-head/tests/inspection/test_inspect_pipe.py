@@ -1,0 +1,343 @@
+"""An inspection keeps all at once, ends safe, and resumes from any line of its journal."""
+
+import json
+from itertools import pairwise
+
+import pytest
+
+from minorloop.errors import InstrumentError, OutputError, ParameterError, RecordError, SafetyError
+from minorloop_head.inspection.report import summary
+from minorloop_head.procedures import inspection
+from scripted_inspection import hole
+
+NOT_VISITED = "seen, not visited"
+
+
+@pytest.mark.usefixtures("laid_out")
+def test_an_inspection_writes_findings_pictures_and_a_report(script):
+    found = script.run()
+    assert (found.content["ended"], found.content["safe"], script.safe) == ("finished", True, True)
+    assert script.taken[4:] == ["hole 1", "hole 2", "hole 2 again", "crack 1"]
+    points = [(z, s, n) for z, s in ((0.02, 0.0), (0.02, 0.5), (0.022, 0.0)) for n in (0, 1)]
+    assert script.made == [*points, "ring"]
+    assert json.loads((script.folder / "findings.json").read_text()) == found.content
+    pit, crack = found.findings
+    assert (pit["kind"], pit["z [mm]"], pit["depth [mm]"]) == ("pit", 20.0, 0.5)
+    assert (crack["depth [mm]"], crack["touched"], pit["touched"]) == (0.7, None, True)
+    steps = [step["step"] for step in pit["steps"]]
+    assert steps == ["touch", "scan", "measure", "scan", "measure again"]
+    assert found.content["water above the axis [mm]"] == [4.0, 0.2]
+    assert [row["why"] for row in found.content["unconfirmed"]] == ["not seen again"]
+    names = {path.name for path in (script.folder / "pictures").iterdir()}
+    assert {"hole 1.png", "hole 1 marked.jpg", "crack 1 marked.jpg", "view 4.png"} <= names
+    table = (script.folder / "findings.csv").read_text().splitlines()
+    assert [line.split(",")[:3] for line in table[1:]] == [
+        ["1", "pit", "measured"], ["2", "crack", "measured"],
+    ]  # fmt: skip
+    page = found.report.read_text()
+    assert summary(found.content) in page
+    assert "2 of 2 depths known; the head is safe, as confirmed" in page
+    assert "C-scan" in page
+    assert found.seen is not None
+    assert [each.picture.name for each in found.views][-1] == "crack 1"
+    assert [each["what"] for each in script.journal()][:: len(script.journal()) - 1] == [
+        "begin", "end",
+    ]  # fmt: skip
+    with pytest.raises(OutputError, match="is not empty"):
+        script.run()
+
+
+@pytest.mark.usefixtures("unreported")
+def test_it_goes_on_from_any_line_with_the_same_findings(script):
+    """The line after is cut, and the picture that comes before it is torn."""
+    script.run()
+    whole, lines, taken, made = script.content(), script.lines(), [*script.taken], [*script.made]
+    for end in range(1, len(lines)):
+        done = [json.loads(line) for line in lines[:end]]
+        views = {each["picture"][:-4] for each in done if each["what"] == "view"}
+        points = sum(len(each["bursts"]) for each in done if each["what"] == "scan")
+        script.rewrite([*lines[:end], lines[end][: len(lines[end]) // 2]])
+        for name in {*taken} - views:
+            (script.folder / f"pictures/{name}.png").write_bytes(b"torn")
+        script.run(resume=True)
+        assert script.content() == whole
+        assert script.taken == [name for name in taken if name not in views]
+        ringed = any(each["what"] == "ring" for each in done)
+        assert script.made == made[points : -1 if ringed else None]
+        again = script.journal()
+        kinds = [each["what"] for each in again if each["what"] in ("begin", "resume", "end")]
+        assert kinds == ["begin", "resume", "end"]
+        assert all(each["t"] <= later["t"] for each, later in pairwise(again))
+
+
+@pytest.mark.usefixtures("unreported")
+def test_what_is_before_a_damaged_line_is_kept_and_the_rest_is_measured_again(script):
+    whole = script.run().content
+    lines = script.lines()[:-1]
+    cut = [n for n, line in enumerate(lines) if '"what": "view"' in line][2]
+    script.rewrite([*lines[:cut], f"{lines[cut][:90]}\n", *lines[cut + 1 :]])
+    damaged = (script.folder / "journal.jsonl").read_bytes()
+    assert script.run(resume=True).findings == whole["findings"]
+    said = next(text for text in script.told if "damaged" in text)
+    assert f"line {cut + 1} of {script.folder}/journal.jsonl is damaged; what is kept" in said
+    assert "2 views" in said
+    assert (script.folder / "journal.damaged.jsonl").read_bytes() == damaged
+    assert script.taken[0] == "view 3"
+
+
+@pytest.mark.usefixtures("unreported")
+def test_a_picture_that_the_disk_lost_is_taken_again(script):
+    kinds = sorted(row["kind"] for row in script.run().findings)
+    script.rewrite(script.lines()[:-1])
+    (script.folder / "pictures/hole 1.png").unlink()
+    assert sorted(row["kind"] for row in script.run(resume=True).findings) == kinds
+    assert script.taken == ["hole 1"]
+
+
+@pytest.mark.usefixtures("unreported")
+def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(script):
+    """What it shows then is visited after what was visited before, under a number of its own."""
+    script.probe, script.torn = False, {"view 1", "hole 2 again"}
+    script.before = interrupted_at("crack 1")
+    with pytest.raises(KeyboardInterrupt):
+        script.run()
+    before = script.content()
+    assert [row["verdict"] for row in before["not searched"]] == ["torn"]
+    assert before["unusable"] == {"torn": 2}
+    script.torn, script.before = set(), lambda rig, name: None
+    script.shown["view 1"] = [hole(0.2, 21e-3, 9.9), *script.shown["view 1"]]
+    after = script.run(resume=True).content
+    assert script.taken == ["view 1", "hole 2 again", "hole 3", "hole 3 again", "crack 1"]
+    assert (after["unusable"], after["not searched"]) == ({}, [])
+    assert [row["kind"] for row in after["findings"]] == ["hole or pit", "crack"]
+    assert after["findings"][0] == before["findings"][0]
+    assert [row["seen in"] for row in after["unconfirmed"]] == [["view 3"], ["view 1"]]
+
+
+def interrupted_at(last):
+    def before(rig, name):
+        if name == last:
+            raise KeyboardInterrupt
+
+    return before
+
+
+@pytest.mark.parametrize(
+    ("last", "listed"),
+    [
+        ("view 2", [("hole or pit", ["view 1"], NOT_VISITED)]),
+        (
+            "hole 1",
+            [
+                ("hole or pit", ["view 1", "view 3"], NOT_VISITED),
+                ("hole or pit", ["view 3"], NOT_VISITED),
+                ("crack", ["view 2"], NOT_VISITED),
+            ],
+        ),
+        (
+            "hole 2 again",
+            [
+                ("hole or pit", ["view 3"], "not seen again, not looked at once more"),
+                ("crack", ["view 2"], NOT_VISITED),
+            ],
+        ),
+    ],
+)
+@pytest.mark.usefixtures("unreported")
+def test_what_was_seen_and_not_visited_is_listed_when_it_is_interrupted(script, last, listed):
+    script.probe, script.before = False, interrupted_at(last)
+    with pytest.raises(KeyboardInterrupt) as ended:
+        script.run()
+    (note,) = ended.value.__notes__
+    rows = script.content()["unconfirmed"]
+    assert [(row["kind"], row["seen in"], row["why"]) for row in rows] == listed
+    count = sum(why == NOT_VISITED for *_, why in listed)
+    assert f"; {count} seen, not visited; interrupted; no depth without a probe" in note
+    assert f"{listed[0][0]}," in (script.folder / "unconfirmed.csv").read_text()
+
+
+@pytest.mark.usefixtures("unreported")
+def test_a_finding_says_that_its_centring_failed_also_after_a_resume(script, monkeypatch):
+    def off(rig, *_, **__):
+        rig.say("centre", "28.5 px from the middle of 640 by 480", succeeded=False)
+
+    monkeypatch.setattr(inspection, "centre", off)
+    script.probe = False
+    content = script.run().content
+    assert [row["verdict"] for row in content["findings"]] == [
+        "not scanned, but failed: centre"
+    ] * 2
+    step = {"step": "centre", "outcome": "28.5 px from the middle of 640 by 480"}
+    assert content["findings"][0]["steps"] == [step | {"succeeded": False}]
+    assert content["unconfirmed"][0]["why"] == "not seen again; failed: centre"
+    script.rewrite(script.lines()[:-1])
+    assert script.run(resume=True).findings == content["findings"]
+
+
+@pytest.mark.usefixtures("unreported")
+def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(script):
+    script.crack_depth = type(script.crack_depth)("no floor echo")
+    content = script.run().content
+    assert [row["kind"] for row in content["findings"]] == ["pit"]
+    whys = {row["kind"]: row["why"] for row in content["unconfirmed"]}
+    assert whys["crack"].endswith("and no echo of its depth: no floor echo")
+
+
+@pytest.mark.usefixtures("unreported")
+def test_a_direction_that_the_wires_did_not_reach_is_in_the_findings(script):
+    why = "out of reach: pan needs 55 degrees, has 9"
+    script.look = lambda rig, name: name != "view 2" or rig.say(name, why, succeeded=False)
+    content = script.run().content
+    assert content["out of reach"] == [{"view": "view 2", "why": why}]
+    steps = [(each["step"], each["succeeded"]) for each in content["log"]]
+    assert {("view 2", False), ("view 1", True)} <= {*steps}
+
+
+def ending(error):
+    def before(rig, name):
+        if name == "crack 1":
+            raise error
+
+    return before
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (InstrumentError("the camera gives no picture"), "the head is safe, as confirmed"),
+        (SafetyError("the source may still be on"), "did NOT confirm that it is safe"),
+        (KeyboardInterrupt(), "interrupted; 1 of 1 depths known"),
+    ],
+)
+@pytest.mark.usefixtures("laid_out")
+def test_one_that_ends_early_keeps_what_it_found(script, error, said):
+    script.before = ending(error)
+    with pytest.raises(type(error)) as ended:
+        script.run()
+    assert said in ended.value.__notes__[-1]
+    assert ended.value.__notes__[-1].endswith(f"; kept in {script.folder}")
+    assert script.safe
+    assert len((script.folder / "findings.csv").read_text().splitlines()) == 2
+    assert script.journal()[-1]["safe"] == (not isinstance(error, SafetyError))
+    assert (script.folder / "report.html").exists()
+
+
+@pytest.mark.parametrize("when", ["crack 1", "report"])
+def test_a_full_disk_ends_it_in_one_sentence_to_be_resumed(script, full_disk, monkeypatch, when):
+    if when == "report":
+        monkeypatch.setattr(
+            "minorloop_head.inspection.inspect_pipe.lens_words", lambda _: full_disk()
+        )
+    else:
+        script.before = lambda rig, name: name == when and (full_disk(), rig.say("pick", "phi"))
+    with pytest.raises(OutputError, match="No space left on device; free some space") as ended:
+        script.run()
+    assert "--resume goes on from there" in ended.value.__notes__[-1]
+    assert script.safe
+    assert script.journal()[-1]["what"] in ("step", "view", "ring")
+    assert (script.folder / "pictures/hole 1.png").exists()
+
+
+def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(script, monkeypatch):
+    def wait_for_the_cold_head(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(script, "opened", wait_for_the_cold_head)
+    with pytest.raises(KeyboardInterrupt) as ended:
+        script.run()
+    assert ended.value.__notes__ == ["nothing was inspected yet, and nothing is kept"]
+    assert not script.folder.exists()
+
+
+def test_advances_that_a_head_does_not_reach_are_refused(script):
+    with pytest.raises(ParameterError, match=r"--advances has 103, and the pipe ends at 102.4 mm"):
+        script.run((0.0, 0.103))
+    script.travels = False
+    with pytest.raises(ParameterError, match=r"bench:head.toml has no catheter"):
+        script.run()
+    assert not script.folder.exists()
+
+
+def changed(lines, what, names, value):
+    """Lines of which the first of a kind has another value at the end of the way of names."""
+    number = next(
+        n
+        for n, line in enumerate(lines)
+        if line["what"] == what and names[0] in line and line[names[0]]
+    )
+    within = lines[number]
+    for name in names[:-1]:
+        within = within[name]
+    within[names[-1]] = value
+    return number + 1
+
+
+@pytest.mark.parametrize(
+    ("what", "names", "value", "words"),
+    [
+        (
+            "view",
+            ("pose", "pan [deg]"),
+            400.0,
+            "has 400.0 as 'pan [deg]', which must be at most 180",
+        ),
+        (
+            "view",
+            ("seen", 0, "diameter"),
+            -1e-3,
+            "has -0.001 as 'diameter', which must be 0 to 0.02",
+        ),
+        (
+            "view",
+            ("seen", 0, "rim", 1),
+            [9.0, 0.0],
+            "has [9.0, 0.0] as 'rim', which must be -6.283",
+        ),
+        ("view", ("probed", "depth"), 9.5e-3, "has 0.0095 as 'depth', which must be 0 to 0.002"),
+        ("view", ("picture",), "../../other.png", "has '../../other.png' as 'picture', which must"),
+        ("view", ("sight",), None, "has None as 'sight', which must be object"),
+        ("view", ("t",), -1.0, "has -1.0 as 't', which must be at least 0"),
+        ("scan", ("point",), True, "has True as 'point', which must be int"),
+        ("scan", ("bursts", 0, "noise"), -1.0, "has -1.0 as 'noise', which must be 0 to 1"),
+        (
+            "scan",
+            ("bursts", 0, "shots"),
+            [16, 8],
+            "has (16, 8) as 'shots', which must be no more used than",
+        ),
+        ("scan", ("bursts", 0, "trace"), "AAA", "is not whole: Invalid base64 encoded string"),
+        ("ring", ("water", "height"), 3.0, "has 3.0 as 'height', which must be -1 to 1"),
+        ("ring", ("profile", "spots"), [[0.1, 11.0]], "has [0.1, 11.0] as 'spots'"),
+    ],
+)
+@pytest.mark.usefixtures("unreported")
+def test_a_line_with_an_impossible_value_is_refused(script, what, names, value, words):
+    script.run()
+    lines = script.journal()[:-1]
+    number = changed(lines, what, names, value)
+    script.rewrite(lines)
+    with pytest.raises(RecordError) as refused:
+        script.run(resume=True)
+    assert f"line {number} of {script.folder}/journal.jsonl {words}" in str(refused.value)
+    assert "delete this line and all lines after it" in str(refused.value)
+
+
+@pytest.mark.usefixtures("unreported")
+def test_one_that_cannot_be_resumed_is_refused(script):
+    with pytest.raises(RecordError, match=r"there is no folder .*; give that of the inspection"):
+        script.run(resume=True)
+    script.run()
+    with pytest.raises(ParameterError, match=r"the inspection in .* is finished; give another"):
+        script.run(resume=True)
+    lines = script.journal()[:-1]
+    script.rewrite(lines)
+    with pytest.raises(ParameterError, match=r"advances .mm..1 was 5.0 and is 4.0 now"):
+        script.run((0.0, 4e-3), resume=True)
+    burst = next(line["bursts"] for line in lines if line["what"] == "scan")
+    burst *= 2
+    script.rewrite(lines)
+    with pytest.raises(RecordError, match=r"has 'a trace again' as 'trace', which must be another"):
+        script.run(resume=True)
+    script.rewrite(["nonsense\n"])
+    with pytest.raises(RecordError, match="is not the journal of an inspection"):
+        script.run(resume=True)
