@@ -134,7 +134,7 @@ def _tracked(
 
 def found_table(study: Results) -> Table:
     """Return what was identified."""
-    return Table(("", ""), study.found.rows)
+    return Table(("", ""), study.found.summary())
 
 
 def draw_errors(figures: Mapping[str, Any]) -> Any:
