@@ -42,6 +42,6 @@ def test_the_report_shows_every_figure_of_the_paper(study):
     html = report.html()
     for number in ("Fig 4", "Figs 7 to 9", "Fig 11", "Figs 12 to 14", "Figs 15, 16"):
         assert number in html
-    assert html.count("<img") == 14
+    assert html.count("<img") == 12
     assert "the strip is a twin" in html.lower()
     assert "gives the radius" in html
