@@ -34,15 +34,10 @@ _THOUSANDS = re.compile(
 
 
 class SparseColumnError(RecordError):
-    """Many cells of a column are empty, as where the tables of two loggers were merged.
-
-    Attributes
-    ----------
-    values : (rows,) array
-        The column, NaN where it is empty.
-    """
+    """Many cells of a column are empty, as where the tables of two loggers were merged."""
 
     values: FloatArray
+    """The column, (T,), NaN where it is empty."""
 
 
 def is_number(text: str) -> bool:
@@ -97,7 +92,7 @@ class NumberCells:
         self._parts.append(values)
 
     def joined(self) -> FloatArray:
-        """Return the column, (rows,).
+        """Return the column, (T,).
 
         Raises a `RecordError` if a cell is empty that must not be, a `SparseColumnError` if many
         are.
@@ -175,7 +170,7 @@ class LabelCells:
         self._parts.append((cells, numbers))
 
     def joined(self) -> Labels:
-        """Return the column, (rows,).
+        """Return the column, (T,).
 
         Raises a `RecordError` if a label is empty, or the texts are beyond the bounds of the file.
         """

@@ -75,8 +75,8 @@ class OpenTable:
 
         Returns
         -------
-        dict of str to (rows,) array or RecordError
-            The columns by the given names.
+        dict
+            The columns by the given names: (T,) arrays, or errors in place of those tried.
 
         Raises
         ------
