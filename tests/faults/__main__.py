@@ -14,7 +14,7 @@ from pathlib import Path
 from faults.instruments import KINDS, SIGNALS, TROUBLES, build_firmware, use_firmware
 from faults.runs import FAILURES, Case, Outcome, at_every_line, at_random, carry_out
 
-_TOGETHER = 3
+_TOGETHER = 2
 _SHOWN = 10
 
 

@@ -16,8 +16,7 @@ from faults.instruments import KINDS, LONGEST, SIGNALS, TROUBLES, Fault, Supply
 from minorloop.lab.store import Store
 from offspring import started
 
-PLAN = "voltage [V],hold [s]\n0.5,0.4\n-0.25,0.4\n"
-"""Holds long enough for the readings of a loaded machine."""
+PLAN = "voltage [V],hold [s]\n0.5,0.2\n-0.25,0.2\n"
 RUN = "run --actuator visa:bench.json --plan plan.csv --interval 0.02 --store s.sqlite"
 RESUME = "resume --store s.sqlite"
 ENDS = (0, 2, 130)
