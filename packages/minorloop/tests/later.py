@@ -12,4 +12,5 @@ class Later:
     def __getattr__(self, attribute):
         if attribute.startswith(("_", "pytest")):  # pytest looks for these as it collects
             raise AttributeError(attribute)
-        return getattr(pytest.importorskip(self._name, reason=self._reason), attribute)
+        module = pytest.importorskip(self._name, reason=self._reason, exc_type=ImportError)
+        return getattr(module, attribute)

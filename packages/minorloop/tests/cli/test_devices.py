@@ -18,6 +18,7 @@ def test_what_is_there_is_listed_without_opening_it(run, monkeypatch):
 
 
 def test_devices_that_drivers_find_are_listed(run, monkeypatch):
+    pytest.importorskip("serial", reason="needs pyserial: minorloop[instruments]")
     for driver in ("serial_board", "visa", "labjack", "daqmx"):
         monkeypatch.setattr(f"minorloop.lab.drivers.{driver}.found", lambda: ["thing 7"])
     status, out, _ = run("devices")

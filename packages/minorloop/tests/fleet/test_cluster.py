@@ -185,6 +185,7 @@ def test_a_scheduler_without_workers_is_reported_and_given_up(tmp_path, monkeypa
 
 
 def test_refuses_addresses_without_a_scheduler(tmp_path):
+    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
     specimens = write_fleet(tmp_path, ["a"])
     with pytest.raises(ParameterError, match="no Dask scheduler at"):
         identify_fleet(specimens, tmp_path / "out", address="tcp://127.0.0.1:1", **OPTIONS)
