@@ -39,6 +39,7 @@ from minorloop_head.inspection.lines import (
 )
 from minorloop_head.inspection.report import (
     LOST_COLUMNS,
+    Reported,
     inspection_report,
     summary,
     table,
@@ -77,27 +78,13 @@ _Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, eq=False)
-class Inspection:
-    """What an inspection found."""
+class Inspection(Reported):
+    """What an inspection found; pictures and models are in its folder too."""
 
-    content: dict[str, Any]
-    """Of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
     views: tuple[InspectedView, ...]
     """In the order in which they were taken."""
     seen: SeenWall | None
     """Map of the wall that the camera saw; None without a picture that can be used."""
-    folder: Path
-    """With ``report.html``, pictures and models."""
-
-    @property
-    def findings(self) -> list[dict[str, Any]]:
-        """Rows of the findings, as of `visit_row`."""
-        return list(self.content["findings"])
-
-    @property
-    def report(self) -> Path:
-        """The page for who answers for the pipe."""
-        return self.folder / "report.html"
 
 
 def inspect(
@@ -328,7 +315,7 @@ class _Folder:
             self._journal.note(EndLine, why=why, safe=safe)
         finally:
             self._journal.close()
-        return Inspection(self._all(), tuple(self._views.values()), seen, self._folder)
+        return Inspection(self._all(), self._folder, tuple(self._views.values()), seen)
 
     def _write_results(self) -> SeenWall | None:
         """Write findings, models and the report, and return the map of the wall."""

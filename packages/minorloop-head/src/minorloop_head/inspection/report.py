@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +58,26 @@ _MEANING = {
     "too few echoes": "too few bursts could be used",
 }
 """What a verdict means for who does not know the probe."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reported:
+    """What an inspection or a sweep found, and where it is kept."""
+
+    content: dict[str, Any]
+    """Of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
+    folder: Path
+    """With ``report.html`` and what belongs to it."""
+
+    @property
+    def findings(self) -> list[dict[str, Any]]:
+        """Rows of the findings, as of `visit_row`, or of `find_rows` of a sweep."""
+        return list(self.content["findings"])
+
+    @property
+    def report(self) -> Path:
+        """The page for who answers for the pipe."""
+        return self.folder / "report.html"
 
 
 def finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:

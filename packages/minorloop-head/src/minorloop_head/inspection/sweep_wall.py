@@ -26,7 +26,7 @@ from minorloop_head.inspection.journal import (
     untold,
 )
 from minorloop_head.inspection.lines import BurstLine, SweepLine, check_burst, check_new
-from minorloop_head.inspection.report import written
+from minorloop_head.inspection.report import Reported, written
 from minorloop_head.procedures.sweep import ProbeSweep, SweepState
 from minorloop_head.procedures.sweep_map import (
     draw_pipe_map,
@@ -54,25 +54,11 @@ _STAGES = {
 
 
 @dataclass(frozen=True, eq=False)
-class SweptWall:
+class SweptWall(Reported):
     """What a sweep found."""
 
-    content: dict[str, Any]
-    """Of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
     scan: CScan
     """Map of amplitude and depth, with the finds."""
-    folder: Path
-    """With ``report.html``."""
-
-    @property
-    def findings(self) -> list[dict[str, Any]]:
-        """Rows of the finds, as of `find_rows`."""
-        return list(self.content["findings"])
-
-    @property
-    def report(self) -> Path:
-        """The page with table and map."""
-        return self.folder / "report.html"
 
     @property
     def summary(self) -> str:
@@ -157,7 +143,7 @@ def sweep(
         def kept(ended: str) -> SweptWall:
             patch = Patch.ring(*z, radius=rig.calibration.radius)
             scan = c_scan(state.bursts, rig.calibration.probe_at((0.0, 0.0)), patch)
-            found = SweptWall(_content(scan, ended, state, about), scan, folder)
+            found = SweptWall(_content(scan, ended, state, about), folder, scan)
             _write(found, phi)
             journal.note(EndLine, why=ended)
             return found
