@@ -12,6 +12,7 @@ from minorloop.lab.records import Quantity, Record
 from minorloop.lab.run import check_plan, measured_sines, run
 from minorloop.lab.sines import SLOW, Sine, grid
 from minorloop.lab.store import Setup, Store
+from simulated_clock import Clock
 
 SINE = Sine(0.5, 0.7, 0.1, -1.2, 20.0, 3, 2, 40)
 GRID = {"preamble": -1.2, "hold": 20.0}
@@ -111,17 +112,6 @@ def planned(frequencies, amplitudes, input=VOLTAGE):
 
 
 PLAN = planned([0.2, 1.0], [0.7, 1.0])
-
-
-class Clock:
-    def __init__(self):
-        self.time = 0.0
-
-    def now(self):
-        return self.time
-
-    def sleep(self, seconds):
-        self.time += seconds
 
 
 class Plant:

@@ -13,17 +13,7 @@ from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.drivers.visa import ScpiSource
 from minorloop.lab.plan import Plan
 from minorloop.lab.store import Store
-
-
-class Clock:
-    def __init__(self):
-        self.time = 0.0
-
-    def now(self):
-        return self.time
-
-    def sleep(self, seconds):
-        self.time += seconds
+from simulated_clock import Clock
 
 
 class Plant:
