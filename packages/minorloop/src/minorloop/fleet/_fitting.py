@@ -53,13 +53,10 @@ def identify_one(task: Task, scratch: Path) -> Found:
         log = _log(task, scratch)
         result = Options.of(task.options).identify(log)
         low, high = map(float, result.model.range)
-        scores = {
-            "nrmse": float(result.nrmse),
-            "nrmse_holdout": result.holdout_nrmse,
-            "excited": result.excited_fraction,
-        }
         outcome = task.specimen.outcome(
-            **scores,
+            nrmse=float(result.nrmse),
+            nrmse_holdout=result.holdout_nrmse,
+            excited=result.excited_fraction,
             low=low,
             high=high,
             opening=opening(result.model),
@@ -70,21 +67,8 @@ def identify_one(task: Task, scratch: Path) -> Found:
             advice="; ".join(result.advice),
             chosen="; ".join(result.chosen),
         )
-        origin = modelfile.Provenance(
-            data=task.specimen.file.name,
-            sha256=outcome.sha256,
-            scores={name: value for name, value in scores.items() if value is not None},
-        )
-        known = modelfile.ModelFile(
-            result.model,
-            log.input,
-            log.output,
-            result.lag_of_model,
-            origin,
-            tuple(result.warnings),
-            result.lag_seconds,
-        )
-        modelfile.save(known, scratch, force=True)
+        origin = modelfile.Provenance(data=task.specimen.file.name, sha256=outcome.sha256)
+        result.save(scratch, provenance=origin, force=True)
         data = scratch.read_bytes()
         return replace(outcome, model=hashlib.sha256(data).hexdigest()), data
     except Exception as error:
