@@ -72,7 +72,7 @@ def _used() -> Any:
 
 def _bench() -> Any:
     inputs.raw_log("log.csv")
-    twin = "--actuator twin:ipmc --specimen 1000 --noise 0.02 --seed 3"
+    twin = "--actuator twin:ipmc,specimen=1000,noise=0.02,seed=3"
     plan = "--low -1.2 --high 1.2 --input 'voltage [V]'"
     inputs.table("targets.csv", "curvature [1/m]", np.array([2.0, -3.0, 1.0]))
     return commands(
@@ -90,7 +90,7 @@ def _bench() -> Any:
             "export": "runs export --store runs.sqlite",
             "identify": "identify runs.sqlite --levels 6 --diagonal reversible --save m.json",
             "drive": f"drive m.json targets.csv --target curvature {twin} --store d.sqlite",
-            "adaptive": f"run {twin} --plan adaptive --holds 6 --levels 8 --store few.sqlite",
+            "adaptive": f"run {twin} --plan adaptive:holds=6,levels=8 --store few.sqlite",
             "few": "identify few.sqlite",
             "swept": f"run {twin} --plan sines.csv --store sines.sqlite",
             "frequency": "frequency sines.sqlite --model m.json",

@@ -17,7 +17,7 @@ from minorloop.lab.store import Store
 from offspring import started
 
 PLAN = "voltage [V],hold [s]\n0.5,0.2\n-0.25,0.2\n"
-RUN = "run --actuator visa:bench.json --plan plan.csv --interval 0.02 --store s.sqlite"
+RUN = "run --actuator visa:bench.json --plan plan.csv --holds interval=0.02 --store s.sqlite"
 RESUME = "resume --store s.sqlite"
 ENDS = (0, 2, 130)
 """Exit statuses of a run that left its source off, as it says."""

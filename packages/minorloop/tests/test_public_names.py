@@ -25,6 +25,7 @@ NAMES = {
     *("Actuator", "Adaptive", "Channel", "Prediction", "NextInput", "next_input", "design"),
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),
     *("fit_response", "Recursive", "representability", "Plan", "Store", "Setup", "run", "reduce"),
+    *("Apparatus", "measure", "drive_to", "resume"),
     *("Record", "read", "curvature_from_displacement", "displacement_from_curvature"),
     *("score", "ModelScore", "save", "load", "connect", "plot", "ModelWarning", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from minorloop.cli._compilation import COMPILES
-from minorloop.cli.run import carry_out_levels
+from minorloop.cli._run_progress import carry_out_levels
 from minorloop.errors import (
     InstrumentError,
     SafetyError,

@@ -57,6 +57,10 @@ from minorloop.lab.reduction import reduce as reduce
 from minorloop.lab.run import run as run
 from minorloop.lab.store import Setup as Setup
 from minorloop.lab.store import Store as Store
+from minorloop.measurement import Apparatus as Apparatus
+from minorloop.measurement import drive_to as drive_to
+from minorloop.measurement import measure as measure
+from minorloop.measurement import resume as resume
 from minorloop.modelfile import ModelWarning as ModelWarning
 from minorloop.modelfile import load as load
 from minorloop.modelfile import save as save

@@ -8,15 +8,18 @@ package can add to both.
 import inspect
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.signals import Deferred, ended_by_signals
 from minorloop.lab.wrapped_actuator import LimitedActuator
 from minorloop.registry import loaded, registered
+from minorloop.values import parsed, plain
 
 SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
 
@@ -40,7 +43,8 @@ def connect(
         ``module:package.factory``, see `open_module`. Installed packages can add schemes and
         simulated actuators; the entry point of a scheme is called with ``NAME`` and the options.
         If it has an option ``specimen``, it is a simulation and gets specimen, noise and seed
-        too.
+        too. Options may be in the address, such as ``twin:ipmc,specimen=3,noise=0.05``, and are
+        used instead of those that are parameters.
     specimen : int, optional
         Seed of the specimen; nominal parameters without it.
     noise : float
@@ -61,18 +65,46 @@ def connect(
     InstrumentError
         If an instrument does not answer.
     """
-    scheme, _, name = address.partition(":") if isinstance(address, str) else ("", "", "")
+    given = {"specimen": specimen, "noise": noise, "seed": seed, **options}
+    if not isinstance(address, str):
+        raise ParameterError(_nothing_at(address))
+    address, written = split_address(address)
+    given |= written
+    scheme, _, name = address.partition(":")
     schemes = registered(SCHEMES)
     if scheme not in schemes or not name:
         raise ParameterError(_nothing_at(address))
     opener = loaded(schemes[scheme], address)
-    if _simulates(opener):
-        options = {"specimen": specimen, "noise": noise, "seed": seed, **options}
-    elif specimen is not None or noise != 0 or seed != 0:
-        raise ParameterError(f"{address} is not simulated; leave specimen, noise and seed out")
-    _check_options(address, opener, options)
-    opened: Actuator = opener(name, **options)
-    return opened
+    if not _simulates(opener):
+        simulated = [given.pop(name) for name in ("specimen", "noise", "seed")]
+        if any(value not in (None, 0) for value in simulated):
+            raise ParameterError(f"{address} is not simulated; leave specimen, noise and seed out")
+    _check_options(address, opener, given)
+    actuator: Actuator = opener(name, **given)
+    return actuator
+
+
+@contextmanager
+def opened(address: str, **options: Any) -> Iterator[Actuator]:
+    """Yield the actuator at an address; close its instruments at the end.
+
+    A signal that ends the process is an exception in here. It never cuts a line to an instrument
+    in half. Parameters and errors are as of `connect`.
+    """
+    with ended_by_signals(exiting=True):
+        actuator = connect(address, **options)
+        try:
+            yield actuator
+        finally:
+            with Deferred():
+                getattr(actuator, "close", lambda: None)()
+
+
+def split_address(text: str) -> tuple[str, dict[str, Any]]:
+    """Return an address without its options, and these by name."""
+    value = parsed(text)
+    address = ":".join(filter(None, (value.kind, value.what)))
+    return address, {name: plain(option) for name, option in value.options.items()}
 
 
 def is_simulated(address: str) -> bool:

@@ -136,7 +136,7 @@ class DriveResult:
             f"the sensor reads {self.offset:+.4g} more than the model in saturation, which is "
             f"{share:.0%} of the range of the model: correct if the sensor has another zero than "
             "when the model was measured; otherwise check the offset of its conversion, such as "
-            "that of --linear, and that the actuator was saturated"
+            "that of a linear one, and that the actuator was saturated"
         ]
 
     def _about_missed(self) -> list[str]:
@@ -354,7 +354,7 @@ class TargetDrive(Chooser):
         sign = ", its sign is turned" if gain < -LEAST_GAIN else ""
         raise MismatchError(
             f"the measured output moves by {gain:.3g} times what the model predicts{sign}; check "
-            "the unit and the conversion of the sensor, such as the gain of --linear, and that "
+            "the unit and the conversion of the sensor, such as its gain, and that "
             "this is the model's actuator"
         )
 

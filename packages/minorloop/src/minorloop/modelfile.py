@@ -138,6 +138,22 @@ class ModelFile:
     """Why the model is not to be trusted; empty if there are no warnings."""
     lag_seconds: float = 0.0
     """The lag in seconds; 0 if it is known in samples only."""
+
+    def check_units(self, names: Sequence[str], of: str, hints: Sequence[str] = ("", "")) -> None:
+        """Refuse names of an input and an output in other units than those of the model.
+
+        Raises a `ParameterError`. ``of`` is what has these names, and ``hints`` are what else to
+        do, for the messages.
+        """
+        mine = ("input", self.input), ("output", self.output)
+        for (what, one), name, hint in zip(mine, names, hints, strict=True):
+            unit = Quantity.parse(name).unit
+            if one.unit and unit and one.unit != unit:
+                raise ParameterError(
+                    f"the {what} of the model is '{one}' and that of {of} '{name}'; identify a "
+                    f"model in {unit}{hint}"
+                )
+
     bands: Any = None
     """What bands follow from: a `BandsPart`, as in a file, or a `BandModel`; None without bands."""
 

@@ -144,8 +144,6 @@ def test_a_table_is_written_and_read_back():
         "export board model.json --out c --interval",
         "plan decaying --low -1 --high 1 --input u --hold",
         "plan sines --frequencies 1 --amplitudes 1 --preamble -1 --input u --tick",
-        "run --actuator twin:ipmc --plan plan.csv --store s --shortest",
-        "run --actuator twin:ipmc --plan plan.csv --store s --interval",
     ],
 )
 def test_seconds_that_are_not_positive_are_refused(refused, line, value):

@@ -10,7 +10,7 @@ from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
-TWIN = "--actuator twin:ipmc --specimen 1001 --noise 0.02"
+TWIN = "--actuator twin:ipmc,specimen=1001,noise=0.02"
 DRIVE = f"drive strip.json wanted.csv --target curvature {TWIN} --hold 60 --store d.sqlite"
 
 
@@ -63,7 +63,7 @@ def test_a_record_in_place_of_the_model_is_refused(refused):
 
 def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):
     laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
-    status, out, _ = run(f"{laser} --laser 30,15,0,0.1 --corrections 2")
+    status, out, _ = run(f"{laser} --convert laser:30,15,0,0.1 --corrections 2")
     assert status == 0
     assert "in curvature [1/m]" in out
     assert answer("resume --store d.sqlite")["output"] == "curvature [1/m]"
@@ -75,7 +75,7 @@ def test_readings_are_converted_by_a_table_that_the_store_keeps(run, answer):
     modelfile.save(MODEL, "km.json", input="voltage [V]", output="curvature [1/km]")
     Path("wanted.csv").write_text("curvature [1/km]\n2\n-3\n")
     line = DRIVE.replace("strip.json", "km.json")
-    status, _, err = run(f"{line} --table table.csv")
+    status, _, err = run(f"{line} --convert table:table.csv")
     assert "more than the model in saturation" in err  # it is a model for 1/m
     assert status == 2
     table.unlink()
@@ -86,14 +86,14 @@ def test_readings_are_converted_by_a_table_that_the_store_keeps(run, answer):
 
 def test_a_linear_conversion_gives_the_output_of_the_model(run):
     line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
-    linear = f"{line} --linear -9.5,285 --name curvature --unit 1/m"
+    linear = f"{line} --convert linear:-9.5,285,name=curvature,unit=1/m"
     assert "in curvature [1/m]" in run(linear)[1]
 
 
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        ("--linear 0,3", "--linear is '0,3', whose gain is 0"),
+        ("--convert linear:0,3", "the coefficients are (3.0, 0.0), a constant"),
     ],
 )
 def test_options_that_cannot_be_are_refused_by_their_names(option, said, refused):
@@ -106,7 +106,7 @@ def test_a_model_of_another_actuator_is_refused(refused):
 
 def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target(run, answer):
     laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
-    status, _, err = run(f"{laser} --laser 20,15")
+    status, _, err = run(f"{laser} --convert laser:20,15")
     assert status == 2
     assert "more than the model in saturation" in err
     assert "the geometry of a laser" in err

@@ -15,7 +15,7 @@ from minorloop.lab.store import Setup, Store
 from minorloop.operators.preisach import Preisach
 
 PLAN = "plan sines --frequencies 0.2,1 --amplitudes 0.7,1 --preamble -1.2 --hold 5 --samples 40"
-RUN = "run --actuator twin:ipmc --specimen 1001 --plan sines.csv --store s.sqlite"
+RUN = "run --actuator twin:ipmc,specimen=1001 --plan sines.csv --store s.sqlite"
 
 
 @pytest.fixture(autouse=True)
@@ -119,8 +119,7 @@ def test_a_simulated_bench_measures_sines(run, refused, monkeypatch):
         (f"{PLAN} --low -1", "--low is not for a plan of sines"),
         (PLAN.replace("0.7,1", "0.7;1"), "--amplitudes is '0.7;1'; give numbers separated"),
         (PLAN.replace("--preamble -1.2", ""), "--preamble is missing"),
-        (f"{RUN} --tolerance 1", "tolerance is for plans of holds"),
-        (f"{RUN} --levels 4", "--levels is for --plan adaptive"),
+        (f"{RUN} --holds tolerance=1", "tolerance is for plans of holds"),
         ("frequency none.csv", "none.csv does not exist"),
         ("frequency good.csv --input voltage", "--output is missing"),
         ("frequency good.csv --input voltage --output length", "good.csv has no column 'freq"),

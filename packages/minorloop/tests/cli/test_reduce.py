@@ -25,7 +25,9 @@ LINE = "reduce log.csv --input voltage --output distance"
 
 
 def test_a_log_becomes_points_that_identify_takes(run):
-    status, out, err = run(f"{LINE} --laser 20,15,0.02,0.05 --save points.csv --report r.html")
+    status, out, err = run(
+        f"{LINE} --convert laser:20,15,0.02,0.05 --save points.csv --report r.html"
+    )
     assert (status, err) == (0, "")
     assert "8 holds in 800 samples: 8 settled" in out
     assert "points written to points.csv" in out
@@ -54,8 +56,10 @@ def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model)
 
 def test_calibrations_agree(answer):
     write("table.csv", "distance [mm],deflection [mm]", [[18, 2], [22, -2]])
-    ways = ("--linear=-1,20", "--polynomial 20,-1", "--table table.csv --flip --flip-input --flip")
-    found = [answer(f"{LINE} {way} --name x --unit um")["points"]["x [um]"] for way in ways]
+    named = "name=x,unit=um"
+    ways = ("linear:-1,20", "polynomial:20,-1", "table:table.csv")
+    lines = [f"{LINE} --convert {way},{named}" for way in ways]
+    found = [answer(line)["points"]["x [um]"] for line in (*lines[:2], f"{lines[2]} --flip both")]
     np.testing.assert_allclose(found[0], found[1])
     np.testing.assert_allclose(found[0], -np.array(found[2]))
 
@@ -63,14 +67,18 @@ def test_calibrations_agree(answer):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--laser 20", "--laser is '20'; give D0,H0[,SD,SD], numbers separated by commas"),
-        ("--laser 20,-15", "h0 is -15 mm; give a positive height"),
-        ("--laser 20,15 --linear 2", "--laser and --linear are given; give one conversion"),
-        ("--laser 20,15 --unit mm", "--laser gives curvature [1/m]; leave --name"),
-        ("--polynomial 1,x", "--polynomial is '1,x'; give C0,C1,..."),
-        ("--range 3", "--range is '3'; give LOW:HIGH, such as 10:30"),
-        ("--laser 20,1.05 --range 18.9:21.1 --shortest 11", "0 holds of 11 s or more found"),
-        ("--laser 2000,15", "none of the 8 holds has a usable output"),
+        ("--convert laser:20", "give laser:D0,H0[,SD,SD], numbers separated by commas"),
+        ("--convert laser:20,-15", "h0 is -15 mm; give a positive height"),
+        ("--convert linear:2,3,nam=x", "has no 'nam'; it has name, unit, calibration_sd"),
+        ("--convert laser:20,15,unit=mm", "gives curvature [1/m]; leave unit out"),
+        ("--convert polynomial:1,x", "give polynomial:C0,C1,..."),
+        ("--holds range=3", "range is '3'; give LOW:HIGH, such as 10:30"),
+        ("--flip up", "there is no side to flip 'up'; give one of output, input, both"),
+        (
+            "--convert laser:20,1.05 --holds range=18.9:21.1,shortest=11",
+            "0 holds of 11 s or more found",
+        ),
+        ("--convert laser:2000,15", "none of the 8 holds has a usable output"),
         (
             "--time voltage",
             "time (--time) are both 'voltage [V]'; give two columns",

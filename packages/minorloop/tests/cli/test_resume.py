@@ -13,7 +13,7 @@ from offspring import started
 
 KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
-TWIN = "--actuator twin:ipmc --noise 0.05 --specimen 3 --seed 4"
+TWIN = "--actuator twin:ipmc,noise=0.05,specimen=3,seed=4"
 RUN = f"run {TWIN} --plan plan.csv"
 WITHIN = "--corrections 2 --within 3 --hold 30"
 DRIVE = f"drive strip.json wanted.csv --target curvature {TWIN} {WITHIN}"

@@ -5,11 +5,10 @@ from pathlib import Path
 import pytest
 
 from board_process import commands, simulated_board
-from minorloop.cli.run import _unsettled
 from minorloop.lab.store import Store
 
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
-RUN = "run --actuator twin:ipmc --plan plan.csv --noise 0.05 --specimen 3 --seed 4"
+RUN = "run --actuator twin:ipmc,noise=0.05,specimen=3,seed=4 --plan plan.csv"
 
 
 @pytest.fixture(autouse=True)
@@ -41,10 +40,12 @@ def test_from_a_plan_to_a_model(run, answer):
 
 def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer):
     laser = RUN.replace("twin:ipmc", "twin:ipmc-laser").replace("0.05", "0.0028")
-    assert run(f"{laser} --laser 30,15,0,0.1 --store l.sqlite")[0] == 0
+    assert run(f"{laser} --convert laser:30,15,0,0.1 --store l.sqlite")[0] == 0
     found = answer("runs show --store l.sqlite")
     assert found["output"] == "curvature [1/m]"
-    assert found["conversion"] == {"laser": "30,15,0,0.1"}
+    assert found["conversion"] == {
+        "laser": {"d0": 30, "h0": 15, "sd_d0": 0, "sd_h0": 0.1, "unit": "mm"}
+    }
     assert -12 < min(found["columns"]["curvature [1/m]"]) < -2
     assert answer("resume --store l.sqlite")["output"] == "curvature [1/m]"
 
@@ -52,7 +53,7 @@ def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        (f"{RUN} --laser 30,15 --linear 2 --store a", "--laser and --linear are given"),
+        (f"{RUN} --convert odd:3 --store a", "give laser, linear, polynomial or table"),
         (f"{RUN.replace('ipmc', 'moon')} --store a", "nothing at address 'twin:moon'"),
         (f"{RUN.replace('ipmc', 'fibre')} --store a", "voltage -1.2 V is beyond the limits"),
         ("resume --store good.csv", "it is not an experiment store, or damaged; run makes a"),
@@ -111,11 +112,11 @@ def test_a_store_knows_its_columns(run, refused):
     )
 
 
-ADAPTIVE = "run --actuator twin:ipmc --plan adaptive --noise 0.05 --specimen 2 --hold 100"
+ADAPTIVE = "run --actuator twin:ipmc,noise=0.05,specimen=2 --plan adaptive:hold=100,"
 
 
 def test_an_adaptive_run_ends_with_a_score(run, answer):
-    status, out, _ = run(f"{ADAPTIVE} --holds 6 --store a.sqlite")
+    status, out, _ = run(f"{ADAPTIVE}holds=6 --store a.sqlite")
     assert status == 0
     assert "model from 6 holds; on 4 more, never fitted" in out
     found = answer("runs show --store a.sqlite")
@@ -130,20 +131,20 @@ def test_an_adaptive_run_ends_with_a_score(run, answer):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ("--holds 2", "holds is 2; give a whole number from 3 to 1000"),
-        ("--holds 5 --hours 1", "one of them"),
-        ("--hours 0.01", "0.01 h are 0 holds of 100 s"),
-        ("--low -2", "voltage -2 V is beyond the limits"),
-        ("--levels 0", "0 bands; give a whole number"),
+        ("holds=2", "holds is 2; give a whole number from 3 to 1000"),
+        ("holds=5,hours=1", "one of them"),
+        ("hours=0.01", "0.01 h are 0 holds of 100 s"),
+        ("low=-2", "voltage -2 V is beyond the limits"),
+        ("levels=0", "0 bands; give a whole number"),
     ],
 )
 def test_an_impossible_adaptive_run_is_refused(options, says, refused):
-    assert says in refused(f"{ADAPTIVE} {options} --store a.sqlite")
+    assert says in refused(f"{ADAPTIVE}{options} --store a.sqlite")
     assert not Path("a.sqlite").exists()
 
 
 def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
-    run(f"{ADAPTIVE} --holds 6 --levels 12 --store own.sqlite")
+    run(f"{ADAPTIVE}holds=6,levels=12 --store own.sqlite")
     found = answer("identify own.sqlite")
     assert (found["samples"], found["held_out"], found["levels"]) == (6, 4, 12)
     assert found["prior"] == "gaussian"
@@ -152,15 +153,9 @@ def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
     assert "samples held out" in run("identify own.sqlite -v")[1]
 
 
-def test_warns_of_points_that_did_not_settle():
-    said = _unsettled({"points": 4, "unsettled": 2})
-    assert "2 of 4 points had not settled" in said[0]
-    assert _unsettled({"points": 4, "unsettled": 1}) == _unsettled({"points": 0}) == []
-
-
 def test_refuses_too_few_hours_and_holdouts_of_adaptive_runs(run, refused):
-    assert "give 0.278 h or more" in refused(f"{ADAPTIVE} --hours 0.2 --store a.sqlite")
-    run(f"{ADAPTIVE} --holds 3 --store a.sqlite")
+    assert "give 0.278 h or more" in refused(f"{ADAPTIVE}hours=0.2 --store a.sqlite")
+    run(f"{ADAPTIVE}holds=3 --store a.sqlite")
     assert "leave rows, skip and holdout out" in refused("identify a.sqlite --holdout 0.3")
     assert "nosuch.sqlite does not exist" in refused("identify nosuch.sqlite")
 
@@ -170,7 +165,7 @@ def test_one_channel_of_a_bench_with_several_is_run_and_resumed(run, tmp_path):
     Path("tilt.csv").write_text("tilt current [A],hold [s]\n0,0.3\n0.4,0.3\n")
     Path("other.csv").write_text("current [A],hold [s]\n0,0.3\n")
     with simulated_board(tmp_path) as (address, _):
-        begin = f"run --actuator {shlex.quote(address)} --interval 0.03"
+        begin = f"run --actuator {shlex.quote(address)} --holds interval=0.03"
         status, _, error = run(f"{begin} --plan other.csv --store no.sqlite")
         assert status == 2
         assert "the inputs 'pan current [A]', 'tilt current [A]'; choose one with --input" in error

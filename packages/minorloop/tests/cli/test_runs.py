@@ -6,7 +6,7 @@ from minorloop.cli import runs
 from minorloop.lab.store import Store
 
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
-RUN = "run --actuator twin:ipmc --plan plan.csv --noise 0.05 --specimen 3 --seed 4"
+RUN = "run --actuator twin:ipmc,noise=0.05,specimen=3,seed=4 --plan plan.csv"
 
 
 @pytest.fixture(autouse=True)

@@ -53,7 +53,7 @@ class TestDefaults:
         assert plan.open == np.isnan(plan.inputs).any()
 
     def test_names_the_interval_where_that_asks_for_long_holds(self):
-        for interval, asked in ((0.1, r", as the plan asks \(--interval\)"), (0.01, "")):
+        for interval, asked in ((0.1, r", as the plan asks \(interval\)"), (0.01, "")):
             plan = Plan([0.0], 0.5, window=0.4, sample_interval=interval)
             with pytest.raises(ParameterError, match=f"s between samples{asked}$"):
                 plan.check_answers(0.07)

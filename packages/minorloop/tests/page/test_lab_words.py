@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[4]
         ("rows apart (--rows), or", "rows apart “First row” and “Rows up to”, or"),
         ("Dynamics() (--time COLUMN --dynamics auto) shows whether",
          "“Dead time, poles and creep (dynamics)”: automatic shows whether"),
-        ("reverse it (reduce --flip)", "reverse it (reduce --flip of the command minorloop)"),
+        ("it (reduce --flip output)", "it (reduce --flip output of the command minorloop)"),
         ("first (minorloop reduce)", "first with the command minorloop reduce LOG"),
         ("check the sensor", "check the sensor"),
     ],

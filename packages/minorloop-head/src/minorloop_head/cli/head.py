@@ -14,7 +14,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import addresses, one_of
-from minorloop.cli.run import carry_out_levels
+from minorloop.cli._run_progress import carry_out_levels
 from minorloop.errors import OutputError, ParameterError
 from minorloop_head.cli import _water
 from minorloop_head.cli._board import board
@@ -50,6 +50,13 @@ _Seeing = Annotated[
         "file of the head. The simulated pipe, twin:pipe, has its own.",
     ),
 ]
+_Specimen = Annotated[
+    int | None, _common.whole_option("Seed of a twin's specimen; nominal if not given.")
+]
+_Noise = Annotated[
+    float, _common.number_option("Standard deviation of a twin's sensor, in its unit.")
+]
+_Seed = Annotated[int, _common.whole_option("Seed of a twin's noise.")]
 _PipeSeed = Annotated[
     int, _common.whole_option("With twin:pipe: seed that draws its pipe and the noise.")
 ]
@@ -92,9 +99,9 @@ def identify(
         ),
     ] = False,
     camera: _Seeing = None,
-    specimen: _common.Specimen = None,
-    noise: _common.Noise = 0.0,
-    seed: _common.Seed = 0,
+    specimen: _Specimen = None,
+    noise: _Noise = 0.0,
+    seed: _Seed = 0,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
@@ -219,9 +226,9 @@ def drive(
     tilt: Annotated[str, typer.Option(help="Column of the wanted tilt, in deg.")] = "tilt",
     hold: Annotated[float, _common.number_option("Seconds for each target.")] = 8.0,
     camera: _Seeing = None,
-    specimen: _common.Specimen = None,
-    noise: _common.Noise = 0.0,
-    seed: _common.Seed = 0,
+    specimen: _Specimen = None,
+    noise: _Noise = 0.0,
+    seed: _Seed = 0,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -319,7 +326,7 @@ def inspect(
             help="File of the head, as head identify writes it. twin:pipe is identified without."
         ),
     ] = None,
-    specimen: _common.Specimen = None,
+    specimen: _Specimen = None,
     seed: _PipeSeed = 0,
     water: _water.Level = _water.FULL,
     temperature: _water.Temperature = _water.ROOM,
@@ -402,7 +409,7 @@ def sweep(
     along: Annotated[
         str, typer.Option(metavar="MM,MM", help="First and last place along the pipe.")
     ] = "19,21",
-    specimen: _common.Specimen = None,
+    specimen: _Specimen = None,
     seed: _PipeSeed = 0,
     water: _water.Level = _water.FULL,
     temperature: _water.Temperature = _water.ROOM,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 
+from minorloop import values
 from minorloop.cli._compilation import compilation_said
 from minorloop.cli._completion import addresses, one_of
 from minorloop.errors import (
@@ -22,7 +23,6 @@ from minorloop.errors import (
     OutputError,
     ParameterError,
     RecordError,
-    StoreError,
 )
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 NONE = "none"
 """Takes the place of the name of a column that is not to be used."""
-HOLD = 200.0
-"""Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
 _EVERY = 10.0
 """Seconds between lines of a log."""
 
@@ -102,7 +100,8 @@ Address = Annotated[
     str,
     typer.Option(
         show_default=False,
-        help="Its address, such as twin:ipmc or bench:bench.toml; see minorloop devices.",
+        help="Its address, such as bench:bench.toml or twin:ipmc; a twin may have options, as "
+        "twin:ipmc,specimen=3,noise=0.05,seed=4. See minorloop devices.",
         autocompletion=one_of(addresses),
     ),
 ]
@@ -195,9 +194,17 @@ Holdout = Annotated[
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
 Target = Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")]
-Specimen = Annotated[int | None, whole_option("Seed of a twin's specimen; nominal if not given.")]
-Noise = Annotated[float, number_option("Standard deviation of a twin's sensor, in its unit.")]
-Seed = Annotated[int, whole_option("Seed of a twin's noise.")]
+NewStore = Annotated[Path, typer.Option(show_default=False, help="New file for the points.")]
+Convert = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KIND:NUMBERS",
+        help="Convert the readings: laser:D0,H0[,SD,SD] (distance to the straight strip, height "
+        "above the clamp and their standard deviations, to curvature, positive towards the laser), "
+        "linear:GAIN[,OFFSET], polynomial:C0,C1,... or table:FILE (two columns); all but the first "
+        "also with name=, unit= and calibration_sd= of the result.",
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show all scores and advice.")]
@@ -205,13 +212,7 @@ Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show all scores 
 
 def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
     """Return the numbers of an option, separated by commas."""
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        found = []
-    if len(found) not in counts:
-        raise ParameterError(f"--{name} is {text!r}; give {form}, numbers separated by commas")
-    return found
+    return values.numbers(text, counts, f"--{name}", form)
 
 
 def as_lag(text: str | None) -> Any:
@@ -391,23 +392,13 @@ def interruptible(kept: Callable[[], str]) -> Iterator[None]:
 
 @contextmanager
 def connected(address: str, **options: Any) -> Iterator[Actuator]:
-    """Yield the actuator at an address; close its instruments at the end.
+    """Yield the actuator at an address as `minorloop.connect.opened` does, after its warnings."""
+    from minorloop.connect import opened
 
-    A signal that ends the process is an exception in here. It never cuts a line to an instrument
-    in half.
-    """
-    from minorloop.connect import connect
-    from minorloop.lab.signals import Deferred, ended_by_signals
-
-    with ended_by_signals(exiting=True):
-        plant = connect(address, **options)
-        try:
-            for warning in getattr(plant, "warnings", ()):
-                typer.echo(f"! {warning}", err=True)
-            yield plant
-        finally:
-            with Deferred():
-                getattr(plant, "close", lambda: None)()
+    with opened(address, **options) as plant:
+        for warning in getattr(plant, "warnings", ()):
+            typer.echo(f"! {warning}", err=True)
+        yield plant
 
 
 def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], None]) -> Record:
@@ -467,25 +458,6 @@ def read_column(file: Path, column: str, unit: str = "", of: str = "the model") 
             )
         values: FloatArray = table.read([column])[column]
     return values if factor == 1 else factor * values
-
-
-def check_units(
-    known: File, names: Sequence[str], of: str, hints: Sequence[str] = ("", "")
-) -> None:
-    """Refuse a model in other units than those of names of an input and an output.
-
-    ``of`` is what has these names, and ``hints`` are what else to do, for the messages.
-    """
-    from minorloop.lab.records import Quantity
-
-    mine = ("input", known.input), ("output", known.output)
-    for (what, one), name, hint in zip(mine, names, hints, strict=True):
-        unit = Quantity.parse(name).unit
-        if one.unit and unit and one.unit != unit:
-            raise ParameterError(
-                f"the {what} of the model is '{one}' and that of {of} '{name}'; identify a model "
-                f"in {unit}{hint}"
-            )
 
 
 def times_of(known: File, file: Path, column: str) -> tuple[dict[str, FloatArray], TimeCheck]:
@@ -580,14 +552,6 @@ def write_report(draw: Callable[[], Drawn], path: Path, *, force: bool) -> None:
         raise OutputError(f"{path} was not written, the report cannot be drawn: {error}") from error
 
 
-def go_on(folder: Path) -> str:
-    """Return what to do after a folder could not be written, as a sentence."""
-    return (
-        f"what was measured before is kept in {folder}; the same command with --resume goes on "
-        "from there"
-    )
-
-
 def do_all(steps: Iterable[Callable[[], None]]) -> None:
     """Do every step, even if an earlier one fails; then raise the first error.
 
@@ -601,15 +565,6 @@ def do_all(steps: Iterable[Callable[[], None]]) -> None:
             errors.append(error)
     if errors:
         raise errors[0]
-
-
-def check_new_store(store: Path) -> None:
-    """Refuse the name of a store that exists; it is continued, not replaced."""
-    if store.exists():
-        raise StoreError(
-            f"{store} exists already; continue it with minorloop resume --store {store}, "
-            "or give another name"
-        )
 
 
 def check_outputs(

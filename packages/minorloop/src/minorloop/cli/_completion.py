@@ -1,7 +1,7 @@
 """Completion in a shell: names of addresses, studies and patterns, and words with colons."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 
 _VARIABLE = "_MINORLOOP_COMPLETE"
 """Set by the script of a shell that asks for completions."""
@@ -9,12 +9,12 @@ _before = ""
 """The part of the present word up to its last colon, which bash neither passes nor replaces."""
 
 
-def one_of(names: Sequence[str] | Callable[[], Sequence[str]]) -> Callable[[str], list[str]]:
+def one_of(names: Iterable[str] | Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """Return the completion of an option that takes one of some names.
 
     Parameters
     ----------
-    names : sequence of str, or callable
+    names : iterable of str, or callable
         The names, or what returns them and is called only when a shell asks for completions.
     """
 

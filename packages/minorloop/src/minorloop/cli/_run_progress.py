@@ -3,18 +3,69 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+import typer
+
+from minorloop.errors import InstrumentError
 from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
+    from minorloop.lab.actuator import Actuator
     from minorloop.lab.plan import Plan
-    from minorloop.lab.run import RunProgress
+    from minorloop.lab.run import Choose, ResumeMode, RunProgress
     from minorloop.lab.store import Store
+
+
+def carry_out_levels(
+    plant: Actuator,
+    store: Store,
+    choose: Choose | None,
+    again: str | None = None,
+) -> tuple[ResumeMode, list[str]]:
+    """Carry out the rest of a run and show its progress; if it ends, it says how to continue.
+
+    ``again`` says how, if not with resume. Returns the mode, and what was wrong with points.
+    """
+    if again is None:
+        again = f"continue with minorloop resume --store {shlex.quote(str(store.path))}"
+    from minorloop.drive import MismatchError
+    from minorloop.lab.run import run
+
+    warnings = []
+
+    try:
+        with watching(store) as watch:
+
+            def noted(progress: RunProgress) -> None:
+                watch(progress)
+                if progress.warning:
+                    warnings.append(progress.warning)
+
+            return run(plant, store.plan, store, choose=choose, watch=noted), warnings
+    except KeyboardInterrupt:
+        if not store.finished:
+            safe = "the actuator has confirmed that it is safe"  # or another error comes here
+            typer.echo(f"{_kept(store)}; {safe}; {again}", err=True)
+        raise
+    except InstrumentError as error:
+        left = "" if store.finished else f"; {again}"
+        if isinstance(error, MismatchError):
+            left = (
+                "; when that is corrected, begin a new drive with another --store, because to "
+                "resume this one, with what it keeps, gives the same error"
+            )
+        raise type(error)(f"{error}; {_kept(store)}{left}") from None
+
+
+def _kept(store: Store) -> str:
+    what = "sines" if store.plan.sines else "levels"
+    return f"{len(store)} of {len(store.plan)} {what} are kept"
 
 
 @contextmanager

@@ -88,7 +88,7 @@ def run(
         sines, names = _of_csv(file, operator, (input, output, time, frequency), periods)
         measured = []
     if known is not None:
-        _common.check_units(known, names, "the sines")
+        known.check_units(names, "the sines")
     response, notes = sine_response(sines)
     if known is not None:
         notes += unsaturated(known.operator, [one.sine.preamble for one in measured])

@@ -62,7 +62,7 @@ def run(
         _common.seconds_option(
             "Seconds to hold each input; of sines, the preamble and the offset."
         ),
-    ] = _common.HOLD,
+    ] = 200.0,
     input: Annotated[
         str, typer.Option(help="Header of the column of the input: its name and unit.")
     ] = "input",

@@ -9,40 +9,39 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minorloop.cli import _common, _conversion
+from minorloop.cli import _common
+from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError, RecordError
+from minorloop.values import called, parsed
 
 if TYPE_CHECKING:
     from minorloop.lab.reduction import Reduction
 
 NAME = "reduce"
 EXAMPLE = (
-    'minorloop reduce log.csv --input "voltage [V]" --output distance --laser 20,15,0.02,0.05 '
-    "--save points.csv --report reduced.html"
+    'minorloop reduce log.csv --input "voltage [V]" --output distance '
+    "--convert laser:20,15,0.02,0.05 --save points.csv --report reduced.html"
 )
+_SIDES = {"output": (True, False), "input": (False, True), "both": (True, True)}
 
 _Log = Annotated[Path, typer.Argument(help="Raw log: samples of input and sensor.")]
 _Input = Annotated[str, typer.Option(help="Column of the input, such as 'voltage [V]'.")]
 _Output = Annotated[str, typer.Option(help="Column of the sensor; an empty cell: not measured.")]
-_CalibrationSd = Annotated[
-    float,
-    _common.number_option("Standard deviation of the calibration, in the unit of the output."),
-]
-_Flip = Annotated[bool, typer.Option("--flip", help="Change the sign of the output.")]
-_FlipInput = Annotated[bool, typer.Option("--flip-input", help="Change the sign of the input.")]
-_Range = Annotated[
+_Flip = Annotated[
     str | None,
-    typer.Option(metavar="LOW:HIGH", help="Range of the sensor; readings beyond are not used."),
+    typer.Option(
+        help="Change the sign of the output, the input or both.", autocompletion=one_of(_SIDES)
+    ),
 ]
-_Tolerance = Annotated[
-    float | None,
-    _common.number_option("Slope of a settled output per second; 0.2 % of the span in a hold."),
+_Holds = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=VALUE,...",
+        help="range=LOW:HIGH of the sensor, beyond which readings are not used; tolerance: slope "
+        "of a settled output per second, 0.2 % of the span in a hold; input_tolerance: changes of "
+        "the input that are noise, estimated; shortest hold in seconds.",
+    ),
 ]
-_InputTolerance = Annotated[
-    float | None,
-    _common.number_option("Changes of the input up to this size are noise; estimated."),
-]
-_Shortest = Annotated[float, _common.number_option("Shortest hold, in seconds.")]
 _Subtract = Annotated[
     bool, typer.Option("--subtract-drift", help="Subtract a drift of the sensor that holds show.")
 ]
@@ -57,19 +56,9 @@ def run(
     input: _Input,
     output: _Output,
     time: _common.Time = None,
-    laser: _conversion.Laser = None,
-    linear: _conversion.Linear = None,
-    polynomial: _conversion.Polynomial = None,
-    table: _conversion.Table = None,
-    name: _conversion.Name = None,
-    unit: _conversion.Unit = None,
-    calibration_sd: _CalibrationSd = 0.0,
-    flip: _Flip = False,
-    flip_input: _FlipInput = False,
-    range: _Range = None,
-    tolerance: _Tolerance = None,
-    input_tolerance: _InputTolerance = None,
-    shortest: _Shortest = 0.0,
+    convert: _common.Convert = None,
+    flip: _Flip = None,
+    holds: _Holds = "",
     subtract_drift: _Subtract = False,
     keep_unsettled: _Keep = False,
     save: _common.Save = None,
@@ -78,27 +67,28 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Reduce a raw log to settled points: one for each hold of the input."""
+    from minorloop.lab.conversion import from_text
     from minorloop.lab.reduction import reduce
 
     _common.check_outputs([save, report], inputs=[file], force=force)
-    options = _conversion.ConversionOptions(
-        laser, linear, polynomial, table, name, unit, calibration_sd
-    )
-    limits = _limits(range)
+    if flip is not None:
+        _common.check_word("side to flip", flip, tuple(_SIDES))
+    flips = dict(zip(("flip", "flip_input"), _SIDES.get(flip or "", (False, False)), strict=True))
+    keys = dict(parsed(holds).options)
+    limits = _limits(keys.pop("range", None))
     with _common.working(f"reading {file.name}") as now:
         record = _common.read_log(file, input, output, time, now)
         now(f"reducing {len(record)} samples")
-        reduction = reduce(
-            record,
-            conversion=options.conversion(record.output),
-            flip=flip,
-            flip_input=flip_input,
+        reduction = called(
+            reduce,
+            "--holds",
+            keys,
+            record=record,
+            conversion=None if convert is None else from_text(convert, record.output),
             limits=limits,
-            tolerance=tolerance,
-            input_tolerance=input_tolerance,
-            shortest=shortest,
             subtract_drift=subtract_drift,
             breaks=record.check.breaks if record.check else (),
+            **flips,
         )
     if not keep_unsettled and not reduction.count("settled") + reduction.count("extrapolated"):
         raise RecordError(
@@ -122,7 +112,7 @@ def _limits(text: str | None) -> tuple[float, float] | None:
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
-        raise ParameterError(f"--range is {text!r}; give LOW:HIGH, such as 10:30") from None
+        raise ParameterError(f"range is {text!r}; give LOW:HIGH, such as 10:30") from None
     return low, high
 
 

@@ -12,8 +12,8 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
+from minorloop.cli._measured import sampling
 from minorloop.cli._run_progress import said_left, time_left
-from minorloop.cli.run import sampling, summary
 from minorloop.errors import ParameterError, StoreError
 from minorloop.files import table_text
 from minorloop.lab.durations import as_duration
@@ -71,6 +71,7 @@ def run(
 
 def _list(place: Path, as_json: bool) -> None:
     from minorloop.lab.store import Store, is_store
+    from minorloop.measurement import summary
 
     files = sorted(filter(is_store, place.iterdir())) if place.is_dir() else [place]
     if not files:
@@ -119,6 +120,8 @@ def _figures(store: Store) -> dict[str, Any]:
 
     The time left and the hold that would settle are NaN where they are not known.
     """
+    from minorloop.measurement import summary
+
     figures, sessions = summary(store), store.sessions()
     left = enough = math.nan
     if store.running and sessions:

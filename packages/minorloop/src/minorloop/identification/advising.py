@@ -53,8 +53,8 @@ _CONSTANT = 1.5
 """Ratio of amplitudes or rates below which they are all alike."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
-    "reverse the sign of the output (reduce --flip), or allow negative weights with signed=True "
-    "(--signed)"
+    "reverse the sign of the output (reduce --flip output), or allow negative weights with "
+    "signed=True (--signed)"
 )
 
 

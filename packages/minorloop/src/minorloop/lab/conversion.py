@@ -8,8 +8,9 @@ no noise.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ from minorloop.lab.columns import opened
 from minorloop.lab.curvature import curvature_from_displacement, curvature_uncertainty
 from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity
+from minorloop.values import called, numbers, parsed
 
 __all__ = [
     "LENGTHS",
@@ -28,6 +30,9 @@ __all__ = [
     "CalibrationTable",
     "Conversion",
     "LaserCurvature",
+    "as_json",
+    "from_json",
+    "from_text",
     "linear",
     "unit_factor",
 ]
@@ -38,6 +43,8 @@ _POWERS = {"n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "": 0, "k": 3
 """Powers of ten of the prefixes of the SI."""
 _UNIT = re.compile(r"([nuµμmckMG]?)((?:m|s|g|A|V|N|Pa|T|Oe|Hz|W|J|rad|[Oo]hm|Ω|bar)(?:/[^/]+)?)")
 """A prefix and a unit, which may be over another one; powers and products have none."""
+_COUNTS = range(2, 21)
+"""Numbers of coefficients of a polynomial in a text."""
 
 
 def unit_factor(found: str, wanted: str) -> float | None:
@@ -182,8 +189,18 @@ class CalibrationTable(_Calibration):
         object.__setattr__(self, "values", frozen(y))
 
     @classmethod
-    def from_csv(cls, path: PathLike, *, calibration_sd: float = 0.0) -> CalibrationTable:
-        """Read a table from a file with two columns: readings, and values with their unit."""
+    def from_csv(
+        cls,
+        path: PathLike,
+        *,
+        name: str | None = None,
+        unit: str | None = None,
+        calibration_sd: float = 0.0,
+    ) -> CalibrationTable:
+        """Read a table from a file with two columns: readings, and values with their unit.
+
+        ``name`` and ``unit`` replace those of the second column.
+        """
         with opened(path) as table:
             if len(table.headers) != 2:
                 raise ParameterError(
@@ -191,8 +208,8 @@ class CalibrationTable(_Calibration):
                     "two, the reading and the value"
                 )
             readings, values = table.read(table.headers).values()
-        name, unit = split_header(table.headers[1])
-        return cls(name, unit or None, calibration_sd, readings, values)
+        own = split_header(table.headers[1])
+        return cls(name or own[0], unit or own[1] or None, calibration_sd, readings, values)
 
     def convert(self, readings: npt.ArrayLike) -> FloatArray:
         """Return the value for each reading; NaN beyond the table."""
@@ -284,3 +301,66 @@ class LaserCurvature:
         """Which readings are covered, for a message."""
         low, high = self.d0 - self.h0, self.d0 + self.h0
         return f"{low:g} to {high:g} {self.unit}, a quarter circle to either side"
+
+
+_KINDS = {
+    "laser": LaserCurvature,
+    "polynomial": CalibrationPolynomial,
+    "table": CalibrationTable,
+}
+
+
+def as_json(conversion: Conversion) -> dict[str, Any]:
+    """Return the kind of a conversion with its fields, ready for JSON."""
+    (kind,) = (kind for kind, known in _KINDS.items() if isinstance(conversion, known))
+    fields = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in vars(conversion).items()
+    }
+    return {kind: fields}
+
+
+def from_json(content: Mapping[str, Any]) -> Conversion:
+    """Return the conversion that `as_json` described.
+
+    Raises a `ParameterError` if this is none.
+    """
+    try:
+        ((kind, fields),) = content.items()
+        found: Conversion = _KINDS[kind](**fields)
+        return found
+    except (KeyError, TypeError, ValueError):
+        raise ParameterError(f"{content} is not a conversion") from None
+
+
+def from_text(text: str, reading: Quantity) -> Conversion:
+    """Return the conversion of a reading that a text describes.
+
+    Raises a `ParameterError` if it describes none.
+
+    Parameters
+    ----------
+    text : str
+        ``laser:D0,H0[,SD,SD]``, ``linear:GAIN[,OFFSET]``, ``polynomial:C0,C1,...`` or
+        ``table:FILE``; for all but the first also ``name=``, ``unit=`` and ``calibration_sd=``.
+    reading : Quantity
+        Name and unit of the reading.
+    """
+    value = parsed(text)
+    kind, what, options = value.kind, value.what, value.options
+    where = f"the conversion {text!r}"
+    if kind == "laser":
+        if options:
+            raise ParameterError(f"{where} gives curvature [1/m]; leave {next(iter(options))} out")
+        d0, h0, *sds = numbers(what, (2, 4), where, "laser:D0,H0[,SD,SD]")
+        sd_d0, sd_h0 = sds or (0.0, 0.0)
+        return LaserCurvature(d0, h0, sd_d0, sd_h0, reading.unit)
+    if kind == "linear":
+        gain, *offset = numbers(what, (1, 2), where, "linear:GAIN[,OFFSET]")
+        return called(linear, where, options, gain=gain, offset=sum(offset))
+    if kind == "polynomial":
+        powers = tuple(numbers(what, _COUNTS, where, "polynomial:C0,C1,..."))
+        return called(CalibrationPolynomial, where, options, coefficients=powers)
+    if kind == "table":
+        return called(CalibrationTable.from_csv, where, options, path=what)
+    raise ParameterError(f"{where} is of no known kind; give laser, linear, polynomial or table")

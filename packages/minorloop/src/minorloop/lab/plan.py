@@ -305,7 +305,7 @@ class Plan:
         if min(self.window / FEWEST, hold / ENOUGH) >= seconds * (1 - 1e-9):
             return
         interval = rounded_up(max(seconds, self.sample_interval))
-        asked = ", as the plan asks (--interval)" if self.sample_interval > seconds else ""
+        asked = ", as the plan asks (interval)" if self.sample_interval > seconds else ""
         raise ParameterError(
             f"the meter takes {seconds:.3g} s for an answer, and a verdict needs {ENOUGH} of them "
             f"in a hold and {FEWEST} in the window: the plan has a hold of {hold:g} s and a window "

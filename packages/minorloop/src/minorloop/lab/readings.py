@@ -45,7 +45,7 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
                 f"{are(int(np.count_nonzero(beyond)))} beyond "
                 f"the range of the sensor, {low:g} to {high:g}, first {y[np.argmax(beyond)]:g} at "
                 f"sample {np.argmax(beyond)}; they are not used: move the sensor or reduce the "
-                "input, or correct the range (--range)"
+                "input, or correct the range of the sensor"
             )
             y = np.where(beyond, np.nan, y)
     for extreme, saturated in _saturated(y):
@@ -139,5 +139,5 @@ def converted(readings: FloatArray, conversion: Conversion) -> tuple[FloatArray,
     return y, [
         f"{np.count_nonzero(lost)} of {y.size} readings cannot be converted, first "
         f"{readings[first]:g} at sample {first}; the conversion covers {conversion.covered}: check "
-        "the geometry (--laser) or the calibration and its unit (--linear, --polynomial, --table)"
+        "the geometry of the laser, or the calibration and its unit (--convert)"
     ]

@@ -259,7 +259,7 @@ def reduce(
             f"{record.input}, "
             f"with {share:.0%} of the samples; at least {_FEWEST} holds with {_LEAST_HELD:.0%} are "
             "needed: where the input never rests, identify the record as it is, and where it is "
-            "noisier than its steps, give the size of the noise (--input-tolerance)"
+            "noisier than its steps, give the size of the noise (input_tolerance)"
         )
     readings, notes = usable(record, limits)
     check_magnitude("output", readings)

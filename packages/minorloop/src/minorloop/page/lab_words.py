@@ -29,7 +29,7 @@ ELSEWHERE = frozenset({"flip", "signed"})
 _VALUES = {"auto": "automatic", "as-left": "as left by the last one"}
 
 _ASSIGNED = r"(?:[a-z_]+=(?:\"[^\"]*\"|[\w.]+)(?: or [a-z_]+=[\w.]+)*|\"[a-z-]+\") "
-_OPTION = r"--([a-z-]+)(?: (COLUMN|auto|none|as-left|operator|linear|[\d.]+)(?![\w.]*\w))?"
+_OPTION = r"--([a-z-]+)(?: (COLUMN|auto|none|output|as-left|operator|linear|[\d.]+)(?![\w.]*\w))?"
 _PAIR = re.compile(rf"(?:{_ASSIGNED})?\({_OPTION}\)")
 _BARE = re.compile(_OPTION)
 
@@ -45,7 +45,7 @@ def _field(found: re.Match[str]) -> str:
     """Return a field and its value in words; an option that the page lacks as it is."""
     option, value = found.groups()
     if option not in FIELDS:
-        return f"--{option} of the command minorloop"
+        return f"--{option}{f' {value}' if value else ''} of the command minorloop"
     field = f"“{FIELDS[option]}”"
     if value is None or value == "COLUMN":
         return field

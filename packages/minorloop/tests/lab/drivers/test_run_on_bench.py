@@ -57,7 +57,7 @@ def simulated(tmp_path, monkeypatch):
     (tmp_path / "bench.json").write_text(json.dumps(bench))
     Plan([0.5, -0.5], 0.4, input="voltage [V]").to_csv("plan.csv")
     monkeypatch.setattr(Bench, "answer_time", lambda bench: 0.0)  # a busy machine answers late
-    line = "run --actuator visa:bench.json --plan plan.csv --store s.sqlite --interval 0.04"
+    line = "run --actuator visa:bench.json --plan plan.csv --store s.sqlite --holds interval=0.04"
     return line.split()
 
 

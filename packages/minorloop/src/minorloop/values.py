@@ -1,0 +1,97 @@
+"""Values as text, on command lines and in addresses: ``KIND:WHAT,KEY=VALUE,...``.
+
+What is before the first ``KEY=`` may have commas, and so may a value: a part between commas that
+does not begin with ``KEY=`` belongs to the value before it.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from minorloop.errors import ParameterError
+
+T = TypeVar("T")
+_KEY = re.compile(r"([A-Za-z][\w-]*)=(.*)", re.DOTALL)
+_KIND = re.compile(r"([A-Za-z][\w-]*)(?::|$|,(?=[A-Za-z][\w-]*=))")
+_WORDS = {"yes": True, "no": False, "none": None}
+
+
+@dataclass(frozen=True)
+class TextValue:
+    """A value in its parts."""
+
+    kind: str
+    """What is before the colon; empty without one."""
+    what: str
+    """What is before the first ``KEY=VALUE``, without the kind."""
+    options: Mapping[str, str]
+    """The texts by key, with ``_`` for ``-``."""
+
+
+def parsed(text: str, kind: str = "") -> TextValue:
+    """Return the parts of a text; ``kind`` is taken where it has none.
+
+    Raises a `ParameterError` if a key is given twice.
+    """
+    if found := _KIND.match(text):
+        kind, text = found[1], text[found.end() :]
+    parts: list[tuple[str, str]] = [("", "")]
+    for part in text.split(","):
+        if pair := _KEY.fullmatch(part):
+            parts.append((pair[1].replace("-", "_"), pair[2]))
+        else:
+            key, before = parts[-1]
+            parts[-1] = key, f"{before},{part}" if before else part
+    options = dict(parts)
+    if len(options) < len(parts):
+        raise ParameterError(f"{text!r} has a key twice; give each once")
+    return TextValue(kind, options.pop(""), options)
+
+
+def called(make: Callable[..., T], where: str, options: Mapping[str, str], **others: Any) -> T:
+    """Return what a function or a class makes of texts by the names of its parameters.
+
+    Raises a `ParameterError` if it has no parameter of a name; ``where`` is what has the keys.
+    """
+    parameters = inspect.signature(make).parameters
+    known = [name for name in parameters if name not in others]
+    for name in options:
+        if name not in known:
+            raise ParameterError(f"{where} has no {name!r}; it has {', '.join(known)}")
+    values = {
+        name: text if _is_text(parameters[name].annotation) else plain(text)
+        for name, text in options.items()
+    }
+    return make(**values, **others)
+
+
+def _is_text(annotation: Any) -> bool:
+    return getattr(annotation, "__name__", str(annotation)) in ("str", "str | None")
+
+
+def plain(text: str) -> Any:
+    """Return a number, or a truth for ``yes`` and ``no``, or None for ``none``; or the text."""
+    if text in _WORDS:
+        return _WORDS[text]
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def numbers(text: str, counts: Any, where: str, form: str) -> list[float]:
+    """Return numbers that are separated by commas.
+
+    Raises a `ParameterError` if there are not as many as ``counts`` has, or one is none.
+    """
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) not in counts:
+        raise ParameterError(f"{where} is {text!r}; give {form}, numbers separated by commas")
+    return found
