@@ -55,9 +55,7 @@ MODELS = {
         Linear([1 / 3], [1.0, 0.1]),
     ),
     "linear": Linear([0.1, 1 / 7], [1.0, -1 / 3], 0.1, 0.3),
-    "after-effect": AfterEffect(
-        Preisach(LEVELS, TRIANGLE), np.array([0.1, 1 / 3, 2.0]), 1 / 7, [0.1, 3.0], [SMALL, SMALL]
-    ),
+    "after-effect": AfterEffect(Preisach(LEVELS, TRIANGLE), times=[0.1, 3.0], creep=[SMALL, SMALL]),
     "oscillator": Oscillator(1 / 3, 0.1, [1 / 7, 3.0], Duhem(LEVELS, LEVELS, LEVELS[::-1])),
 }
 GIVEN = {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0"}

@@ -34,8 +34,7 @@ MODELS = {
     "both sides": Cascade(PLANE, LATE, creep=CREEP, ahead=Linear.lags(0.7)).sampled(STEP),
     "field": AfterEffect(PLANE, np.linspace(0.02, 0.05, 4), 3.0),
     "creeping relays": AfterEffect(PLANE, times=[0.2, 5.0], creep=CRAWL),
-    "field and creeping relays": AfterEffect(PLANE, 0.03, 3.0, [0.2, 5.0], CRAWL),
-    "viscous relays": AfterEffect(PLANE, 20.0, 0.5, [0.2, 5.0], CRAWL),
+    "viscous relays": AfterEffect(PLANE, 20.0, 0.5),
 }
 INPUTS = st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=30)
 

@@ -141,40 +141,22 @@ def test_viscous_relays_are_found_from_two_rates():
     assert found.model.settling == pytest.approx(0.05, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("field", "settling", "laws"),
-    [(0.03, 30.0, ("thermal", "wide")), (20.0, 0.05, ("viscous",))],  # a wide field can be even
-)
-def test_thresholds_and_creep_are_found_at_once(field, settling, laws):
-    plane = a_plane()
-    truth = AfterEffect(plane, field, settling, [1.0], [0.4 * plane.weights])
-    sweep = np.sin(np.linspace(0, 6 * np.pi, 200)) * np.linspace(1, 0.4, 200)
-    u = np.concatenate([sweep, sweep, holds(1011, 20)[1]])
-    t = np.cumsum(np.repeat([0.02, 0.4, 0.3], 200))
-    y = truth.simulate(t, u) + 1e-3 * np.random.default_rng(1012).normal(size=t.size)
-    found = identify(Record(u, y, t), Viscosity(LEVELS, times=[1.0, 5.0]))
-    alone = {one.law: one.error for one in found.tried}
-    assert found.law in [f"{law} and spectrum" for law in laws]
-    assert found.left_out_error < 0.1 * min(alone[law] for law in (*laws, "spectrum"))
-    assert found.model.settling == pytest.approx(settling, rel=0.2)
-    assert found.model.monotone
-
-
 @pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
 @pytest.mark.parametrize(("field", "settling"), [(0.03, 30.0), (20.0, 0.5), (0.0, 0.0)])
 def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
     plane = a_plane()
     plane = Preisach(LEVELS, plane.weights, 0.3, "unipolar", diagonal)
-    creep = [0.4 * plane.weights, -0.2 * plane.weights]
-    model = AfterEffect(plane, field, settling, [0.5, 5.0], creep)
+    times, creep = (
+        ([], []) if settling else ([0.5, 5.0], [0.4 * plane.weights, -0.2 * plane.weights])
+    )
+    model = AfterEffect(plane, field, settling, times, creep)
     t, u = holds(1013, 6)
     curves = as_curves(np.repeat([0, 1], t.size // 2), t.size, "demagnetised", None)
     record = TimedRecord(t, u, u, np.ones(t.size, dtype=bool), curves)
     spec = PlaneSpec(LEVELS, "unipolar", diagonal)
     constants = Constants(model.field, settling, model.times)
     ((_, rows),) = Design(spec, record, constants).blocks()
-    weights = np.array([plane.weights, *creep])
-    found = weights if settling else np.cumsum(weights, axis=0)
+    found = np.cumsum([plane.weights, *creep], axis=0)
     unknowns = np.append(np.concatenate([pack(one) for one in found]), plane.offset)
     np.testing.assert_allclose(rows @ unknowns, along(model, t, u, curves), rtol=0, atol=1e-12)
 

@@ -16,8 +16,7 @@ FIELD = np.linspace(0.02, 0.05, BANDS)
 LAWS = {
     "field": {"field": FIELD, "settling": 3.0},
     "creep": {"times": [0.2, 5.0]},
-    "both": {"field": 0.03, "settling": 3.0, "times": [0.2, 5.0]},
-    "viscous, creep": {"field": 20.0, "settling": 0.5, "times": [0.2, 5.0]},
+    "viscous": {"field": 20.0, "settling": 0.5},
 }
 
 
@@ -27,15 +26,11 @@ def a_plane(seed=1000, diagonal="reversible", slope=0.2):
     return Preisach(LEVELS, weights, rng.normal(), "bipolar", diagonal, slope)
 
 
-def a_model(law="both", seed=1000, diagonal="reversible", slope=0.2):
-    """A monotone model: creep takes back at most a part of what the plane does.
-
-    With a field it takes back nothing.
-    """
+def a_model(law="creep", seed=1000, diagonal="reversible", slope=0.2):
+    """A monotone model: creep takes back at most a part of what the plane does."""
     plane, options = a_plane(seed, diagonal, slope), dict(LAWS[law])
     if "times" in options:
-        least = 0.0 if "field" in options else -0.4
-        shares = np.random.default_rng(seed + 1).uniform(least, 0.4, (2, BANDS, BANDS))
+        shares = np.random.default_rng(seed + 1).uniform(-0.4, 0.4, (2, BANDS, BANDS))
         options["creep"] = shares * plane.weights
     return AfterEffect(plane, **options)
 

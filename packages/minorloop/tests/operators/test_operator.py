@@ -192,6 +192,9 @@ def preisach(**options):
     return Preisach(**{"levels": LEVELS, "weights": np.zeros((5, 5)), **options})
 
 
+FIELD = {"field": 0.1, "settling": 1.0}
+
+
 def after_effect(**options):
     return AfterEffect(Preisach(LEVELS, PLANE), **options)
 
@@ -279,6 +282,7 @@ REFUSED = [
     (NotInvertibleError, "must be positive", lambda: FALLING.invert([0.6], [0.0, 1.0])),
     (ParameterError, "give fields >= 0", lambda: after_effect(field=-0.1, settling=1.0)),
     (ParameterError, "positive time with a field", lambda: after_effect(field=0.1)),
+    (ParameterError, "give a field or creep", lambda: after_effect(times=[1.0], **FIELD)),
     (ParameterError, "settling is 1 s", lambda: after_effect(settling=1.0)),
     (ParameterError, "one number, or 5", lambda: after_effect(field=[0.1, 0.2], settling=1.0)),
     (ParameterError, "in every band", lambda: after_effect(field=[0.1, 0, 0, 0, 0], settling=1.0)),

@@ -13,7 +13,6 @@ from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export._selftest import Parts, asked_of, examples, width_of, worst_digit
 from minorloop.export._tables import Numbers, wrapped
-from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators import plane
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
@@ -29,8 +28,6 @@ _MOST_LAG = 100_000
 """Intervals of dead time, each of which takes a number in a state."""
 _LEAST = {True: 2e-7, False: 4e-16}
 """Width of a bracket, over the input, at which a search ends: neighbouring floats and doubles."""
-_SETTLED = {True: 1e-5, False: _kernels.SETTLED}
-"""Distance from the input that counts as none, as in `_after_effect_kernels`."""
 _WITHOUT = "export it without (inverse=False, --no-inverse)"
 
 
@@ -304,7 +301,6 @@ def _after_effect_parts(
     planes, packed = tables.saturation.size, np.tril_indices(base.bands + 1)
     nodes = np.concatenate([tables.nodes[..., k][packed] for k in range(planes)])
     bowed, thermal = base.diagonal == "uniform", tables.settling > 0
-    both = thermal and planes > 1
     second = tables.bow if bowed else tables.reversible
     written = {
         "levels": base.levels,
@@ -314,14 +310,11 @@ def _after_effect_parts(
         "saturation": tables.saturation,
         "gained": np.append(1.0, -np.expm1(-seconds / tables.times)),
     }
-    if both:
-        written |= {"times": tables.times, "points": _kernels.POINTS, "shares": _kernels.SHARES}
     said = [f"{base.bands} bands, {base.relay} relays, {base.diagonal} diagonal"]
     if thermal:
         said.append(f"thresholds settle in {model.settling:.3g} s")
     said += [f"creep of {time:.3g} s" for time in model.times]
     count = (1 + thermal) * base.levels.size + nodes.size + second.size + 2 * planes
-    count += both * (planes - 1 + 2 * _kernels.POINTS.size)
     extremum = (2 + planes) * numbers.size + numbers.size  # the band, padded
     low, high = base.levels[[0, -1]]
     shares = np.random.default_rng(0).beta(0.7, 0.7, _VECTORS // 2)  # loops and holds
@@ -341,13 +334,7 @@ def _after_effect_parts(
             "thermal": thermal,
             "lost": numbers.one(-np.expm1(-seconds / model.settling)) if thermal else "",
             "least": numbers.one(_LEAST[single]),
-            **{name: name + "f" * single for name in ("exp", "expm1", "log", "log1p")},
-            "interval": numbers.one(seconds),
-            "settling": numbers.one(model.settling),
-            "at_once": numbers.one(_kernels.AT_ONCE),
-            "stretch": numbers.one(_kernels.STRETCH),
-            "settled": numbers.one(_SETTLED[single]),
-            "count": _kernels.POINTS.size,
+            **{name: name + "f" * single for name in ("exp", "log")},
             "bowed": bowed,
             "seconds": f"{seconds:.6g}",
             "about": f"{'; '.join(said)}.",

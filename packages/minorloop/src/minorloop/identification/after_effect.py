@@ -48,9 +48,6 @@ from minorloop.threads import one_thread
 Law: TypeAlias = Literal["none", "thermal", "wide", "viscous", "spectrum"]
 """No effect of time; a fluctuation field that is the same everywhere, or that falls towards the
 ends of the levels; viscous relays; creep with a spectrum of time constants."""
-_AND = " and "
-"""Between two laws at once: a fluctuation field or viscous relays, and a spectrum."""
-_SPECTRUM: Law = "spectrum"
 Pair: TypeAlias = tuple[AfterEffect, AfterEffect]
 CREEP: dict[str, tuple[Law, ...]] = {
     "auto": ("none", "thermal", "wide", "spectrum"),
@@ -124,9 +121,8 @@ class Viscosity:
     """The law of a Preisach model whose output changes with time: after-effect, creep, viscosity.
 
     Every law is fitted without a part of the record and scored on it; another law must reduce the
-    error by 2 %. Where late thresholds and a spectrum each do, both at once are compared too. The
-    weights of plane and creep up to each time constant together are not negative, with both at once
-    each of them, so that the model is monotone and can be inverted.
+    error by 2 %. The weights of plane and creep up to each time constant together are not negative,
+    so that the model is monotone and can be inverted.
 
     The record needs times; u[k] is applied since t[k - 1], and the first input of a curve has been
     applied for the shortest interval of the record. Groups are runs: bands are then those of
@@ -143,7 +139,7 @@ class Viscosity:
     """Number of bands over the range of the input, or the (L + 1,) thresholds themselves."""
     creep: Literal["auto", "none", "thermal", "spectrum"] = "auto"
     """Laws that are compared, beside none: a fluctuation field by which thresholds relax with the
-    logarithm of time; weights that creep with a spectrum of time constants; or both."""
+    logarithm of time; or weights that creep with a spectrum of time constants."""
     rate: bool | Literal["auto"] = "auto"
     """Whether to compare viscous relays too: thresholds that depend on the rate of the input.
     ``"auto"``: if the record has more than one rate."""
@@ -207,26 +203,12 @@ class Viscosity:
             tried: list[TriedLaw] = []
             for law in laws:
                 tried.append(search.tried(law, say, search.guess(law, tried)))
-            tried += [search.tried(law, say, numbers) for law, numbers in _both(tried)]
             best = tried[0]
             for one in tried[1:]:
                 if one.error < _BETTER * best.error:
                     best = one
             say(f"fitting all rows with the law {best.law!r}")
             return replace(search.result(best, tried), told=told, record=record)
-
-
-def _both(tried: Sequence[TriedLaw]) -> list[tuple[str, FloatArray]]:
-    """Return the best law of thresholds and the spectrum at once, if each alone explains something.
-
-    With it come the constants of the former, with which its search begins.
-    """
-    helps = [one for one in tried[1:] if one.error < _BETTER * tried[0].error]
-    thresholds = [one for one in helps if one.law != _SPECTRUM]
-    if not thresholds or len(thresholds) == len(helps):
-        return []
-    best = min(thresholds, key=lambda one: one.error)
-    return [(f"{best.law}{_AND}{_SPECTRUM}", best.numbers)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,13 +286,12 @@ class Design:
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)))
         reset = np.array(blank.memory(record.curves.start).extrema)
         self._marks, self._reset = spec.levels, reset
-        self._x = self._targets = record.u
+        self._x = record.u
         if constants.settling > 0:
             steps = np.diff(spec.levels) / constants.field
             self._marks = np.concatenate([[0.0], np.cumsum(steps)])
             self._reset = np.interp(reset, spec.levels, self._marks)
-            self._targets = np.interp(record.u, spec.levels, self._marks)
-            self._x = self._targets.copy()
+            self._x = np.interp(record.u, spec.levels, self._marks)
             lost = -np.expm1(-record.intervals / constants.settling)
             start = float(self._reset[-1])
             _kernels.follow(self._marks, lost, record.begins, start, self._x)
@@ -322,13 +303,13 @@ class Design:
         extrema, count = np.empty(self._reset.size + record.u.size + 2), 0
         late = np.zeros((planes, cells))
         tables = writable(self.spec.levels), writable(self._marks), self.spec.diagonal == "uniform"
-        law = constants.settling, writable(constants.times)
+        times = writable(constants.times)
         for first in range(0, record.u.size, _BLOCK):
             part = slice(first, min(first + _BLOCK, record.u.size))
             out = np.empty((part.stop - first, planes * cells + 1))
-            inputs = self._x[part], self._targets[part], record.u[part], record.intervals[part]
+            inputs = self._x[part], record.u[part], record.intervals[part]
             memory = record.begins[part], self._reset, extrema, count, late
-            count = _kernels.fill(*tables, *inputs, *law, *memory, out)
+            count = _kernels.fill(*tables, *inputs, times, *memory, out)
             out[:, -1] = 1.0
             yield part, out
 
@@ -381,22 +362,21 @@ class _Search:
         self.penalty = apart.T @ apart
 
     def constants(self, law: str, numbers: FloatArray) -> Constants:
-        """Constants of a law, or of one and the spectrum, from logarithms of its numbers."""
-        none = times = np.empty(0)
-        if law.endswith(_SPECTRUM) and self.spectrum is not None:
-            times = self.spectrum
-        law = law.partition(_AND)[0]
-        if law in ("none", _SPECTRUM):
-            return Constants(none, 0.0, times)
+        """Constants of a law from logarithms of its numbers."""
+        none = np.empty(0)
+        if law == "spectrum" and self.spectrum is not None:
+            return Constants(none, 0.0, self.spectrum)
+        if law == "none":
+            return Constants(none, 0.0, none)
         settling, bands = float(np.exp(numbers[0])), self.spec.bands
         if law == "viscous":
-            return Constants(np.full(bands, _LINEAR * self.span), settling, times)
+            return Constants(np.full(bands, _LINEAR * self.span), settling, none)
         field = np.full(bands, float(np.exp(numbers[1])))
         if law == "wide":
             levels = self.spec.levels
             middle = (levels[:-1] + levels[1:] - levels[0] - levels[-1]) / 2
             field /= np.hypot(1.0, middle / np.exp(numbers[2]))
-        return Constants(field, settling, times)
+        return Constants(field, settling, none)
 
     def guess(self, law: str, tried: Sequence[TriedLaw]) -> FloatArray:
         """First guess of the logarithms of the numbers of a law, after others were tried."""
@@ -554,7 +534,7 @@ class _Search:
             relay=spec.relay,
             diagonal=spec.diagonal,
         )
-        creep = found[1:] if constants.settling > 0 else np.diff(found, axis=0)
+        creep = np.diff(found, axis=0)
         return AfterEffect(plane, constants.field, constants.settling, constants.times, creep)
 
     def directions(self, best: TriedLaw, x: FloatArray) -> tuple[Pair, ...]:
@@ -601,7 +581,7 @@ class _Search:
         """
         from scipy.optimize import minimize_scalar
 
-        if best.law.partition(_AND)[0] not in ("thermal", "wide"):
+        if best.law not in ("thermal", "wide"):
             return ()
         record, found = self.record, []
         longest = _FARTHEST * longest_hold(record.t, record.u, record.curves)

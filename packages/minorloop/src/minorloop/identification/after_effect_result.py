@@ -92,7 +92,7 @@ def _next_holds(fit: AfterEffectIdentification) -> Iterator[str]:
     longest, model = longest_hold(fit.t, fit.u, fit.curves), fit.model
     likely = [one.settling for one, share in fit.settlings if share > _LIKELY]
     least, most = (pick([model.settling, *likely]) for pick in (min, max))
-    if most > longest and not fit.law.startswith("viscous"):
+    if most > longest and fit.law != "viscous":
         seconds = f"{least:.3g} to {most:.3g}" if likely else f"{most:.3g}"
         yield (
             f"the effective input settles in {seconds} s, and no hold is longer than {longest:.3g} "

@@ -72,8 +72,8 @@ class AfterEffect(ByValue, Drawn):
     While u is held, v approaches it with the logarithm of time, S ln(t), up to t = T. To the
     relaying plane this is a threshold that relaxes. With S much greater than the range, the law is
     linear: the relays are viscous. The weights of a reversible diagonal, and the slope, respond to
-    u itself. Beside, every cell may have weights whose output follows late, with one of several
-    time constants::
+    u itself. Instead of a field, every cell may have weights whose output follows late, with one of
+    several time constants::
 
         y = plane[v, u] + sum over i of lag(times[i])[creep[i][v, u]]
 
@@ -117,6 +117,10 @@ class AfterEffect(ByValue, Drawn):
         positive = np.isfinite(times).all() and (times > 0).all() and (np.diff(times) > 0).all()
         if times.ndim != 1 or not positive:
             raise ParameterError(f"times are {times}; give increasing positive seconds")
+        if times.size and self.field.size:
+            raise ParameterError(
+                f"field is {self.field.max():g} and times are {times}; give a field or creep"
+            )
         store(self, "times", times)
         given = np.asarray(self.creep, dtype=np.float64)
         if given.size == 0:
@@ -153,23 +157,12 @@ class AfterEffect(ByValue, Drawn):
     def monotone(self) -> bool:
         """Whether the output after any interval rises with the input that is held in it.
 
-        It does if plane and creep up to each time constant together are monotone. With a field, a
-        higher input also lets relays switch sooner: then no creep may take back what a relay gave.
-        For this, creep over its time is monotone from each time constant on.
+        It does if plane and creep up to each time constant together are monotone.
         """
-        sums = self.plane.weights + np.cumsum(
-            np.concatenate([np.zeros((1, *self.plane.weights.shape)), self.creep]), axis=0
-        )
-        base = self.plane
-        planes = [(one, base.slope) for one in sums]
-        if self.field.size:
-            rates = np.cumsum((self.creep / self.times[:, None, None])[::-1], axis=0)
-            if base.diagonal == "reversible":  # it follows the input itself
-                rates = np.tril(rates, -1)
-            planes += [(one, 0.0) for one in rates]
+        base, weights = self.plane, np.concatenate([self.plane.weights[None], self.creep])
         return all(
-            Preisach(base.levels, one, 0.0, base.relay, base.diagonal, slope).monotone
-            for one, slope in planes
+            Preisach(base.levels, one, 0.0, base.relay, base.diagonal, base.slope).monotone
+            for one in np.cumsum(weights, axis=0)
         )
 
     def simulate(self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative") -> Samples:
@@ -235,7 +228,7 @@ class AfterEffect(ByValue, Drawn):
         if not self.monotone:
             raise NotInvertibleError(
                 "the model is not monotone: its plane, or plane and creep up to some time constant "
-                "together, have negative weights, or creep takes back what relays with a field gave"
+                "together, have negative weights"
             )
 
     @cached_property

@@ -25,15 +25,6 @@ typedef {{ name }}_state state_t;
 /* Share of the relaxation of the effective input that happens in one interval. */
 #define LOST ((real){{ lost }})
 {%- endif %}
-{%- if thermal and planes > 1 %}
-/* Seconds of an interval and of the settling; parts of an interval, see part_of. */
-#define INTERVAL ((real){{ interval }})
-#define SETTLING ((real){{ settling }})
-#define AT_ONCE ((real){{ at_once }})
-#define STRETCH ((real){{ stretch }})
-#define SETTLED ((real){{ settled }})
-#define POINTS {{ count }}
-{%- endif %}
 {%- if inverse %}
 /* Most steps of a search, and the width over the input at which it ends. */
 #define STEPS 200
@@ -74,18 +65,6 @@ static const real saturation[PLANES] = {
 static const real gained[PLANES] = {
 {{ tables.gained }}
 };
-{%- if thermal and planes > 1 %}
-/* Seconds by which the planes after the first creep; points and weights of Gauss and Legendre. */
-static const real times[PLANES - 1] = {
-{{ tables.times }}
-};
-static const real points[POINTS] = {
-{{ tables.points }}
-};
-static const real shares[POINTS] = {
-{{ tables.shares }}
-};
-{%- endif %}
 
 static real absolute(real x)
 {
@@ -126,90 +105,6 @@ static real relaxed(real x, real target, real lost)
     const real left = {{ log }}(((real)2 - rest) / rest);
 
     return (w > (real)0) ? (target + left) : (target - left);
-}
-{%- endif %}
-{%- if thermal and planes > 1 %}
-
-/* A part of an interval: the effective input goes from x to `to` in some seconds. */
-typedef struct {
-    real to;
-    real seconds;
-    int first;
-} part_t;
-
-/* The first part of what is left of an interval. In a part, the effective input passes no threshold
- * and no extremum (`mark` is the next), and what creeps is smooth. Parts are longer the more time is
- * left after them, because all fast creep from them has then arrived. */
-static part_t part_of(real x, real end, real target, real mark, real left, int first)
-{
-    const real w = absolute(x - target);
-    const int settled = w <= (SETTLED * ((real)1 + absolute(target)));
-    part_t part;
-
-    part.first = first;
-    part.to = end;
-    part.seconds = first ? (times[0] * AT_ONCE) : ((left + (real)4 * times[0]) / (real)3);
-    if (settled) {
-        part.seconds = (real)0;
-    } else if (part.seconds >= left) {
-        part.seconds = left;
-    } else {
-        part.to = relaxed(x, target, -{{ expm1 }}(-part.seconds / SETTLING));
-    }
-    if (!first && !settled) {
-        const real near = {{ log1p }}({{ expm1 }}(w) * {{ exp }}(-STRETCH));
-        const real further = ((mark < target) == (x < target)) ? absolute(mark - target) : (real)0;
-        const real rest = (near > further) ? near : further;
-        if (rest > absolute(part.to - target)) {
-            real passed = {{ log1p }}((real)2 / {{ expm1 }}(rest));
-            passed -= {{ log1p }}((real)2 / {{ expm1 }}(w));
-            part.to = (x < target) ? (target - rest) : (target + rest);
-            if (further >= near) {
-                part.to = mark;
-            }
-            part.seconds = clamped(SETTLING * passed, (real)0, left);
-        }
-    }
-    return part;
-}
-
-/* Share of the creep that has not arrived at the end of a part, of what switches in proportion to
- * the way, and of what switches as the way squared, less the former. */
-static void moments_of(real x, const part_t *part, real target, real still[PLANES - 1],
-                       real tilt[PLANES - 1])
-{
-    const real w = absolute(x - target);
-    const real rest = absolute(part->to - target);
-    const int instant = part->first || (rest >= w) || (rest <= (real)0);
-    int32_t g;
-    int32_t k;
-
-    for (k = 0; k < (PLANES - 1); ++k) {
-        still[k] = instant ? (real)1 : (real)0;
-        tilt[k] = (real)0;
-    }
-    if (!instant) {
-        const real begin = {{ expm1 }}(w);
-        const real length = {{ log }}(begin / {{ expm1 }}(rest));
-        const real late = {{ log1p }}((real)2 / {{ expm1 }}(rest));
-        real total = (real)0;
-        for (g = 0; g < POINTS; ++g) {
-            const real grown = begin * {{ exp }}(-points[g] * length);
-            const real weight = shares[g] * grown / ((real)1 + grown);
-            const real way = (w - {{ log1p }}(grown)) / (w - rest);
-            const real ahead = SETTLING * (late - {{ log1p }}((real)2 / grown));
-            total += weight;
-            for (k = 0; k < (PLANES - 1); ++k) {
-                const real share = weight * {{ exp }}(-ahead / times[k]);
-                still[k] += share;
-                tilt[k] += share * ((real)2 * way - (real)1);
-            }
-        }
-        for (k = 0; k < (PLANES - 1); ++k) {
-            still[k] /= total;
-            tilt[k] /= total;
-        }
-    }
 }
 {%- endif %}
 
@@ -277,69 +172,6 @@ static extremum extremum_at(const state_t *state, int32_t place, real x)
     }
     return now;
 }
-{%- if thermal and planes > 1 %}
-
-/* By how much less creeps than if all relays switched as the interval begins. A relay that
- * switches s before the end has crept by 1 - exp(-s / time) only: the integral of
- * exp(-s / time) - exp(-interval / time) over the change of the plane. */
-static void fill_lags(const state_t *state, real end, real target, real lags[PLANES - 1])
-{
-    const extremum *const from = &state->past[state->count];
-    const int rising = end > from->value;
-    int32_t top = state->count + ((rising == ((state->count % 2) == 0)) ? 1 : 0);
-    extremum before = *from;
-    real still[PLANES - 1];
-    real tilt[PLANES - 1];
-    real left = INTERVAL;
-    int first = 1;
-    int32_t k;
-
-    for (k = 0; k < (PLANES - 1); ++k) {
-        lags[k] = (real)0;
-    }
-    while ((left > (real)0) && (before.value != end)) {
-        const real x = before.value;
-        const int32_t band = before.band;
-        real mark = marks[band + 1];
-        part_t part;
-        extremum now;
-{%- if bowed %}
-        extremum middle;
-{%- endif %}
-        if (!rising) {
-            mark = ((marks[band] < x) || (band == 0)) ? marks[band] : marks[band - 1];
-        }
-        if (top >= (rising ? 3 : 2)) {
-            const real extreme = state->past[top - 2].value;
-            if (rising == (extreme < mark)) {
-                mark = extreme;
-            }
-        }
-        part = part_of(x, end, target, mark, left, first);
-        moments_of(x, &part, target, still, tilt);
-{%- if bowed %}
-        middle = extremum_at(state, top, (x + part.to) / (real)2);
-{%- endif %}
-        top = place_of(state, top, part.to, rising);
-        now = extremum_at(state, top, part.to);
-        for (k = 0; k < (PLANES - 1); ++k) {
-            lags[k] *= {{ exp }}(-part.seconds / times[k]);
-            lags[k] += (now.output[k + 1] - before.output[k + 1]) * still[k];
-{%- if bowed %}
-            lags[k] += (real)2 * tilt[k]
-                       * (now.output[k + 1] + before.output[k + 1] - (real)2 * middle.output[k + 1]);
-{%- endif %}
-        }
-        before = now;
-        left -= part.seconds;
-        first = 0;
-    }
-    for (k = 0; k < (PLANES - 1); ++k) {
-        lags[k] *= {{ exp }}(-left / times[k]);
-        lags[k] -= {{ exp }}(-INTERVAL / times[k]) * (before.output[k + 1] - from->output[k + 1]);
-    }
-}
-{%- endif %}
 
 /* Output after an interval with an input; fills the extremum that it becomes, its place among
  * those of the past, and what each plane gives then, with what is reversible. */
@@ -356,14 +188,8 @@ static real look(const state_t *state, real u, extremum *now, int32_t *place, re
 {%- if thermal %}
     const real target = marks[at] + part * (marks[at + 1] - marks[at]);
 {%- endif %}
-{%- if thermal and planes > 1 %}
-    real lags[PLANES - 1];
-{%- endif %}
 {% if thermal %}
     x = clamped(relaxed(last->value, target, LOST), marks[0], marks[BANDS]);
-{%- endif %}
-{%- if thermal and planes > 1 %}
-    fill_lags(state, x, target, lags);
 {%- endif %}
     *now = *last;
     if (x != last->value) {
@@ -382,11 +208,6 @@ static real look(const state_t *state, real u, extremum *now, int32_t *place, re
         whole += row[0] + part * (row[1] - row[0]);
 {%- endif %}
         after[k] = state->creep[k] + gained[k] * (whole - state->creep[k]);
-{%- if thermal and planes > 1 %}
-        if (k > 0) {
-            after[k] -= lags[k - 1];
-        }
-{%- endif %}
         y += after[k];
     }
     return y;
