@@ -179,18 +179,20 @@ static real look(const state_t *state, real u, extremum *now, int32_t *place, re
 {
     const extremum *const last = &state->past[state->count];
     const real inside = clamped(u, levels[0], levels[BANDS]);
+{%- if thermal or not bowed %}
     const int32_t at = band_of(levels, inside);
     const real part = (inside - levels[at]) / (levels[at + 1] - levels[at]);
+{%- endif %}
     int32_t top = state->count;
     int32_t k;
     real x = inside;
     real y = SLOPE * u;
 {%- if thermal %}
     const real target = marks[at] + part * (marks[at + 1] - marks[at]);
-{%- endif %}
-{% if thermal %}
+
     x = clamped(relaxed(last->value, target, LOST), marks[0], marks[BANDS]);
 {%- endif %}
+
     *now = *last;
     if (x != last->value) {
         const int rising = x > last->value;
