@@ -169,19 +169,20 @@ def check_named(text):
         assert not word.startswith("-") or word in {*options, "--help"}, text
 
 
-def try_page(page, capsys):
-    """Try all blocks of a page in order, in the present folder."""
+def try_page(page, capsys, *, parsed_only=False):
+    """Try all blocks of a page in order, in the present folder; or only parse them."""
     names = {}
     for block in blocks(page):
         where = f"{name_of(page)}:{block.line}"
+        only = parsed_only or block.parsed_only
         if block.language == "python":
             code = compile("\n" * block.line + block.text, where, "exec")
-            if not block.parsed_only:
+            if not only:
                 exec(code, names)
                 capsys.readouterr()
         elif block.language == "console":
             for command, shown in commands(block.text):
-                if block.parsed_only:
+                if only:
                     check_exists(command)
                     continue
                 printed = carry_out(command, capsys)

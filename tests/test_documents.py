@@ -25,7 +25,13 @@ DEVICES |= {f"simulated_{name}" for name in ("board", "head", "pipe", "tracker")
 """Examples that need a device, or are one; the tests of drivers use them."""
 EXAMPLES = sorted(each for each in (ROOT / "examples").glob("*.py") if each.stem not in DEVICES)
 OPTIONAL = {"control", "cv2", "distributed", "fmpy", "jax", "openpyxl", "pandas", "sklearn"}
-TRIED = [page for page in PAGES if documents.blocks(page)]
+LONG = [ROOT / "docs" / f"{name}.md" for name in ("how-to/dynamics", "how-to/fit", "head/inspect")]
+"""Pages that take longest: their blocks are carried out with the whole tests, and parsed in all."""
+TRIED = [
+    pytest.param(page, marks=[pytest.mark.whole] if page in LONG else [])
+    for page in PAGES
+    if documents.blocks(page)
+]
 
 
 @pytest.mark.filterwarnings("ignore")  # what Dask and scikit-learn warn of is not ours
@@ -42,6 +48,11 @@ def test_every_code_block_does_what_the_page_says(page, tmp_path, monkeypatch, c
         if error.name not in OPTIONAL:
             raise
         pytest.skip(f"needs {error.name}, which an extra brings")
+
+
+@pytest.mark.parametrize("page", LONG, ids=name_of)
+def test_code_blocks_of_a_long_page_are_code_and_commands_that_exist(page, capsys):
+    documents.try_page(page, capsys, parsed_only=True)
 
 
 def test_a_page_that_shows_something_else_is_found(tmp_path, monkeypatch, capsys):

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 
 from minorloop.identification import excitation
 from minorloop.operators.preisach import Preisach
@@ -10,8 +11,12 @@ from minorloop_head.control.heating import identify_heating, moving_levels
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.wire import Wire
+from papers.catheter.control.laws import LAWS
 
 TICK = 0.04
+RIVALS = [pytest.param(name, marks=pytest.mark.whole) for name in LAWS if name != "observer"]
+EVERY_LAW = pytest.mark.parametrize("name", ["observer", *RIVALS])
+"""The law of the head, and with the whole tests its rivals in the paper."""
 
 
 @cache

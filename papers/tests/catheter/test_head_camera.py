@@ -99,6 +99,7 @@ def test_a_head_holds_by_its_model_while_it_sees_nothing_and_goes_on(control):
     assert step.violations == 0
 
 
+@pytest.mark.whole
 def test_pictures_that_become_mirrored_in_a_move_stop_the_head_until_they_are_right(control):
     def mirrored(tick, frame):
         bad = 95 <= tick < 160
@@ -113,6 +114,7 @@ def test_pictures_that_become_mirrored_in_a_move_stop_the_head_until_they_are_ri
     assert any("of wall in view agree" in each.reason for each in sensor.missed)
 
 
+@pytest.mark.whole
 def test_a_lens_that_was_fouled_in_a_move_is_not_lost_again_once_it_is_clean(control):
     noise = np.random.default_rng(0)
     rough = gaussian_filter(noise.standard_normal((240, 160)), 6.0)
@@ -157,6 +159,7 @@ def test_a_head_that_never_sees_again_cools(control, monkeypatch):
     assert any("the wire cools" in event.text for _, event in step.log)
 
 
+@pytest.mark.whole
 def test_a_circle_about_a_hole_is_scored_where_the_true_axis_meets_the_wall(control, monkeypatch):
     monkeypatch.setattr(head_camera, "WAIT", 6.0)
     found = run_circle(

@@ -24,13 +24,13 @@ def test_every_case_is_drawn_with_the_integral_and_without():
 
 @pytest.fixture
 def _short(monkeypatch):
-    monkeypatch.setattr(inspection_servo, "PRINTED_SECONDS", 1.2)
+    monkeypatch.setattr(inspection_servo, "PRINTED_SECONDS", 0.4)
 
 
 @pytest.mark.usefixtures("_short")
 def test_the_printed_sign_turns_the_integral_round():
     scene = Scene(1)
     printed = inspection_servo.run_printed(scene)
-    right = run_servo(scene, sensor=False, seconds=1.2)
+    right = run_servo(scene, sensor=False, seconds=0.4)
     assert printed.off.shape == right.off.shape
     assert not np.allclose(printed.off, right.off)

@@ -11,9 +11,7 @@ from minorloop_head.control.head import controller
 from minorloop_head.twins.surroundings import Surroundings
 from minorloop_head.twins.wire import Wire
 from papers.catheter.control.laws import LAWS
-from wires import angle, identified, made_up
-
-NAMES = pytest.mark.parametrize("name", LAWS)
+from wires import EVERY_LAW, angle, identified, made_up
 
 
 def driven(law, reference, seconds, *, plant=None, state=None):
@@ -27,14 +25,14 @@ def driven(law, reference, seconds, *, plant=None, state=None):
     return np.array(angles)
 
 
-@NAMES
+@EVERY_LAW
 @pytest.mark.parametrize("reference", [15.0, 45.0])
 def test_every_controller_brings_the_wire_to_the_target(name, reference):
     angles = driven(controller(LAWS[name], identified().model), reference, 40.0)
     assert abs(angles[-1] - reference) < (1.5 if name == "feedforward" else 0.3)
 
 
-@NAMES
+@EVERY_LAW
 def test_every_closed_loop_compensates_a_warmer_ambient(name):
     if name == "feedforward":
         pytest.skip("open loop reads no sensor")
@@ -43,7 +41,7 @@ def test_every_closed_loop_compensates_a_warmer_ambient(name):
     assert abs(angles[-1] - 30.0) < 0.6
 
 
-@NAMES
+@EVERY_LAW
 @given(peak=st.floats(0.09, 0.16), share=st.floats(0.6, 1.0))
 @example(peak=0.12473, share=0.98107)  # a return so short that it is nearly a rise alone
 @settings(max_examples=15)
@@ -55,7 +53,7 @@ def test_a_settled_wire_is_taken_over_with_its_current(name, peak, share):
     assert first**2 == pytest.approx(current**2, abs=0.01 * 0.16)
 
 
-@NAMES
+@EVERY_LAW
 @given(
     readings=st.lists(st.floats(-10, 80) | st.just(math.nan), min_size=1, max_size=40),
     reference=st.floats(-20, 90),
@@ -70,7 +68,7 @@ def test_no_controller_requests_more_than_its_limits(name, readings, reference):
         assert state.applied == current
 
 
-@NAMES
+@EVERY_LAW
 @given(readings=st.lists(st.floats(0, 60), min_size=1, max_size=10))
 @settings(max_examples=15)
 def test_a_step_is_pure(name, readings):
@@ -84,7 +82,7 @@ def test_a_step_is_pure(name, readings):
         state = after
 
 
-@NAMES
+@EVERY_LAW
 def test_a_lower_limit_is_kept(name):
     law = controller(LAWS[name], made_up(), highest=0.3)
     current, _ = law.step(law.begin(), 50.0, 0.0)

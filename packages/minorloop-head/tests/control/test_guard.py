@@ -16,9 +16,8 @@ from minorloop_head.control.observer import PowerObserver
 from minorloop_head.control.sensing import SensorWatch
 from minorloop_head.twins.wire import Wire
 from papers.catheter.control.laws import LAWS
-from wires import TICK, angle, identified, temperature
+from wires import EVERY_LAW, TICK, angle, identified, temperature
 
-NAMES = pytest.mark.parametrize("name", LAWS)
 readings = st.one_of(
     st.floats(-60, 140),
     st.floats(allow_nan=True, allow_infinity=True),
@@ -62,7 +61,7 @@ def held(name):
     return state, deepcopy(plant)
 
 
-@NAMES
+@EVERY_LAW
 @given(
     ticks=st.lists(st.tuples(readings, references, gaps), min_size=1, max_size=50),
     hottest=st.sampled_from([150.0, 90.0, 40.0]),
@@ -83,7 +82,7 @@ def test_the_limits_are_kept_for_any_readings_and_targets(name, ticks, hottest):
         assert len(state.log) <= MOST_EVENTS
 
 
-@NAMES
+@EVERY_LAW
 def test_a_long_heating_stops_short_of_the_limit(name):
     guard = guarded(name, limits=WireLimits(hottest=80.0))
     _, state, _ = loop(guard, 55.0, 20.0)
@@ -92,7 +91,7 @@ def test_a_long_heating_stops_short_of_the_limit(name):
         assert "hot" in causes(state)
 
 
-@NAMES
+@EVERY_LAW
 @pytest.mark.parametrize(("fault", "lasts"), [("lost", 0.2), ("stuck", 0.6)])
 def test_a_sensor_at_fault_ends_in_cooling(name, fault, lasts):
     guard, last = guarded(name), [0.0]
@@ -238,7 +237,7 @@ def test_readings_that_stay_while_the_wire_is_heated_are_no_sign_of_the_surround
     assert currents[-1] == 0.0
 
 
-@NAMES
+@EVERY_LAW
 @pytest.mark.parametrize("off", [3.0, 25.0, -25.0])
 def test_readings_that_jump_are_not_followed_and_the_loop_goes_on_when_they_agree(name, off):
     guard = guarded(name)

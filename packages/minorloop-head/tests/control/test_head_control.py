@@ -11,10 +11,9 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import Fault
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.control.laws import LAWS
-from wires import Run, identified, made_up
+from wires import EVERY_LAW, Run, identified, made_up
 
 COUPLING = np.array([[1.0, 0.055], [0.045, 1.0]])
-NAMES = pytest.mark.parametrize("name", LAWS)
 
 
 def control(name="observer", **options):
@@ -44,7 +43,7 @@ def test_a_circle_is_followed(period, most):
     assert run.unreachable == []
 
 
-@NAMES
+@EVERY_LAW
 @pytest.mark.parametrize("kind", ["stuck", "lost"])
 def test_no_fault_in_hot_surroundings_makes_a_wire_too_hot(name, kind):
     hot = Surroundings(ambient=40.0, convection=65.0)
@@ -57,7 +56,7 @@ def test_no_fault_in_hot_surroundings_makes_a_wire_too_hot(name, kind):
     assert run.state.axes[1].fault == ""
 
 
-@NAMES
+@EVERY_LAW
 def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
     if name == "feedforward":
         pytest.skip("open loop does not try harder when nothing moves")
@@ -138,7 +137,7 @@ def test_the_other_axis_compensates_a_wire_at_the_end_of_its_stroke():
     assert [axis.reference for axis in state.axes] == pytest.approx(own.tolist())
 
 
-@pytest.mark.parametrize("name", LAWS)
+@EVERY_LAW
 @pytest.mark.parametrize(
     "surroundings",
     [

@@ -215,6 +215,7 @@ def test_an_echo_that_is_not_from_a_floor_makes_no_hole(bores, dents):
     assert np.isnan(found.depth)
 
 
+@pytest.mark.whole
 def test_a_floor_too_loud_for_a_flat_one_has_no_depth():
     deep = draw_trial(205, bore=Bore(0.0, 0.0, 0.9e-3, 1.5e-3))
     probe, heard = sweep(deep)

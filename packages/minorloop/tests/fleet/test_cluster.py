@@ -14,6 +14,7 @@ from minorloop.fleet.identification import identify_fleet
 
 distributed = Later("distributed", reason="needs Dask: minorloop[fleet]")
 pytestmark = pytest.mark.filterwarnings("ignore")  # what Dask warns of is not ours
+WHOLE = pytest.mark.whole
 LOCAL = {"processes": False, "protocol": "tcp://", "dashboard_address": None}
 
 
@@ -72,7 +73,9 @@ def test_a_cluster_needs_no_shared_files_and_ends_what_hangs(cluster, tmp_path):
     assert any("specimen hang has run for" in sentence for sentence in said)
 
 
-@pytest.mark.parametrize("what", ["scheduler", "left", "silent"])
+@pytest.mark.parametrize(
+    "what", ["scheduler", *(pytest.param(what, marks=WHOLE) for what in ("left", "silent"))]
+)
 def test_results_are_kept_when_a_cluster_is_lost_and_the_rest_follows_later(
     what, cluster, tmp_path, monkeypatch
 ):
@@ -115,6 +118,7 @@ def test_results_are_kept_when_a_cluster_is_lost_and_the_rest_follows_later(
     assert sorted(seen) == ["a", "b", "wait"]
 
 
+@WHOLE
 def test_specimens_of_a_silent_worker_go_to_the_others(cluster, tmp_path):
     (tmp_path / "wait.closed").touch()
     specimens, said = write_fleet(tmp_path, ["wait", "a", "b"]), []
@@ -145,6 +149,7 @@ def test_specimens_of_a_silent_worker_go_to_the_others(cluster, tmp_path):
     assert any("its specimens go to others" in sentence for sentence in said)
 
 
+@WHOLE
 def test_a_result_that_its_worker_takes_away_is_computed_again(cluster, tmp_path, monkeypatch):
     two_workers(cluster)
     gather, lost = _cluster._gathered, []

@@ -8,11 +8,11 @@ from minorloop.lab.records import Record
 from plane_records import LEVELS, a_plane
 
 
-def slow(samples=4000, seed=0):
+def slow(samples=2000, seed=0):
     rng = np.random.default_rng(seed)
     s = np.linspace(0, 1, samples)
     u = 1.2 * (0.4 + 0.6 * np.cos(3 * s)) * np.sin(60 * s)
-    u[500:600] = u[500]  # a hold
+    u[250:300] = u[250]  # a hold
     y = a_plane().simulate(u) + 0.1 * rng.normal(size=samples)
     y[rng.uniform(size=samples) < 0.1] = np.nan
     return u, y
@@ -24,14 +24,14 @@ def slow(samples=4000, seed=0):
         {},
         {"diagonal": "reversible", "slope": True, "lag": 2},
         {"relay": "unipolar", "start": "positive", "skip": 7},
-        {"curves": np.repeat([0, 1, 2, 3], 1000), "start_of_curve": "positive"},
+        {"curves": np.repeat([0, 1, 2, 3], 500), "start_of_curve": "positive"},
     ],
 )
 def test_a_condensed_record_has_the_same_fit(options, monkeypatch):
     u, y = slow()
     whole = Options.of({"levels": LEVELS, "smoothness": 1e-5, **options}).identify(Record(u, y))
-    monkeypatch.setattr(condensing, "LONG", 1000)
-    monkeypatch.setattr(fitting, "LONG", 1000)
+    monkeypatch.setattr(condensing, "LONG", 500)
+    monkeypatch.setattr(fitting, "LONG", 500)
     short = Options.of({"levels": LEVELS, "smoothness": 1e-5, **options}).identify(Record(u, y))
     assert short.matrix.samples < 0.5 * whole.matrix.samples
     assert short.samples == whole.samples
