@@ -54,7 +54,6 @@ KINDS: Mapping[type[Any], str] = {
 }
 """The name of each class in a file, with those of other packages."""
 _FORCES: Mapping[type[Any], str] = {
-    Preisach: KINDS[Preisach],
     PrandtlIshlinskii: KINDS[PrandtlIshlinskii],
     BoucWen: "bouc-wen",
     Duhem: "duhem",

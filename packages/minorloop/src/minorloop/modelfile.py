@@ -35,9 +35,8 @@ The other keys of ``model`` depend on its kind. They are the parameters of its c
 ``after-effect``                    plane (the keys of ``preisach`` without a kind), field,
                                     settling, times, creep of `AfterEffect`
 ``oscillator``                      mass, damping, stiffness, operator of `Oscillator`:
-                                    ``preisach``, ``prandtl-ishlinskii``, or ``bouc-wen`` with
-                                    alpha, gamma, delta, exponent, or ``duhem`` with levels,
-                                    rising, falling
+                                    ``prandtl-ishlinskii``, ``bouc-wen`` with alpha, gamma,
+                                    delta, exponent, or ``duhem`` with levels, rising, falling
 ==================================  ==========================================================
 
 Other packages add kinds by the entry points ``minorloop.models``: the name is the kind, and the

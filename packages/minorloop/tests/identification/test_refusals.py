@@ -77,7 +77,6 @@ FORCE = 50 * np.sin(2 * np.pi * np.arange(2048) * 16 / 512) + 20 * np.sin(np.ara
 PERIODIC = np.tile(FORCE[:512], 4)
 SWINGS = 1e-4 * PERIODIC + 1e-3 * np.roll(PERIODIC, 3)
 PLANT = Oscillator(2.0, 10.0, 5e4, BoucWen(5e4, 800.0, 900.0))
-RELAYS = Oscillator(2.0, 10.0, 5e4, Preisach([-1e-3, 0, 1e-3], np.tri(2)))
 UNSTABLE = Oscillator(2.0, -1e5, 5e4, BoucWen(5e4, 800.0, 900.0))
 
 
@@ -205,7 +204,6 @@ REFUSED = [
     (SignalError, "20 samples count for 7 parameters", lambda: moved(rows=20)),
     (ParameterError, "'weight'; give names out of mass", lambda: moved(fixed=["weight"])),
     (ParameterError, "without rough parameters", lambda: moved("unknown", fixed=["mass"])),
-    (ParameterError, "whose weights are not fitted", lambda: moved(RELAYS, period=512)),
     (ParameterError, "rough is 'best'", lambda: moved("best")),
     (SignalError, "even tied to the record", lambda: moved(UNSTABLE, period=512)),
 ]

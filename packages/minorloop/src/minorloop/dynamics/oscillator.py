@@ -24,7 +24,6 @@ from minorloop.dynamics.sampling import (
 from minorloop.errors import ParameterError, SignalError
 from minorloop.operators.differential import Differential
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
 
 _MOST_TURNS = 50
 """Periods after which a response counts as settled anyway."""
@@ -55,8 +54,8 @@ class Oscillator:
     stiffness: FloatArray
     """In N/m; or, of shape (n,), the coefficients of y, y^2, ... in the restoring force."""
     operator: Any
-    """Hysteretic force in N as a function of the displacement in m, demagnetised at rest: a
-    `BoucWen`, `Duhem`, `PrandtlIshlinskii` or `Preisach`."""
+    """Hysteretic force in N as a function of the displacement in m, relaxed at rest: a `BoucWen`,
+    `Duhem` or `PrandtlIshlinskii`."""
 
     def __post_init__(self) -> None:
         for name in ("mass", "damping"):
@@ -70,10 +69,10 @@ class Oscillator:
                 "y, y^2, ..."
             )
         object.__setattr__(self, "stiffness", spring)
-        if not isinstance(self.operator, Differential | PrandtlIshlinskii | Preisach):
+        if not isinstance(self.operator, Differential | PrandtlIshlinskii):
             raise ParameterError(
-                f"operator is a {type(self.operator).__name__}; give a BoucWen, Duhem, "
-                "PrandtlIshlinskii or Preisach"
+                f"operator is a {type(self.operator).__name__}; give a BoucWen, Duhem or "
+                "PrandtlIshlinskii"
             )
 
     def simulate(
@@ -89,7 +88,7 @@ class Oscillator:
         """Return the displacements (T,) in m for forces (T,) in N at even times (T,) in seconds.
 
         For operators of differential type the method is that of Runge and Kutta, with a step that
-        ends at every corner of the law, for others that of Newmark.
+        ends at every corner of the law, for plays that of Newmark.
 
         Parameters
         ----------
@@ -155,19 +154,16 @@ class Motion:
         The oscillator.
     gradient : bool
         Whether derivatives with respect to the parameters are wanted: mass, damping, springs, and
-        those of the operator. There are none for Preisach operators.
+        those of the operator.
     """
 
     def __init__(self, model: Oscillator, *, gradient: bool = False) -> None:
         self.model, operator = model, model.operator
         self._differential = isinstance(operator, Differential)
-        self._plays = isinstance(operator, PrandtlIshlinskii)
-        count = 0
-        if self._differential or self._plays:
-            count = (operator.weights if self._plays else operator.law[1]).size
-        parameters = 2 + model.stiffness.size + count if gradient else 0
+        law = operator.law[1] if self._differential else operator.weights
+        parameters = 2 + model.stiffness.size + law.size if gradient else 0
         self.state, self.slopes = np.zeros(3), np.zeros((3, parameters))
-        self._law: Any = None
+        self._plays: Any = None
 
     def run(self, force: FloatArray, step: float, y_out: FloatArray, gradient: FloatArray) -> bool:
         """Continue with a force (K, 3), and return whether the displacements are finite.
@@ -186,32 +182,17 @@ class Motion:
         model, state = self.model, (self.state, self.slopes, y_out, gradient)
         if self._differential:
             return bool(_oscillator_kernels.respond(force, step, model.plant, *state))
-        if self._law is None:
+        if self._plays is None:
             self._begin(float(force[0, 0]))
-        if not self._plays:
-            self._make_room(len(force))
         plant = model.mass, model.damping, model.stiffness
-        return bool(_newmark_kernels.march(force, step, *plant, self._law, *state))
+        return bool(_newmark_kernels.march(force, step, *plant, self._plays, *state))
 
     def _begin(self, force: float) -> None:
-        """Set the memory and the acceleration at rest, and its derivative to the mass."""
+        """Set the positions and the acceleration at rest, and its derivative to the mass."""
         operator = self.model.operator
-        if self._plays:
-            n, z = operator.radii.size, operator.offset
-            memory = np.zeros(n), np.zeros((n, self.slopes.shape[1]))
-            self._law = _newmark_kernels.PlayLaw(operator.radii, operator.weights, z, *memory)
-        else:
-            z = operator.step("demagnetised", 0.0)[0]
-            stack, rows = operator.stack("demagnetised", 0)
-            count = np.array([rows], dtype=np.int64)
-            self._law = _newmark_kernels.PlaneLaw(operator.tables, stack, count, stack, np.zeros(2))
-        self.state[2] = (force - z) / self.model.mass
+        n = operator.radii.size
+        memory = np.zeros(n), np.zeros((n, self.slopes.shape[1]))
+        self._plays = (operator.radii, operator.weights, operator.offset, *memory)
+        self.state[2] = (force - operator.offset) / self.model.mass
         if self.slopes.size:
             self.slopes[2, 0] = -self.state[2] / self.model.mass
-
-    def _make_room(self, steps: int) -> None:
-        """Give the memory of a Preisach operator room for a reversal in every step."""
-        rows = int(self._law.rows[0])
-        stack = np.empty((rows + steps + 2, 4))
-        stack[:rows] = self._law.stack[:rows]
-        self._law = self._law._replace(stack=stack, scratch=np.empty_like(stack))

@@ -18,11 +18,11 @@ from minorloop.dynamics.sampling import Interpolation, Stage, checked_stages, ev
 from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.identification.curves import Curves
 from minorloop.identification.fit import Say, silent
-from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import mean_period
 from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLevels
 from minorloop.identification.prior import Prior
 from minorloop.identification.simulation_error import (
+    Minimum,
     OscillatorRecord,
     fit,
     fit_tied,
@@ -32,7 +32,6 @@ from minorloop.identification.simulation_error import (
 )
 from minorloop.lab.records import Record
 from minorloop.operators.differential import BoucWen, Duhem
-from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
 
 _LEVELS = (2, 4, 6, 8, 12, 16, 24, 32)
@@ -168,11 +167,6 @@ def _from_start(
     record: OscillatorRecord, start: Oscillator, fixed: Sequence[str]
 ) -> OscillatorIdentification:
     """Fit the parameters of a known law."""
-    if isinstance(start.operator, Preisach):
-        raise ParameterError(
-            "the operator of start is a Preisach, whose weights are not fitted to a motion; give "
-            "PrandtlIshlinskii, BoucWen or Duhem, or leave start out"
-        )
     names = parameter_names(start)
     unknown = next((name for name in fixed if name not in names), None)
     if unknown is not None:

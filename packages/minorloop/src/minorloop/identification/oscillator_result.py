@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.oscillator import Oscillator
-from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import larger_beginning
 from minorloop.identification.output_error import correlation_time
 from minorloop.identification.result import Fit, Rule, ScoreRow, of_range
 from minorloop.identification.simulation_error import (
+    Minimum,
     OscillatorRecord,
     parameter_names,
     parameters_of,

@@ -25,7 +25,6 @@ from minorloop.dynamics.sampling import (
     refined,
 )
 from minorloop.errors import ParameterError
-from minorloop.identification.levenberg_marquardt import Minimum, minimise
 from minorloop.operators.differential import BoucWen, Differential, Duhem
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 
@@ -49,6 +48,23 @@ _TIED_SUBSTEPS = 2
 """Steps in an interval then; they are as accurate as that minimum needs to be."""
 _STEPS = 60
 """Most steps of the last fit; four to ten are usual."""
+_GAIN, _SMALLEST_STEP = 1e-6, 1e-12
+"""Relative decrease of the sum of squares, and relative step, at which it ends: parameters are then
+within a thousandth of their standard deviations for a thousand samples and more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """How a search ended."""
+
+    residuals: FloatArray
+    """Shape (N,). Simulated less measured displacements."""
+    jacobian: FloatArray
+    """Shape (N, P). Their derivatives with respect to the free parameters."""
+    steps: int
+    """Simulations."""
+    converged: bool
+    """Whether no further decrease is seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,9 +265,11 @@ def fit(
     tie: tuple[float, float] | None = None,
     *,
     steps: int = _STEPS,
-    gain: float = 1e-6,
+    gain: float = _GAIN,
 ) -> tuple[Oscillator, Minimum] | None:
     """Return the model with the least simulation error near a start; None if that is unstable.
+
+    Steps to where the model is unstable, or a parameter out of its range, are refused.
 
     Parameters
     ----------
@@ -259,9 +277,13 @@ def fit(
         As of `fit_tied`.
     tie : (float, float), optional
         As for `OscillatorRecord.residuals`.
-    steps, gain
-        As for `minimise`.
+    steps : int
+        Most simulations.
+    gain : float
+        Relative decrease of the sum of squares below which the search ends.
     """
+    from scipy.optimize import least_squares
+
     all_of_them = parameters_of(start)
 
     def model_of(some: FloatArray) -> Oscillator:
@@ -269,13 +291,38 @@ def fit(
         parameters[free] = some
         return with_parameters(start, parameters)
 
-    def errors(some: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def simulated(some: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         try:
-            model = model_of(some)
+            return record.residuals(model_of(some), tie)
         except ParameterError:  # out of its range
             return None
-        found = record.residuals(model, tie)
-        return None if found is None else (found[0], found[1][:, free])
 
-    found = minimise(errors, all_of_them[free], steps=steps, gain=gain)
-    return None if found is None else (model_of(found.parameters), found)
+    begin = all_of_them[free]
+    last = simulated(begin)
+    if last is None:
+        return None
+    slopes, nowhere = last[1], np.full(last[0].size, np.inf)
+    known = [begin.copy()]
+
+    def errors(some: FloatArray) -> FloatArray:
+        nonlocal last, slopes
+        if not np.array_equal(some, known[0]):
+            known[0], last = some.copy(), simulated(some)
+            slopes = slopes if last is None else last[1]
+        return nowhere if last is None else last[0]
+
+    def jacobian(_: FloatArray) -> FloatArray:  # where the last simulation was
+        return slopes[:, free]
+
+    found = least_squares(
+        errors,
+        begin,
+        jac=jacobian,
+        x_scale="jac",
+        ftol=gain,
+        xtol=_SMALLEST_STEP,
+        gtol=None,  # its unit is that of the displacement
+        max_nfev=steps,
+    )
+    minimum = Minimum(found.fun, np.asarray(found.jac), found.nfev, found.status > 0)
+    return model_of(found.x), minimum
