@@ -63,7 +63,7 @@ def _used() -> Any:
             "simulate": "simulate m.json run.csv --input voltage",
             "positive": "simulate m.json run.csv --input voltage --start positive",
             "c": "export c m.json --out c",
-            "float32": "export c m.json --out c32 --float32 --memory 16 --no-inverse",
+            "float32": "export c:float32=yes,memory=16,inverse=no m.json --out c32",
             "board": "head board m.json --out board",
         }
     )
@@ -81,8 +81,8 @@ def _bench() -> Any:
             "decaying": f"plan decaying {plan} --levels 6 --save plan.csv",
             "reversal": f"plan reversal {plan} --levels 6",
             "staircase": f"plan staircase {plan} --levels 6",
-            "sines": "plan sines --frequencies 0.2,1 --amplitudes 0.7,1 --preamble -1.2 --hold 5 "
-            "--samples 40 --input 'voltage [V]' --save sines.csv",
+            "sines": "plan sines:frequencies=0.2,1,amplitudes=0.7,1,preamble=-1.2,samples=40 "
+            "--hold 5 --input 'voltage [V]' --save sines.csv",
             "run": f"run {twin} --plan plan.csv --store runs.sqlite",
             "resume": "resume --store runs.sqlite",
             "show": "runs show --store runs.sqlite",

@@ -57,7 +57,7 @@ import stat
 import warnings as _warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -82,7 +82,7 @@ from minorloop._modelschema import (
     reason,
 )
 from minorloop.arrays import as_finite
-from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.cascade import Cascade, First
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ModelFileError, NotInvertibleError, ParameterError
@@ -137,6 +137,16 @@ class ModelFile:
     """Why the model is not to be trusted; empty if there are no warnings."""
     lag_seconds: float = 0.0
     """The lag in seconds; 0 if it is known in samples only."""
+
+    def with_linear(self, path: PathLike, first: First = "operator") -> ModelFile:
+        """Return the model in a cascade with the linear part of a file, as of `read_linear`.
+
+        ``first`` is which comes first. Raises a `ParameterError` if the model has dynamics already.
+        """
+        if isinstance(self.model, Cascade):
+            raise ParameterError("the model has dynamics of its own; leave the linear part out")
+        operator: Any = self.operator
+        return replace(self, model=Cascade(operator, read_linear(path), first))
 
     def check_units(self, names: Sequence[str], of: str, hints: Sequence[str] = ("", "")) -> None:
         """Refuse names of an input and an output in other units than those of the model.

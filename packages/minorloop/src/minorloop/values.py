@@ -50,18 +50,24 @@ def parsed(text: str, kind: str = "") -> TextValue:
     return TextValue(kind, options.pop(""), options)
 
 
-def called(make: Callable[..., T], where: str, options: Mapping[str, str], **others: Any) -> T:
-    """Return what a function or a class makes of texts by the names of its parameters.
+def called(make: Callable[..., T], where: str, options: Mapping[str, Any], **others: Any) -> T:
+    """Return what a function or a class makes of texts, or values, by the names of its parameters.
 
-    Raises a `ParameterError` if it has no parameter of a name; ``where`` is what has the keys.
+    Raises a `ParameterError` if it has no parameter of a name, or needs one that is not given;
+    ``where`` is what has the keys.
     """
     parameters = inspect.signature(make).parameters
     known = [name for name in parameters if name not in others]
     for name in options:
         if name not in known:
             raise ParameterError(f"{where} has no {name!r}; it has {', '.join(known)}")
+    for name in known:
+        if parameters[name].default is inspect.Parameter.empty and name not in options:
+            raise ParameterError(f"{where} needs {name}; give {name}=VALUE")
     values = {
-        name: text if _is_text(parameters[name].annotation) else plain(text)
+        name: plain(text)
+        if isinstance(text, str) and not _is_text(parameters[name].annotation)
+        else text
         for name, text in options.items()
     }
     return make(**values, **others)

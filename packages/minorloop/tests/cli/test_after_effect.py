@@ -73,7 +73,7 @@ def test_holds_that_are_too_short_to_settle_still_reach_their_targets(creeping, 
 def test_c_is_stepped_at_the_given_interval(creeping, run, refused, tmp_path):
     line = "export c creep.json --out firmware"
     assert "give the seconds between samples" in refused(line)
-    status, _, _ = run(f"{line} --interval 0.5 --memory 16")
+    status, _, _ = run(f"{line.replace(' c ', ' c:memory=16 ')} --interval 0.5")
     assert status == 0
     assert "interval of 0.5 s" in (tmp_path / "firmware" / "minorloop.h").read_text()
 

@@ -99,8 +99,8 @@ def test_c_carries_the_dynamics_at_an_interval(cascade, run, refused, tmp_path):
     assert status == 0
     assert "not in the C" not in out
     assert "a linear part of order 2 after it" in (tmp_path / "c" / "minorloop.h").read_text()
-    assert "has dynamics of its own; leave --linear out" in refused(
-        "export c dynamic.json --out d --interval 0.01 --linear dynamic.json"
+    assert "has dynamics of its own; leave the linear part out" in refused(
+        "export c:linear=dynamic.json dynamic.json --out d --interval 0.01"
     )
 
 

@@ -8,8 +8,12 @@ from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 LINE = "export c model.json --out firmware"
 
 
+def line(options):
+    return LINE.replace("export c", f"export c:{options}")
+
+
 def test_c_is_written_and_described(run, tmp_path):
-    status, out, err = run(f"{LINE} --float32 --memory 16")
+    status, out, err = run(line("float32=yes,memory=16"))
     assert (status, err) == (0, "")
     assert "./selftest" in out
     assert "length [um] against voltage [V]" in out
@@ -34,7 +38,7 @@ def test_header_and_source_say_why_the_model_is_not_to_be_trusted(run, model, tm
 
 
 def test_figures_as_json(answer):
-    found = answer(f"{LINE} --name wing")
+    found = answer(line("name=wing"))
     assert found["files"] == ["wing.h", "wing.c", "wing_selftest.c"]
     assert found["memory"] == 32
     assert found["table_bytes"] > 0
@@ -47,7 +51,7 @@ def test_a_linear_part_is_read_from_a_file(run, tmp_path):
     (tmp_path / "lag.json").write_text(
         json.dumps({"numerator": [0.2], "denominator": [1, -0.8], "interval": 0.01, "delay": 0.02})
     )
-    assert run(f"{LINE} --linear lag.json --first linear")[0] == 0
+    assert run(line("linear=lag.json,first=linear"))[0] == 0
     text = (tmp_path / "firmware" / "minorloop.h").read_text()
     assert "a linear part of order 1 before it" in text
 
@@ -63,27 +67,27 @@ def test_a_linear_part_is_read_from_a_file(run, tmp_path):
 )
 def test_refuses_unusable_linear_parts(refused, tmp_path, content, message):
     (tmp_path / "lag.json").write_text(content)
-    assert message in refused(f"{LINE} --linear lag.json")
+    assert message in refused(line("linear=lag.json"))
     assert not (tmp_path / "firmware").exists()
 
 
 @pytest.mark.parametrize(
-    ("line", "message"),
+    ("command", "message"),
     [
         ("export rust model.json --out x", "no export 'rust'; give one of c, fmu"),
-        (f"{LINE} --largest -5", "largest is -5 bytes"),
-        (f"{LINE} --largest 100", "needs 1955 bytes, 595 of tables"),
-        (f"{LINE} --linear nothing.json", "there is no file"),
+        (line("largest=-5"), "largest is -5 bytes"),
+        (line("largest=100"), "needs 1955 bytes, 595 of tables"),
+        (line("linear=nothing.json"), "there is no file"),
         (f"{LINE} --interval 3", "an interval does nothing"),
-        (f"{LINE} --first linear", "--first does nothing without --linear"),
-        ("export fmu model.json --out a.fmu --float32", "--float32 is not for fmu"),
-        ("export c plays.json --out a --memory 8", "--memory does nothing for a PrandtlIsh"),
+        (line("first=linear"), "first does nothing without linear"),
+        ("export fmu:float32=yes model.json --out a.fmu", "export fmu has no 'float32'"),
+        ("export c:memory=8 plays.json --out a", "memory does nothing for a PrandtlIsh"),
     ],
 )
-def test_refusals(refused, line, message):
+def test_refusals(refused, command, message):
     plays = PrandtlIshlinskii([0.0, 0.5], [1.0, 1.0])
     modelfile.save(plays, "plays.json", input="voltage [V]", output="length [um]")
-    assert message in refused(line)
+    assert message in refused(command)
 
 
 def test_force_replaces_files(run, refused, tmp_path):

@@ -14,13 +14,13 @@ from minorloop.lab.run import run as carry_out
 from minorloop.lab.store import Setup, Store
 from minorloop.operators.preisach import Preisach
 
-PLAN = "plan sines --frequencies 0.2,1 --amplitudes 0.7,1 --preamble -1.2 --hold 5 --samples 40"
+PLAN = "plan sines:samples=40,frequencies=0.2,1,amplitudes=0.7,1,preamble=-1.2"
 RUN = "run --actuator twin:ipmc,specimen=1001 --plan sines.csv --store s.sqlite"
 
 
 @pytest.fixture(autouse=True)
 def _planned(_somewhere, run):
-    assert run(f'{PLAN} --input "voltage [V]" --save sines.csv')[0] == 0
+    assert run(f'{PLAN} --hold 5 --input "voltage [V]" --save sines.csv')[0] == 0
     model = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
     modelfile.save(model, "strip.json", input="voltage [V]", output="curvature [1/m]")
 
@@ -36,9 +36,8 @@ def store(run):
 
 
 def test_from_a_plan_to_gain_and_phase(store, run, answer):
-    status, out, _ = run(
-        f"frequency {store} --model strip.json --save bode.csv --samples log.csv --report b.html"
-    )
+    status, out, _ = run(f"frequency {store} --model strip.json --save bode.csv --report b.html")
+    assert "808 samples written" in run(f"runs export --store {store} --save log.csv")[1]
     assert status == 0
     assert "gains differ by" in out
     with open("bode.csv", newline="") as file:
@@ -70,7 +69,7 @@ def test_resume_knows_a_finished_run_of_sines(store, run, answer):
 
 
 def test_a_plan_is_printed_as_json(answer):
-    found = answer(f"{PLAN} --tick 0.03 --offset 0.1 --settling 20 --cycles 3")
+    found = answer(f"{PLAN},tick=0.03,offset=0.1,settling=20,measured=3 --hold 5")
     assert [sine["measured"] for sine in found["sines"]] == [3] * 4
     assert found["sines"][3]["discarded"] == 20
     assert found["sines"][0]["offset"] == 0.1
@@ -113,17 +112,20 @@ def test_a_simulated_bench_measures_sines(run, refused, monkeypatch):
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        (f"{PLAN} --cycles 2.5", "measured periods are 2.5; give a whole number"),
-        (f"{PLAN} --samples 8", "samples per period are 8"),
-        (f"{PLAN} --tick 0.1", "a tick of 0.1 s is too slow for 1 Hz"),
+        (f"{PLAN},measured=2.5", "measured periods are 2.5; give a whole number"),
+        (PLAN.replace("=40", "=8"), "samples per period are 8"),
+        (f"{PLAN},tick=0.1", "a tick of 0.1 s is too slow for 1 Hz"),
         (f"{PLAN} --low -1", "--low is not for a plan of sines"),
-        (PLAN.replace("0.7,1", "0.7;1"), "--amplitudes is '0.7;1'; give numbers separated"),
-        (PLAN.replace("--preamble -1.2", ""), "--preamble is missing"),
+        (
+            PLAN.replace("0.7,1", "0.7;1"),
+            "amplitudes is '0.7;1'; give F1,F2,..., numbers separated",
+        ),
+        (PLAN.replace(",preamble=-1.2", ""), "plan sines needs preamble"),
+        (f"{PLAN},cycles=3", "plan sines has no 'cycles'; it has frequencies"),
         (f"{RUN} --holds tolerance=1", "tolerance is for plans of holds"),
         ("frequency none.csv", "none.csv does not exist"),
-        ("frequency good.csv --input voltage", "--output is missing"),
+        ("frequency good.csv --input voltage", "output (--output) is missing"),
         ("frequency good.csv --input voltage --output length", "good.csv has no column 'freq"),
-        ("frequency good.csv --samples s.csv", "--samples is for an experiment store"),
     ],
 )
 def test_bad_input_is_one_sentence(line, says, refused):
@@ -131,14 +133,14 @@ def test_bad_input_is_one_sentence(line, says, refused):
 
 
 def test_an_amplitude_beyond_the_limits_leaves_no_store(run, refused):
-    run(f'{PLAN.replace("0.7,1", "1.5")} --input "voltage [V]" --save sines.csv --force')
+    run(f'{PLAN.replace("0.7,1", "1.5")} --hold 5 --input "voltage [V]" --save sines.csv --force')
     assert "sine 1 (0.2 Hz): voltage -1.5 V is beyond the limits" in refused(RUN)
     assert not Path("s.sqlite").exists()
 
 
 def test_a_store_of_sines_is_used_for_sines_only(store, refused, run):
     assert "evaluate it with minorloop frequency" in refused(f"identify {store}")
-    assert "leave --input, --output and --time out" in refused(f"frequency {store} --input u")
+    assert "leave input, output and time out" in refused(f"frequency {store} --input u")
     modelfile.save(Preisach([0, 1], [[1.0]]), "amps.json", input="current [A]", output="y")
     assert "identify a model in V" in refused(f"frequency {store} --model amps.json")
 
@@ -171,7 +173,8 @@ def test_held_inputs_stay_held_in_the_log_of_a_store(answer):
     setup = Setup("", "voltage [V]", "curvature [1/m]")
     with Store.create("held.sqlite", plan, setup) as store:
         carry_out(strip, plan, store)
-    found = answer("frequency held.sqlite --samples log.csv --model strip.json")
+    found = answer("frequency held.sqlite --model strip.json")
+    answer("runs export --store held.sqlite --save log.csv")
     with open("log.csv", newline="") as file:
         header, *rows = csv.reader(file)
     assert header[-1] == "input held"

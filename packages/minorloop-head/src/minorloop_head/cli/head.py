@@ -242,6 +242,7 @@ def drive(
     """
     import numpy as np
 
+    from minorloop.lab.conversion import read_column
     from minorloop_head.cli._camera_angles import seen_head
     from minorloop_head.cli._head_drive import (
         UnfinishedDrive,
@@ -257,7 +258,7 @@ def drive(
         raise ParameterError(f"--pan and --tilt are both {pan!r}; name a column for each")
     _common.check_outputs([save], inputs=[file, head], force=force)
     known = read_head(head)
-    columns = [_common.read_column(file, name, "deg", "a head is driven") for name in (pan, tilt)]
+    columns = [read_column(file, name, "deg", "a head is driven") for name in (pan, tilt)]
     opened: Any = partial(_common.connected, actuator, noise=noise)
     seen = _seen(actuator, camera, noise)
     control = known.control(by_camera=seen)

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
@@ -413,7 +414,7 @@ def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], Non
         read_headers(file)  # a refused file does not wait for the imports
     from minorloop.identification import read
 
-    found = {name: _named(columns.get(name)) for name in ("time", "sd")}
+    found = {name: named(columns.get(name)) for name in ("time", "sd")}
     return read(file, **{**columns, **found}, progress=_reading(file, now))
 
 
@@ -423,11 +424,12 @@ def read_log(
     """Return a log; its column of time, found by its name or unit if not given, must be usable."""
     from minorloop.lab.logs import read_log
 
-    columns: dict[str, Any] = {"input": input, "output": output, "time": _named(time), "sd": None}
+    columns: dict[str, Any] = {"input": input, "output": output, "time": named(time), "sd": None}
     return read_log(file, **columns, strict=True, progress=_reading(file, now))
 
 
-def _named(column: str | None) -> str | None:
+def named(column: str | None) -> str | None:
+    """Return a column, "auto" if it is not given, or None for ``none``."""
     from minorloop.lab.logs import AUTO
 
     return AUTO if column is None else None if column == NONE else column
@@ -435,29 +437,6 @@ def _named(column: str | None) -> str | None:
 
 def _reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
     return lambda share: now(f"reading {file.name}: {share}")
-
-
-def read_column(file: Path, column: str, unit: str = "", of: str = "the model") -> FloatArray:
-    """Return one column of a CSV file, without gaps, in the unit that is needed.
-
-    Raises a `RecordError` if its header has a unit that differs by more than a prefix. An empty
-    unit is not compared; ``of`` is what has it, for the message.
-    """
-    from minorloop.lab.columns import opened
-    from minorloop.lab.conversion import unit_factor
-    from minorloop.lab.headers import split_header
-
-    with opened(file) as table:
-        header = table.find(column)
-        found = split_header(header)[1]
-        factor = unit_factor(found, unit) if found and unit else 1.0
-        if factor is None:
-            raise RecordError(
-                f"column '{header}' of {file} is in {found} and {of} in {unit}; "
-                f"give the column in {unit}"
-            )
-        values: FloatArray = table.read([column])[column]
-    return values if factor == 1 else factor * values
 
 
 def times_of(known: File, file: Path, column: str) -> tuple[dict[str, FloatArray], TimeCheck]:
@@ -552,7 +531,7 @@ def write_report(draw: Callable[[], Drawn], path: Path, *, force: bool) -> None:
         raise OutputError(f"{path} was not written, the report cannot be drawn: {error}") from error
 
 
-def do_all(steps: Iterable[Callable[[], None]]) -> None:
+def do_all(steps: Iterable[Callable[[], object]]) -> None:
     """Do every step, even if an earlier one fails; then raise the first error.
 
     After a long computation, one result that cannot be written must not prevent the others.
@@ -565,6 +544,48 @@ def do_all(steps: Iterable[Callable[[], None]]) -> None:
             errors.append(error)
     if errors:
         raise errors[0]
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file that a verb writes, if its name is given."""
+
+    path: Path | None
+    write: Callable[[Path], object]
+    said: str = "written to {}"
+    """What is printed, with ``{}`` for the name."""
+
+
+def table(path: Path | None, columns: Mapping[str, Any], force: bool, said: str = "") -> Written:
+    """Return the file of columns of equal length under their headers."""
+    return Written(path, partial(write_csv, columns=columns, force=force), said or "written to {}")
+
+
+def drawn(path: Path | None, draw: Callable[[], Drawn], force: bool) -> Written:
+    """Return the file of a report."""
+
+    def write(path: Path) -> None:
+        with working("drawing the report"):
+            write_report(draw, path, force=force)
+
+    return Written(path, write, "report written to {}; open it in a browser")
+
+
+def finish(
+    as_json: bool,
+    content: Callable[[], Mapping[str, Any]],
+    show: Callable[[], object],
+    *files: Written,
+) -> None:
+    """Write files, then print the content as JSON or show it: the reader of the output may end."""
+
+    def write(file: Written, path: Path) -> None:
+        file.write(path)
+        if not as_json:
+            typer.echo(file.said.format(path))
+
+    steps = [partial(write, one, one.path) for one in files if one.path is not None]
+    do_all([*steps, (lambda: print_json(content())) if as_json else show])
 
 
 def check_outputs(

@@ -47,16 +47,6 @@ def refuse_others(context: typer.Context, taken: Sequence[str], options: str) ->
 
 
 @dataclass(frozen=True)
-class Written:
-    """A file that a verb writes, if its name is given."""
-
-    path: Path | None
-    write: Callable[[Path], None]
-    said: str
-    """What is printed, with ``{}`` for the name."""
-
-
-@dataclass(frozen=True)
 class Outputs:
     """What is written and printed of a fit or a score."""
 
@@ -66,20 +56,15 @@ class Outputs:
     as_json: bool
     verbose: bool
 
-    def drawn(self, draw: Callable[[], Report]) -> Written:
+    def drawn(self, draw: Callable[[], Report]) -> _common.Written:
         """Return the file of a report."""
-
-        def write(path: Path) -> None:
-            with _common.working("drawing the report"):
-                _common.write_report(draw, path, force=self.force)
-
-        return Written(self.report, write, "report written to {}; open it in a browser")
+        return _common.drawn(self.report, draw, self.force)
 
     def finish(
         self,
         found: Scored,
         title: str,
-        files: Sequence[Written],
+        files: Sequence[_common.Written],
         figures: Mapping[str, Any],
         notes: Sequence[str] = (),
     ) -> None:
@@ -111,7 +96,7 @@ class Outputs:
         if count:
             raise typer.Exit(DISTRUSTED)
 
-    def _write(self, file: Written, path: Path) -> None:
+    def _write(self, file: _common.Written, path: Path) -> None:
         file.write(path)
         if not self.as_json:
             typer.echo(file.said.format(path))

@@ -65,12 +65,13 @@ def run(
     If a target ends further off than the model lets expect, the exit status is 1.
     """
     from minorloop import modelfile
+    from minorloop.lab.conversion import read_column
     from minorloop.measurement import Apparatus, Approach, drive_to
 
     approach = Approach(corrections, within, absolute, hold, every, tolerance, saturation)
     _common.check_outputs([report], inputs=[model, file, store], force=force)
     known = modelfile.read(model)
-    targets = _common.read_column(file, target, known.output.unit)
+    targets = read_column(file, target, known.output.unit)
     apparatus = Apparatus(actuator, conversion=convert)
     found = drive_to(known, targets, apparatus, store, approach, **_measured.SHOWN)
     _measured.show(found, as_json, report, force)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,60 +10,33 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError
+from minorloop.values import called, parsed
 
 if TYPE_CHECKING:
     from minorloop.export.c99 import CSource
     from minorloop.modelfile import ModelFile
 
 NAME = "export"
-EXAMPLE = "minorloop export c model.json --out firmware --float32 --memory 32"
-_FOR_C = "Options of export c"
+EXAMPLE = "minorloop export c:float32=yes,memory=32 model.json --out firmware"
 
 
 def run(
     target: Annotated[
         str,
-        typer.Argument(help="What to write: c, or fmu (FMI 2.0).", show_default=False),
+        typer.Argument(
+            show_default=False,
+            help="c, or fmu (FMI 2.0); with options as c:KEY=VALUE,... Of both: name (prefix of "
+            "every name, minorloop), memory (extrema of the input that are remembered, 32; at "
+            "least 6), linear (JSON file of a linear part: numerator, denominator, in descending "
+            "powers of z, interval and delay, in seconds) and first (operator or linear). Of c: "
+            "float32=yes (single precision), inverse=no, largest (most bytes of tables and one "
+            "state), firmware=yes (a sketch of it).",
+        ),
     ],
     model: _common.ModelFile,
     out: Annotated[
         Path, typer.Option(help="The folder for C, or the .fmu file.", show_default=False)
     ],
-    name: Annotated[
-        str, typer.Option(help="Name of the files, and prefix of every name in the C.")
-    ] = "minorloop",
-    float32: Annotated[
-        bool, typer.Option("--float32", help="Compute in single precision.", rich_help_panel=_FOR_C)
-    ] = False,
-    memory: Annotated[
-        int | None,
-        _common.whole_option(
-            "Extrema of the input that the C can remember, at least 6; 32 if not given."
-        ),
-    ] = None,
-    largest: Annotated[
-        int | None,
-        _common.whole_option("Most bytes of tables and one state.", panel=_FOR_C),
-    ] = None,
-    no_inverse: Annotated[
-        bool,
-        typer.Option("--no-inverse", help="Omit the inverse.", rich_help_panel=_FOR_C),
-    ] = False,
-    linear: Annotated[
-        Path | None,
-        typer.Option(
-            help="JSON file of a sampled linear part: numerator, denominator (in descending "
-            "powers of z), interval and delay (in seconds)."
-        ),
-    ] = None,
-    first: Annotated[
-        str | None,
-        typer.Option(help="Which comes first, with --linear: operator or linear."),
-    ] = None,
-    firmware: Annotated[
-        bool,
-        typer.Option("--firmware", help="Add a sketch of firmware.", rich_help_panel=_FOR_C),
-    ] = False,
     interval: Annotated[
         float | None,
         _common.seconds_option(
@@ -75,57 +48,54 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Write a model as C99, without allocation or libraries, or as an FMU."""
-    _common.check_word("export", target, ("c", "fmu"))
-    if first is not None and linear is None:
-        raise ParameterError("--first does nothing without --linear; leave it out")
+    value = parsed(target)
+    options: dict[str, Any] = dict(value.options)
+    _common.check_word("export", value.kind, ("c", "fmu"))
     from minorloop import modelfile
     from minorloop.operators.preisach import Preisach
 
     known = modelfile.read(model)
     _common.print_warnings(known.warnings)
     operator = known.operator  # refuses what has none
-    if memory is not None and not isinstance(operator, Preisach):
+    if "memory" in options and not isinstance(operator, Preisach):
         raise ParameterError(
-            f"--memory does nothing for a {type(operator).__name__}, whose memory has a "
-            "fixed size; leave it out"
+            f"memory does nothing for a {type(operator).__name__}, whose memory has a fixed size; "
+            "leave it out"
         )
+    linear, first = options.pop("linear", None), options.pop("first", "")
     if linear is not None:
-        known = _with_linear(known, model, linear, first or "operator")
-    options: dict[str, Any] = {"name": name, "interval": interval, "force": force}
-    options |= {} if memory is None else {"memory": memory}
-    for_c = {
-        "float32": float32,
-        "largest": largest,
-        "firmware": firmware,
-        "inverse": not no_inverse,
-    }
-    if target == "c":
-        from minorloop.export.c99 import export_c
+        known = known.with_linear(linear, first or "operator")
+    elif first:
+        raise ParameterError("first does nothing without linear; leave it out")
+    if value.kind == "c":
+        from minorloop.export.c99 import source
 
         with _common.working("writing C"):
-            code = export_c(known, out, **{**options, **for_c})
-        _show(code, out, known, as_json)
+            code = called(source, "export c", options, model=known, interval=interval)
+            code.write(out, force=force)
+        _common.finish(as_json, partial(_figures, code, out), partial(_show, code, out, known))
         return
     from minorloop.export.fmu import export_fmu
 
-    given = {"float32": float32, "largest": largest, "firmware": firmware, "no-inverse": no_inverse}
-    _common.refuse_given({each: value or None for each, value in given.items()}, "is not for fmu")
     _common.check_outputs([out], inputs=[model], force=force)
+    others: dict[str, Any] = {"model": known, "path": out, "interval": interval, "force": force}
+    named = {"input": known.input, "output": known.output}
     with _common.working("compiling the unit"):
-        unit = export_fmu(known, out, **options)
-    if as_json:
-        _common.print_json({"file": str(out), "bytes": out.stat().st_size, "platforms": unit})
-        return
-    typer.echo(f"co-simulation unit for {', '.join(unit)} written to {out}")
-    _say_what_is_missing(known, "unit")
+        unit = called(export_fmu, "export fmu", options, **others, **named)
+    content = {"file": str(out), "bytes": out.stat().st_size, "platforms": unit}
+    said = f"co-simulation unit for {', '.join(unit)} written to {out}"
+    _common.finish(as_json, lambda: content, lambda: typer.echo(said))
+    if not as_json:
+        _say_what_is_missing(known, "unit")
 
 
-def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
+def _figures(code: CSource, out: Path) -> dict[str, Any]:
     names = ("table_bytes", "state_bytes", "memory", "drop_error", "input_error")
     figures = {name: getattr(code, name) for name in names}
-    if as_json:
-        _common.print_json({"folder": str(out), "files": list(code.files), **figures})
-        return
+    return {"folder": str(out), "files": list(code.files), **figures}
+
+
+def _show(code: CSource, out: Path, known: ModelFile) -> None:
     rows = [
         ("files", ", ".join(code.files)),
         ("constant tables", f"{code.table_bytes} bytes"),
@@ -160,14 +130,3 @@ def _say_what_is_missing(known: ModelFile, what: str) -> None:
         )
     if isinstance(known.model, Cascade) and known.model.creep is not None:
         typer.echo(f"the output creeps after the model; this creep is not in the {what}")
-
-
-def _with_linear(known: ModelFile, path: Path, file: Path, first: Any) -> ModelFile:
-    """Return a model with the linear part of a file."""
-    from minorloop.dynamics.cascade import Cascade
-    from minorloop.modelfile import read_linear
-
-    operator: Any = known.operator
-    if isinstance(known.model, Cascade):
-        raise ParameterError(f"{path} has dynamics of its own; leave --linear out")
-    return replace(known, model=Cascade(operator, read_linear(file), first))

@@ -12,7 +12,6 @@ from minorloop.cli._identification import (
     OF_RECORD,
     PRINTED,
     Outputs,
-    Written,
     identify,
     refuse_others,
     rough_oscillator,
@@ -253,7 +252,7 @@ def _finish(outputs: Outputs, done: tuple[Any, Any, float]) -> None:
     found, provenance, seconds = done
     save = partial(found.save, provenance=provenance, force=outputs.force)
     draw = partial(found.report, str(provenance.data))
-    files = Written(outputs.save, save, "model written to {}"), outputs.drawn(draw)
+    files = _common.Written(outputs.save, save, "model written to {}"), outputs.drawn(draw)
     outputs.finish(found, found.headline, files, {"seconds": seconds})
     outputs.judge(found)
 
@@ -273,7 +272,9 @@ def _from_loop(
     _common.check_outputs([outputs.save], force=outputs.force)
     with _common.working("drawing ridges with this loop"):
         found = from_loop(hc, br, bmax, field)
-    options = {"input": names[0], "output": names[1], "force": outputs.force}
-    save = Written(outputs.save, partial(modelfile.save, found, **options), "model written to {}")  # type: ignore[arg-type]
+    options: dict[str, Any] = {"input": names[0], "output": names[1], "force": outputs.force}
+    save = _common.Written(
+        outputs.save, partial(modelfile.save, found, **options), "model written to {}"
+    )
     title = f"{names[1]} against {names[0]}: Preisach, {found.model.bands} bands"
     outputs.finish(found, title, [save], {})

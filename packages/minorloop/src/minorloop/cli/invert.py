@@ -49,6 +49,7 @@ def run(
     """
     _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
+    from minorloop.lab.conversion import read_column
 
     if hold is not None and time is not None:
         raise ParameterError(
@@ -57,7 +58,7 @@ def run(
         )
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
-        targets = _common.read_column(file, target, known.output.unit)
+        targets = read_column(file, target, known.output.unit)
         times, check = ({}, None) if time is None else _common.times_of(known, file, time)
         now(f"inverting {targets.size} targets")
         result: Any

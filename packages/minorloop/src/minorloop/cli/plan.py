@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -12,12 +14,12 @@ from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError, counted
 from minorloop.files import check_name
 from minorloop.lab.durations import as_duration
+from minorloop.values import called, numbers, parsed
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from minorloop.arrays import FloatArray
     from minorloop.identification.excitation import ExcitationReport
+    from minorloop.lab.plan import Plan
 
 NAME = "plan"
 EXAMPLE = (
@@ -30,7 +32,6 @@ _PATTERNS = {
     "staircase": "staircase",
 }
 _SINES = "sines"
-_OF_SINES = ("frequencies", "amplitudes", "preamble", "offset", "settling", "cycles", "samples")
 _SHOWN = 24
 """Most inputs that are printed."""
 _RANKED = 60
@@ -43,8 +44,13 @@ def run(
         str,
         typer.Argument(
             show_default=False,
-            help="decaying or reversal (determine the plane), staircase (one loop), or sines "
-            "(frequency response).",
+            help="decaying or reversal (determine the plane), staircase (one loop), or "
+            "sines:KEY=VALUE,... (frequency response) with frequencies=F1,F2,... in Hz, "
+            "amplitudes=A1,A2,..., each at every frequency, preamble (input that saturates the "
+            "actuator before each sine), offset (mean of the input, 0), settling (seconds before "
+            "periods are measured, five of the slowest time constants; three periods at least), "
+            "measured (periods, 2), samples (of a period, 240) and tick (of the bench in seconds: "
+            "frequencies are rounded to whole ticks).",
             autocompletion=one_of([*_PATTERNS, _SINES]),
         ),
     ],
@@ -66,120 +72,52 @@ def run(
     input: Annotated[
         str, typer.Option(help="Header of the column of the input: its name and unit.")
     ] = "input",
-    frequencies: Annotated[
-        str | None, typer.Option(metavar="F1,F2,...", help="Sines: frequencies in Hz.")
-    ] = None,
-    amplitudes: Annotated[
-        str | None,
-        typer.Option(metavar="A1,A2,...", help="Sines: amplitudes, each at every frequency."),
-    ] = None,
-    preamble: Annotated[
-        float | None,
-        _common.number_option("Sines: input that saturates the actuator before each sine."),
-    ] = None,
-    offset: Annotated[
-        float | None, _common.number_option("Sines: mean of the input, 0 if not given.")
-    ] = None,
-    settling: Annotated[
-        float | None,
-        _common.number_option(
-            "Sines: seconds before periods are measured, five of the slowest time constants; three "
-            "periods at least."
-        ),
-    ] = None,
-    cycles: Annotated[
-        float | None, _common.number_option("Sines: measured periods, 2 if not given.")
-    ] = None,
-    samples: Annotated[
-        float | None, _common.number_option("Sines: samples of a period, 240 if not given.")
-    ] = None,
-    tick: Annotated[
-        float | None,
-        _common.seconds_option(
-            "Sines: tick of the bench in seconds; frequencies are rounded to whole ticks."
-        ),
-    ] = None,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
     """Plan the measurement that identifies an actuator."""
-    given = locals()
+    value = parsed(pattern)
     _common.check_outputs([save], force=force)
-    if pattern not in (*_PATTERNS, _SINES):
-        known = ", ".join((*_PATTERNS, _SINES))
-        raise ParameterError(f"there is no plan {pattern!r}; give one of {known}")
-    _check_options(pattern, given)
-    if pattern == _SINES:
-        _plan_sines(given, input, save, force, as_json)
+    _common.check_word("plan", value.kind, (*_PATTERNS, _SINES))
+    check_name("--input", input)
+    if value.kind == _SINES:
+        given = {"low": low, "high": high, "levels": levels}
+        _common.refuse_given(given, "is not for a plan of sines")
+        plan = _sines(value.options, hold, input)
+        known = {"input": str(plan.input), "sines": [asdict(sine) for sine in plan.sines]}
+        content: dict[str, Any] = {**known, "hours": plan.duration / 3600}
+        file = _common.Written(save, partial(plan.to_csv, force=force))
+        _common.finish(as_json, lambda: content, partial(_print_sines, plan), file)
         return
     if low is None or high is None:
         raise ParameterError(f"Missing option '--{'low' if low is None else 'high'}'")
-    check_name("--input", input)
     if input == _HOLD:
         raise ParameterError(f"--input is {_HOLD!r}, the header of hold times; give another name")
-    inputs, report = _planned(pattern, low, high, 10 if levels is None else levels)
-    if save is not None:
-        _common.write_csv(save, {input: inputs, _HOLD: [hold] * inputs.size}, force=force)
-    if as_json:
-        _common.print_json(_figures(inputs, hold, report))
-        return
-    _print(inputs, hold, report)
-    if save is not None:
-        typer.echo(f"written to {save}")
+    inputs, report = _planned(value.kind, low, high, 10 if levels is None else levels)
+    file = _common.table(save, {input: inputs, _HOLD: [hold] * inputs.size}, force)
+    figures, show = partial(_figures, inputs, hold, report), partial(_print, inputs, hold, report)
+    _common.finish(as_json, figures, show, file)
 
 
-def _check_options(pattern: str, given: dict[str, Any]) -> None:
-    """Refuse options of another kind of plan, and sines without what they need."""
-    others = ("low", "high", "levels") if pattern == _SINES else (*_OF_SINES, "tick")
-    _common.refuse_given({name: given[name] for name in others}, f"is not for a plan of {pattern}")
-    for name in ("frequencies", "amplitudes", "preamble") if pattern == _SINES else ():
-        if given[name] is None:
-            raise ParameterError(f"--{name} is missing; a plan of sines needs it")
-
-
-def _plan_sines(
-    given: dict[str, Any], input: str, save: Path | None, force: bool, as_json: bool
-) -> None:
-    """Write and print a plan of sines."""
+def _sines(options: Mapping[str, str], hold: float, input: str) -> Plan:
+    """Return the plan of sines that options describe."""
     from minorloop.lab.plan import Plan
     from minorloop.lab.sines import grid
 
-    check_name("--input", input)
-    names = {"offset": "offset", "settling": "settling", "cycles": "measured"}
-    names |= {"samples": "samples", "tick": "tick"}
-    options: dict[str, Any] = {
-        theirs: given[mine] for mine, theirs in names.items() if given[mine] is not None
+    each = {
+        name: numbers(options[name], range(1, 1001), name, "F1,F2,...")
+        for name in ("frequencies", "amplitudes")
+        if name in options
     }
-    sines = grid(
-        _numbers("frequencies", given["frequencies"]),
-        _numbers("amplitudes", given["amplitudes"]),
-        preamble=given["preamble"],
-        hold=given["hold"],
-        **options,
-    )
-    plan = Plan.of_sines(sines, input)
-    if save is not None:
-        plan.to_csv(save, force=force)
-    if as_json:
-        known = {"input": str(plan.input), "sines": [asdict(sine) for sine in sines]}
-        _common.print_json({**known, "hours": plan.duration / 3600})
-        return
+    return Plan.of_sines(called(grid, "plan sines", {**options, **each}, hold=hold), input)
+
+
+def _print_sines(plan: Plan) -> None:
     typer.echo(f"{counted(len(plan), 'sine')}, {as_duration(plan.duration)} in all")
-    kinds = dict.fromkeys((s.frequency, s.discarded, s.measured, s.samples) for s in sines)
+    kinds = dict.fromkeys((s.frequency, s.discarded, s.measured, s.samples) for s in plan.sines)
     rows = [[f"{row[0]:.6g}", *map(str, row[1:])] for row in kinds]
     _common.print_table(("frequency [Hz]", "discarded", "measured periods", "samples"), rows)
-    if save is not None:
-        typer.echo(f"written to {save}")
-
-
-def _numbers(name: str, text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise ParameterError(
-            f"--{name} is {text!r}; give numbers separated by commas, such as 0.1,1"
-        ) from None
 
 
 def _planned(

@@ -34,7 +34,7 @@ def run(
         typer.Argument(
             show_default=False,
             help="list (one line for each store), show (its points), or export (one row for each "
-            "point).",
+            "point, or sample of a sine).",
             autocompletion=one_of(_ACTIONS),
         ),
     ],
@@ -193,19 +193,26 @@ def _print(store: Store) -> None:
         typer.echo(f"{session.began}: {session.mode}, from point {session.first} on; {end}")
 
 
-def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:
+def _export(store: Path, save: Path | None, force: bool, as_json: bool) -> None:
+    from minorloop.lab.run import measured_sines
+    from minorloop.lab.sines import sines_as_log
     from minorloop.lab.store import Store
 
-    _common.check_outputs([save], inputs=[file], force=force)
-    with Store.open(file) as opened:
-        columns, running = opened.columns(), opened.running
-    rows = len(columns["index"])
-    if save is not None:
-        _common.write_csv(save, columns, force=force)
-    if as_json:
-        _common.print_json({"rows": rows, "columns": columns})
-    elif save is not None:
-        more = "; the run goes on" if running else ""
-        typer.echo(f"{rows} settled points written to {save}{more}")
-    else:
-        typer.echo(table_text(columns, zip(*columns.values(), strict=True)), nl=False)
+    _common.check_outputs([save], inputs=[store], force=force)
+    with Store.open(store) as opened:
+        running, names = opened.running, (opened.setup.input, opened.setup.output)
+        sines = opened.plan.sines
+        columns: dict[str, Any] = (
+            sines_as_log(measured_sines(opened), *names) if sines else opened.columns()
+        )
+    rows = len(next(iter(columns.values())))
+    more = "; the run goes on" if running else ""
+    said = f"{rows} {'samples' if sines else 'settled points'} written to {{}}{more}"
+
+    def show() -> None:
+        if save is None:
+            typer.echo(table_text(columns, zip(*columns.values(), strict=True)), nl=False)
+
+    content = {"rows": rows, "columns": columns}
+    file = _common.table(save, columns, force, said)
+    _common.finish(as_json, lambda: content, show, file)

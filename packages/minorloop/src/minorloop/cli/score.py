@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._identification import Outputs, Written
+from minorloop.cli._identification import Outputs
 
 NAME = "score"
 EXAMPLE = "minorloop score model.json other.csv --report score.html"
@@ -66,7 +66,7 @@ def run(
         found = scoring.score(known, log, between=between)  # type: ignore[arg-type]
     outputs = Outputs(save, report, force, as_json, verbose)
     files = (
-        Written(save, partial(_write, found, log.time, force), "residuals written to {}"),
+        _common.Written(save, partial(_write, found, log.time, force), "residuals written to {}"),
         outputs.drawn(partial(found.report, model.name, file.name)),
     )
     _common.print_warnings(known.warnings)

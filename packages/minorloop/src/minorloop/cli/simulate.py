@@ -93,6 +93,7 @@ def _inputs(
     from numpy import full, nan
 
     from minorloop.lab.columns import read_labels
+    from minorloop.lab.conversion import read_column
     from minorloop.lab.gaps import with_lost_rows
     from minorloop.lab.logs import read_times
     from minorloop.lab.records import Origin, Record
@@ -101,7 +102,7 @@ def _inputs(
         raise ParameterError(
             f"the model has dynamics and needs times; name the column of {file} with --time"
         )
-    u = _common.read_column(file, input, known.input.unit)
+    u = read_column(file, input, known.input.unit)
     labels = None if curves is None else read_labels(file, curves)
     nothing, names = full(u.size, nan), (known.input, known.output)
     if time is None:

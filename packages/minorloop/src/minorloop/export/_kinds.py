@@ -28,7 +28,7 @@ _MOST_LAG = 100_000
 """Intervals of dead time, each of which takes a number in a state."""
 _LEAST = {True: 2e-7, False: 4e-16}
 """Width of a bracket, over the input, at which a search ends: neighbouring floats and doubles."""
-_WITHOUT = "export it without (inverse=False, --no-inverse)"
+_WITHOUT = "export it without (inverse=False, export c:inverse=no)"
 
 
 def parts_of(

@@ -8,29 +8,42 @@ Shahinpoor 2005, section V).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray, as_pair, as_samples, as_times
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import ParameterError, RecordError, SignalError
+from minorloop.files import PathLike
 from minorloop.identification.frequency import (
     FrequencyResponse,
     SinePeriods,
+    decibels,
+    degrees,
     fundamental_of_sine,
     response_of,
 )
+from minorloop.lab.columns import read_headers
+from minorloop.lab.conversion import read_column
+from minorloop.lab.logs import AUTO, read_log
+from minorloop.lab.records import Quantity
+from minorloop.lab.run import measured_sines
+from minorloop.lab.sines import HELD, SLOW, MeasuredSine
+from minorloop.lab.store import Store, is_store
+from minorloop.modelfile import ModelFile
 from minorloop.operators.operator import Operator
-
-if TYPE_CHECKING:
-    from minorloop.lab.sines import MeasuredSine
+from minorloop.report import Report
 
 __all__ = [
+    "FileResponse",
     "SinePeriods",
     "at_every_amplitude",
     "logged_periods",
     "measured_periods",
+    "response_of_file",
     "sine_response",
 ]
 
@@ -269,3 +282,141 @@ def unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
                 f"from {levels[0]:g} to {levels[-1]:g}; memory of before is not wiped out"
             )
             return
+
+
+@dataclass(frozen=True, eq=False)
+class FileResponse:
+    """Gain and phase of the sines in a file, before and after a model."""
+
+    response: FrequencyResponse
+    """The gains."""
+    names: tuple[str, str]
+    """Name and unit of input and output."""
+    notes: tuple[str, ...]
+    """What was left out, and what is wrong with the sines, one sentence each."""
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the columns of a table by header, one row for each frequency and amplitude."""
+        found = self.response
+        count = found.amplitudes.size
+        columns: dict[str, Any] = {
+            "frequency [Hz]": np.repeat(found.frequencies, count),
+            str(Quantity("amplitude", Quantity.parse(self.names[0]).unit)): np.tile(
+                found.amplitudes, found.frequencies.size
+            ),
+            "gain [dB]": decibels(found.plant).T,
+            "phase [deg]": degrees(found.plant).T,
+            "distortion": found.distortion.T,
+        }
+        if found.after is not None:
+            columns["gain after operator [dB]"] = decibels(found.after).T
+            columns["phase after operator [deg]"] = degrees(found.after).T
+        return {header: np.ravel(values).tolist() for header, values in columns.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return gains, phases, their spreads and advice by name."""
+        found, after = self.response, self.response.after
+        several = found.amplitudes.size > 1 and after is not None
+        gains = found.gain_spread() if several else None
+        phases = found.phase_spread() if several else (None, None)
+        return {
+            "input": self.names[0],
+            "output": self.names[1],
+            "frequencies_hz": found.frequencies,
+            "amplitudes": found.amplitudes,
+            "offset": found.bias,
+            "gain_db": decibels(found.plant),
+            "phase_deg": degrees(found.plant),
+            "after_gain_db": None if after is None else decibels(after),
+            "after_phase_deg": None if after is None else degrees(after),
+            "distortion": found.distortion,
+            "unsettled": found.unsettled,
+            "gain_spread_before_db": gains and gains.before,
+            "gain_spread_after_db": gains and gains.after,
+            "phase_spread_before_deg": phases[0],
+            "phase_spread_after_deg": phases[1],
+            "advice": [*self.notes, *found.advice],
+        }
+
+    def report(self, source: str) -> Report:
+        """Return a report as of `FrequencyResponse.report`."""
+        return self.response.report(source, self.names, [*self.notes, *self.response.advice])
+
+
+def response_of_file(
+    path: PathLike,
+    model: ModelFile | None = None,
+    *,
+    input: str | None = None,
+    output: str | None = None,
+    time: str | None = AUTO,
+    frequency: str = "frequency",
+    periods: int = 2,
+    progress: Callable[[str], None] | None = None,
+) -> FileResponse:
+    """Return gain and phase of the sines in an experiment store or a log.
+
+    Parameters
+    ----------
+    path : str or path
+        The store; or a table with columns of time, input, output and frequency, and optionally
+        ``input held``, 1 where the input was held since the row before.
+    model : ModelFile, optional
+        Model of the hysteresis, as `minorloop.modelfile.read` returns it.
+    input, output, time : str
+        Columns of a table, as of `minorloop.read`; none for a store.
+    frequency : str
+        Column of the frequency in Hz, 0 in rows that are no sine.
+    periods : int
+        Periods of a table that are evaluated at the end of each sine.
+    progress : callable, optional
+        Called with the share that has been read, as text.
+
+    Raises
+    ------
+    RecordError
+        If the file or a column cannot be used.
+    ParameterError
+        If columns are missing, or belong to no store, or units differ.
+    SignalError
+        As of `sine_response`.
+    """
+    operator: Any = None if model is None else model.operator
+    measured: list[MeasuredSine] = []
+    if is_store(path):
+        if (input, output) != (None, None) or time not in (AUTO, None):
+            raise ParameterError(
+                f"{path} is an experiment store, which has one input and one output; leave "
+                "input, output and time out"
+            )
+        with Store.open(path) as store:
+            measured = measured_sines(store)
+            names = store.setup.input, store.setup.output
+        sines = [measured_periods(one, operator) for one in measured]
+    else:
+        if not os.path.exists(path):
+            raise RecordError(f"{path} does not exist; give an experiment store or a CSV file")
+        if input is None or output is None:
+            missing = "input (--input)" if input is None else "output (--output)"
+            raise ParameterError(f"{missing} is missing; name a column of {path}")
+        record = read_log(
+            path, input=input, output=output, time=time, sd=None, strict=True, progress=progress
+        )
+        hertz = read_column(path, frequency, "Hz", "frequencies are")
+        held = read_column(path, HELD) if HELD in read_headers(path) else None
+        if not record.timed:
+            raise ParameterError(f"{path} has no column of time; name it with time= (--time)")
+        log = record.t, record.u, record.y, hertz
+        sines = logged_periods(*log, operator, periods=periods, held=held)
+        names = str(record.input), str(record.output)
+    if model is not None:
+        model.check_units(names, "the sines")
+    response, notes = sine_response(sines)
+    notes += unsaturated(operator, [one.sine.preamble for one in measured])
+    slowest = max((one.slow for one in measured), default=1.0)
+    if slowest > SLOW:
+        notes.append(
+            f"the bench took up to {slowest - 1:.1%} longer than planned, so frequencies are lower "
+            "by this; give it a slower tick"
+        )
+    return FileResponse(response, names, tuple(notes))

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, frozen
-from minorloop.errors import ParameterError, counted
+from minorloop.errors import ParameterError, RecordError, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import opened
 from minorloop.lab.curvature import curvature_from_displacement, curvature_uncertainty
@@ -34,6 +34,7 @@ __all__ = [
     "from_json",
     "from_text",
     "linear",
+    "read_column",
     "unit_factor",
 ]
 
@@ -364,3 +365,22 @@ def from_text(text: str, reading: Quantity) -> Conversion:
     if kind == "table":
         return called(CalibrationTable.from_csv, where, options, path=what)
     raise ParameterError(f"{where} is of no known kind; give laser, linear, polynomial or table")
+
+
+def read_column(path: PathLike, column: str, unit: str = "", of: str = "the model") -> FloatArray:
+    """Return one column of a table, without gaps, in the unit that is needed.
+
+    Raises a `RecordError` if its header has a unit that differs by more than a prefix. An empty
+    unit is not compared; ``of`` is what has it, for the message.
+    """
+    with opened(path) as table:
+        header = table.find(column)
+        found = split_header(header)[1]
+        factor = unit_factor(found, unit) if found and unit else 1.0
+        if factor is None:
+            raise RecordError(
+                f"column '{header}' of {path} is in {found} and {of} in {unit}; "
+                f"give the column in {unit}"
+            )
+        values: FloatArray = table.read([column])[column]
+    return values if factor == 1 else factor * values

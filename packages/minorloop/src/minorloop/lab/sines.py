@@ -9,7 +9,7 @@ read at the end.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Protocol, runtime_checkable
 
@@ -34,8 +34,11 @@ __all__ = [
     "grid",
     "read_sines",
     "sine_columns",
+    "sines_as_log",
 ]
 
+HELD = "input held"
+"""Column that is 1 where the input of a row was held since the row before; 0 where it is linear."""
 FEWEST_SAMPLES = 20
 """Least samples of a period: the correction for held inputs is then below 10 degrees."""
 FEWEST_PERIODS = 3
@@ -147,14 +150,14 @@ class Sine:
         if exact < 1 - _WHOLE:
             raise ParameterError(
                 f"a tick of {tick:g} s is too slow for {self.samples} samples in a period of "
-                f"{1 / self.frequency:g} s; plan the sines with --tick {tick:g}, or a lower "
+                f"{1 / self.frequency:g} s; plan the sines with tick={tick:g}, or a lower "
                 "frequency"
             )
         if abs(exact - round(exact)) > _WHOLE * exact:
             raise ParameterError(
                 f"a period of {self.frequency:g} Hz with {self.samples} samples is "
                 f"{exact * self.samples:.6g} ticks of {tick:g} s, and a sample must take a whole "
-                f"number of ticks; plan the sines with --tick {tick:g}"
+                f"number of ticks; plan the sines with tick={tick:g}"
             )
         return round(exact)
 
@@ -184,7 +187,9 @@ def grid(
     hold: float,
     settling: float = 0.0,
     tick: float | None = None,
-    **options: Any,
+    offset: float = 0.0,
+    measured: int = 2,
+    samples: int = 240,
 ) -> tuple[Sine, ...]:
     """Return every frequency at every amplitude.
 
@@ -205,15 +210,13 @@ def grid(
     tick : float, optional
         How long an exchange of the actuator takes, in seconds. Frequencies are rounded so that
         each sample takes a whole number of ticks.
-    **options
-        ``offset`` (0), ``measured`` (2) and ``samples`` (240) of each `Sine`; with ``tick`` as many
-        samples as are possible.
+    offset, measured, samples
+        Of each `Sine`; with ``tick`` as many samples as are possible.
     """
     if as_finite("settling", settling) < 0:
         raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
     if tick is not None and as_finite("tick", tick) <= 0:
         raise ParameterError(f"tick is {tick:g} s; give a positive time")
-    known = {"offset": 0.0, "measured": 2, "samples": 240, **options}
     found = []
     for frequency in _all_positive("frequencies", frequencies):
         discarded = max(FEWEST_PERIODS, int(np.ceil(min(settling * frequency, MAX_SAMPLES))))
@@ -224,7 +227,9 @@ def grid(
                 preamble=float(preamble),
                 hold=hold,
                 discarded=discarded,
-                **known,
+                offset=offset,
+                measured=measured,
+                samples=samples,
             )
             found.append(sine if tick is None else sine.on_ticks(tick))
     return tuple(found)
@@ -288,6 +293,27 @@ class MeasuredSine:
     def before(self) -> FloatArray:
         """The inputs before the sine, which bring the actuator to a known memory."""
         return np.array([self.sine.preamble, self.sine.offset])
+
+
+def sines_as_log(
+    measured: Sequence[MeasuredSine], input: str, output: str
+) -> dict[str, FloatArray]:
+    """Return the samples of all sines as columns of a log; rows before a sine have frequency 0.
+
+    ``input`` and ``output`` are their names and units.
+    """
+    rows, end = [], 0.0
+    for one in measured:
+        sine = one.sine
+        begin = end + 2 * sine.hold
+        t = begin + sine.interval * np.arange(1, sine.count + 1)
+        before = np.array([end + sine.hold / 2, begin])
+        held = float(one.held)
+        rows.append((before, np.zeros(2), one.before, np.full(2, np.nan), np.full(2, held)))
+        rows.append((t, np.full(t.size, sine.frequency), one.u, one.y, np.full(t.size, held)))
+        end = float(t[-1])
+    headers = ("time [s]", "frequency [Hz]", input, output, HELD)
+    return dict(zip(headers, map(np.concatenate, zip(*rows, strict=True)), strict=True))
 
 
 def apply_sine(
