@@ -78,7 +78,7 @@ def test_few_inputs_at_random_to_an_output_that_saturates_seldom_look_clipped():
         u = np.r_[0, 1, rng.uniform(size=50)]
         y = plant(u)
         found += "clipped" in kinds(u, np.tanh(4 * y / np.ptp(y)) + 0.003 * rng.normal(size=u.size))
-    assert found <= 6
+    assert found <= 4
 
 
 @pytest.mark.parametrize("shape", ["sine", "levels"])

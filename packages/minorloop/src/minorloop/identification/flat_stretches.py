@@ -39,10 +39,9 @@ _HELD = 0.5
 """Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
 _NOISY, _RISES = 1.35, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
-_BELOW, _DENSER, _MORE = 0.06, 2.0, 1.5
-"""Least width of the two bands below a rail, in spans; readings in the upper band over those in the
-lower one up to which the output does not saturate by itself: 1 where it rises straight, 2.2 and
-more where it saturates exponentially; and readings at the rail over those in the lower band."""
+_BELOW, _MORE, _LIKELY = 0.16, 0.5, -0.5
+"""Least width of the band below a rail, in spans; least readings at the rail over those in it; and
+logarithm of how likely these are where an output is clipped over how likely where it saturates."""
 _LAST_STEP, _LEAST_STEP = 0.2, 0.03
 """Last step of a coarse record to a rail, over the step before, and in spans."""
 
@@ -247,15 +246,16 @@ def _rise(u: FloatArray, y: FloatArray) -> float:
 
 
 def _sudden(depth: FloatArray, weights: FloatArray, width: float, span: float) -> bool:
-    """Whether many readings are at a rail, and just below it no more than further below.
+    """Whether many readings are at a rail, and those below it are not denser towards it.
 
-    Where an output saturates by itself, they become denser.
+    Where an output is clipped they are as dense everywhere, where it saturates exponentially by
+    itself their density is in inverse proportion to their depth.
     """
-    band = max(_BELOW * span, 2 * width)
-    edges = np.array([0.0, width, width + band, width + 2 * band])
-    above = [float(weights[depth <= edge].sum()) for edge in edges[1:]]
-    at, below, further = above[0], above[1] - above[0], above[2] - above[1]
-    return at >= _MORE * max(further, 1.0) and below <= _DENSER * (further + 0.5)
+    band = max(_BELOW * span, 4 * width)
+    below = (depth > width) & (depth <= width + band)
+    ratios = np.log(depth[below] * np.log1p(band / width) / band)
+    many = weights[depth <= width].sum() >= _MORE * weights[below].sum()
+    return bool(many and weights[below] @ ratios >= _LIKELY)
 
 
 def _abrupt(u: FloatArray, depth: FloatArray, width: float, span: float) -> bool:
