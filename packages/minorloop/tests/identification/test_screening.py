@@ -4,6 +4,7 @@ import pytest
 from fault_records import INPUTS, kinds, record
 from fixed_options import Plane, identify
 from minorloop.errors import SignalError
+from minorloop.identification import excitation
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 
@@ -23,6 +24,13 @@ def test_an_outlier_is_named_with_its_sample(shape, ranges):
     assert (finding.kind, finding.samples) == ("outlier", (37,))
     assert f"sample 37 ({y[37]:.6g})" in finding.text
     assert "empty these cells" in finding.text
+
+
+def test_a_reading_beside_a_jump_is_no_outlier():
+    u = excitation.reversal_curves(np.sqrt(np.linspace(0, 1, 13)))
+    begin = np.where(np.diff(u, prepend=-1) > 0, 0.6, 0.4)  # as a heated wire
+    y = np.clip(20 * (u - begin), 0, 1) + 1e-3 * np.random.default_rng(1).normal(size=u.size)
+    assert "outlier" not in kinds(u, y)
 
 
 @pytest.mark.parametrize("code", [9.9e37, -9.9e37, 9.91e37, 3.4e38, -9999.0, 999.99, 32767.0])

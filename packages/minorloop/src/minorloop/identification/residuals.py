@@ -7,7 +7,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.offset_steps import MOST_ROWS, find_drift, find_offset_step
-from minorloop.identification.rough_model import one_of_each
+from minorloop.identification.rough_model import beyond_neighbours, one_of_each, spread
 from minorloop.lab.noise import noise_of
 from minorloop.threads import one_thread
 
@@ -25,9 +25,8 @@ _DRIFT, _SURE = 0.4, 4.0
 deviations it is."""
 _BESIDE = 4
 """Samples of the thinned record on either side, between which the row of a step is looked for."""
-_OUTLIER, _LEAST_OUTLIER, _OVERSHOOT = 10.0, 0.02, 0.5
-"""Error of an outlier over the usual one, and in ranges; share of it by which the reading is
-outside those before and after it."""
+_OUTLIER, _LEAST_OUTLIER = 10.0, 0.02
+"""Error of an outlier over the usual one, and in ranges."""
 _LARGE_RECORD = 200
 """Residuals below which outliers are left to the bands of the fit."""
 _OF_GROUPS = 0.5
@@ -236,21 +235,9 @@ def _autocorrelation(error: FloatArray, rows: IntArray) -> float:
 
 def _outliers(error: FloatArray, y: FloatArray) -> BoolArray:
     """Return which readings of a long record are far from the model, and their neighbours not."""
-    found = np.zeros(error.size, dtype=np.bool_)
     if error.size < _LARGE_RECORD:
-        return found
-    usual = float(np.median(np.abs(error - np.median(error)))) / 0.6745
-    alone = _above_neighbours(error)
-    found[1:-1] = (alone > max(_OUTLIER * usual, _LEAST_OUTLIER)) & (
-        _above_neighbours(y) > _OVERSHOOT * alone
-    )
-    return found
-
-
-def _above_neighbours(values: FloatArray) -> FloatArray:
-    """(T - 2,) distance from the nearer of both neighbours, where both are on the same side."""
-    before, after = values[1:-1] - values[:-2], values[1:-1] - values[2:]
-    return np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+        return np.zeros(error.size, dtype=np.bool_)
+    return beyond_neighbours(error, y, max(_OUTLIER * spread(error), _LEAST_OUTLIER))
 
 
 def _step_or_drift(

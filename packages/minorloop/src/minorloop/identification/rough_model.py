@@ -20,6 +20,8 @@ _ROUNDS = 12
 _MOST = 800
 """Samples that the rough model is fitted to at most; more hardly change its few unknowns."""
 _RIDGE = 1e-7
+_OVERSHOOT = 0.5
+"""Share of the error of an outlier by which the reading is beyond those before and after it."""
 _TO_SD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
@@ -27,6 +29,24 @@ _TO_SD = 1.4826
 def spread(values: FloatArray) -> float:
     """Robust standard deviation: 1.4826 times the median absolute deviation."""
     return _TO_SD * float(np.median(np.abs(values - np.median(values))))
+
+
+def beyond_neighbours(error: FloatArray, y: FloatArray, limit: float) -> BoolArray:
+    """Return which readings (N,) are off by more than a limit while both neighbours are not.
+
+    The reading itself is beyond both by at least half of that, unlike one beside a jump of the
+    output that its model smears; the first and the last have one neighbour only.
+    """
+    found = np.zeros(error.size, dtype=np.bool_)
+    alone = _above_neighbours(error)
+    found[1:-1] = (alone > limit) & (_above_neighbours(y) > _OVERSHOOT * alone)
+    return found
+
+
+def _above_neighbours(values: FloatArray) -> FloatArray:
+    """(N - 2,) distance from the nearer of both neighbours, where both are on the same side."""
+    before, after = values[1:-1] - values[:-2], values[1:-1] - values[2:]
+    return np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
 
 
 @dataclass(frozen=True)

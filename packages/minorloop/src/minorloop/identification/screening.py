@@ -8,7 +8,12 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.curves import Curves
 from minorloop.identification.flat_stretches import clipped, stuck
 from minorloop.identification.late_output import LONGEST_LAG, lagging
-from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
+from minorloop.identification.rough_model import (
+    RecordFault,
+    RoughRecord,
+    beyond_neighbours,
+    spread,
+)
 from minorloop.threads import one_thread
 
 _FEWEST = 12
@@ -67,15 +72,10 @@ def _faults(
 def _off_rough_model(record: RoughRecord) -> IntArray:
     """Readings with an error against the rough model that their neighbours do not have."""
     off = record.values - record.rough[record.places]
-    alone = np.zeros(off.size)  # the first and the last have a neighbour on one side only
-    steps, middle = np.abs(np.diff(off)), alone[1:-1]
-    np.minimum(steps[:-1], steps[1:], out=middle)
-    del steps  # long records: one array of their length less
-    np.minimum(middle, np.abs(off[1:-1]), out=middle)
     limit = max(_OFF_SD * spread(off), _OFF * float(np.ptp(record.values)))
+    found = beyond_neighbours(off, record.values, limit) & (np.abs(off) > limit)
     usual = _outside(record.u[record.places]) < _UNUSUAL
-    places = np.flatnonzero((alone > limit) & usual)
-    return _if_few(record.places[places], record)
+    return _if_few(record.places[found & usual], record)
 
 
 def _if_few(places: IntArray, record: RoughRecord) -> IntArray:
