@@ -33,7 +33,17 @@ def _by_fleet(table, folder):
     return modelfile.read(folder / "fleet.json")
 
 
-@pytest.mark.parametrize("what", one_model.MADE)
+ALIKE = ("late", "uneven", "gap")
+"""Records like others here: with the whole tests."""
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        pytest.param(what, marks=pytest.mark.whole) if what in ALIKE else what
+        for what in one_model.MADE
+    ],
+)
 def test_command_line_python_page_and_fleet_find_the_same_model(what, tables, tmp_path):
     table = replace(tables[what], options={"levels": 8})
     known, _ = one_model.by_command(table, tmp_path)

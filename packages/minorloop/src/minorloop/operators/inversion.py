@@ -130,8 +130,11 @@ def as_reachable(y: float, low: float, high: float, unreachable: Unreachable) ->
     Raises an `UnreachableError` if the target is out of reach and ``unreachable="raise"``; a
     `ParameterError` if the target is not a finite number, or there is no such option.
     """
-    wanted, _ = as_targets([as_finite("target", y)], low, high, unreachable)
-    return min(max(float(wanted[0]), low), high)
+    check_unreachable_option(unreachable)
+    target = as_finite("target", y)
+    if not low <= target <= high:  # one inside, of a live loop, needs no arrays
+        as_targets([target], low, high, unreachable)
+    return min(max(target, low), high)
 
 
 def _in_few_digits(target: float, low: float, high: float) -> tuple[str, str, str]:

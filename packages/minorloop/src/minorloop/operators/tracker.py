@@ -107,7 +107,8 @@ class Tracker:
 
     def copy(self) -> Tracker:
         """Return an independent tracker with the same memory."""
-        other = copy.copy(self)
+        other = object.__new__(Tracker)
+        other.model, other._tables, other._rows = self.model, self._tables, self._rows
         other._stack, other._u, other._y = self._stack.copy(), np.empty(1), np.empty(1)
         return other
 
