@@ -162,12 +162,10 @@ def models(table: Table, folder: Path) -> dict[str, tuple[ModelFile, float | Non
 
 def by_command(table: Table, folder: Path) -> tuple[ModelFile, float | None]:
     path = folder / "command.json"
+    kinds = dict.fromkeys(("curves", "groups", "start", "start_of_curve"), "--record=")
+    kinds |= dict.fromkeys(("levels", "lag"), "--law=")
     given = {**table.columns, **table.options, "holdout": HOLDOUT, "save": path}
-    words = [
-        word
-        for name, value in given.items()
-        for word in (f"--{name.replace('_', '-')}", str(value))
-    ]
+    words = [f"{kinds.get(name, '--')}{name}={value}" for name, value in given.items()]
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         command_line(["identify", str(table.file), *words, "--force"])
     return _read(path)

@@ -21,15 +21,19 @@ def _identified() -> Any:
     return commands(
         {
             "default": f"identify run.csv {_COLUMNS} --holdout 0.3",
-            "time": f"identify run.csv {_COLUMNS} --time t --lag '20 ms' --levels 12",
-            "smoothed": f"identify run.csv {_COLUMNS} --levels 12 --smoothness auto --prior none",
-            "plain": f"identify run.csv {_COLUMNS} --levels 8 --smoothness 0 --relay unipolar",
-            "reversible": f"identify run.csv {_COLUMNS} --levels 12 --diagonal reversible --slope",
-            "adaptive": f"identify run.csv {_COLUMNS} --levels 12 --spacing adaptive --rank",
-            "ridge": f"identify run.csv {_COLUMNS} --levels 12 --mean ridge --noise 0.002",
-            "signed": f"identify run.csv {_COLUMNS} --levels 8 --signed --lag 0",
-            "curves": f"identify curves.csv {_COLUMNS} --curves curve --start-of-curve positive",
-            "from_loop": "identify --from-loop 40 1.2 1.5 --save sheet.json",
+            "time": f"identify run.csv {_COLUMNS} --time t --law 'lag=20 ms,levels=12'",
+            "smoothed": f"identify run.csv {_COLUMNS} --law levels=12 --prior smooth",
+            "plain": f"identify run.csv {_COLUMNS} --law levels=8,relay=unipolar "
+            "--prior smooth:strength=0",
+            "reversible": f"identify run.csv {_COLUMNS} --law levels=12,diagonal=reversible "
+            "--law slope=yes",
+            "adaptive": f"identify run.csv {_COLUMNS} --law levels=12,spacing=adaptive",
+            "ridge": f"identify run.csv {_COLUMNS} --law levels=12 --record sd=0.002 "
+            "--prior gaussian:mean=ridge",
+            "signed": f"identify run.csv {_COLUMNS} --law levels=8,lag=0,signed=yes",
+            "curves": f"identify curves.csv {_COLUMNS} --record curves=curve "
+            "--record start_of_curve=positive",
+            "from_loop": "identify --law sheet:40,1.2,1.5 --save sheet.json",
         }
     )
 
@@ -45,15 +49,15 @@ def _timed() -> Any:
     inputs.table("run.csv", "t [s],voltage [V],length [um]", t, u, y)
     return commands(
         {
-            "dynamics": f"identify run.csv {_COLUMNS} --time t --dynamics auto --levels 10",
-            "creep": f"identify run.csv {_COLUMNS} --time t --creep auto --levels 6",
+            "dynamics": f"identify run.csv {_COLUMNS} --time t --law dynamics:levels=10",
+            "creep": f"identify run.csv {_COLUMNS} --time t --law viscosity:creep=auto,levels=6",
         }
     )
 
 
 def _used() -> Any:
     inputs.record("run.csv")
-    command("identify run.csv --input voltage --output length --levels 12 --lag 0 --save m.json")
+    command("identify run.csv --input voltage --output length --law levels=12,lag=0 --save m.json")
     inputs.table("targets.csv", "length [um]", np.array([0.1, -0.3, 0.25, 0.4, -5.0]))
     model = json.loads(Path("m.json").read_text())["model"]
     found = commands(
@@ -61,7 +65,7 @@ def _used() -> Any:
             "invert": "invert m.json targets.csv --target length --clip",
             "refused": "invert m.json targets.csv --target length",
             "simulate": "simulate m.json run.csv --input voltage",
-            "positive": "simulate m.json run.csv --input voltage --start positive",
+            "positive": "simulate m.json run.csv --input voltage --record start=positive",
             "c": "export c m.json --out c",
             "float32": "export c:float32=yes,memory=16,inverse=no m.json --out c32",
             "board": "head board m.json --out board",
@@ -88,7 +92,7 @@ def _bench() -> Any:
             "show": "runs show --store runs.sqlite",
             "list": "runs list --store runs.sqlite",
             "export": "runs export --store runs.sqlite",
-            "identify": "identify runs.sqlite --levels 6 --diagonal reversible --save m.json",
+            "identify": "identify runs.sqlite --law levels=6,diagonal=reversible --save m.json",
             "drive": f"drive m.json targets.csv --target curvature {twin} --store d.sqlite",
             "adaptive": f"run {twin} --plan adaptive:holds=6,levels=8 --store few.sqlite",
             "few": "identify few.sqlite",
@@ -103,7 +107,7 @@ def _fleet() -> Any:
         inputs.record(f"{name}.csv", samples=300, seed=seed)
     rows = "a,a.csv,voltage,length\nb,b.csv,voltage,length\nc,gone.csv,voltage,length\n"
     inputs.words("manifest.csv", f"specimen,file,input,output\n{rows}")
-    return commands({"fleet": "fleet identify manifest.csv --out out --levels 8 --workers 1"})
+    return commands({"fleet": "fleet manifest.csv --out out --law levels=8 --workers 1"})
 
 
 def _measured(file: str, columns: str) -> Case:
@@ -139,6 +143,6 @@ CASES = (
     Case("bench", _bench, left_out=_NO_TIMES),
     Case("fleet", _fleet, left_out=_NO_TIMES),
     _measured(inputs.PIEZO, "--input input_V --output displacement_um --time t_s --holdout 0.3"),
-    _measured(inputs.FERRITE, "--input H_A_per_m --output B_T --groups loop"),
+    _measured(inputs.FERRITE, "--input H_A_per_m --output B_T --record groups=loop"),
     Case("head", _head, quick=False, left_out=_NO_TIMES),
 )

@@ -27,7 +27,7 @@ LIMIT = 12
 AT_ONCE = 3
 WITHIN = 10.0
 """Seconds within which a fault has to be said."""
-OPTIONS = ["--levels", "6", "--prior", "none", "--limit", str(LIMIT)]
+OPTIONS = ["--law", "levels=6", "--prior", "smooth", "--limit", str(LIMIT)]
 COMMAND = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs behind
@@ -158,7 +158,7 @@ def on_cluster(fault, pattern):
         make(folder, [*(f"s{k}" for k in range(SPECIMENS)), "wait"])
         (folder / "wait.closed").touch()
         with cluster(folder) as (scheduler, workers, address):
-            fleet = Fleet(folder, ["--address", address, "--patience", str(PATIENCE)]).start()
+            fleet = Fleet(folder, ["--workers", address, "--patience", str(PATIENCE)]).start()
             fleet.until(lambda: fleet.done() >= SPECIMENS // 2)
             began = time.monotonic()
             fault(scheduler, workers)

@@ -1,7 +1,7 @@
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.values import called, numbers, parsed
+from minorloop.values import called, merged, numbers, parsed
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,12 @@ from minorloop.values import called, numbers, parsed
 def test_a_text_has_a_kind_and_values_by_key(text, parts):
     found = parsed(text)
     assert (found.kind, found.what, dict(found.options)) == parts
+
+
+def test_the_last_of_several_texts_counts():
+    found = merged(["levels=8,lag=0", "dynamics:levels=4"], "plane")
+    assert (found.kind, dict(found.options)) == ("dynamics", {"levels": "4", "lag": "0"})
+    assert merged([], "plane").kind == "plane"
 
 
 def made(levels: int | str, name: str | None = None, slope: bool | str = "auto"):

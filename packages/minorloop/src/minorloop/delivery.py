@@ -78,7 +78,7 @@ class Delivery(Chooser):
         if not isinstance(self.model, AfterEffect):
             raise ParameterError(
                 f"the model is a {type(self.model).__name__}, whose output does not change while "
-                "its input is held; identify one with creep (--creep), or leave --every out"
+                "its input is held; identify one with creep (--law viscosity), or leave --every out"
             )
         self.model.require_monotone()
         object.__setattr__(self, "targets", np.atleast_1d(as_samples(self.targets, name="targets")))

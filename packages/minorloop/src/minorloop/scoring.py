@@ -132,14 +132,14 @@ def simulate(
     if isinstance(known.model, Oscillator):
         if parts.start != "negative":
             raise ParameterError(
-                f"the start (--start) is {parts.start!r}, and an oscillator begins at rest; leave "
-                "it out"
+                f"the start (--record start) is {parts.start!r}, and an oscillator begins at rest; "
+                "leave it out"
             )
     else:
         _levels(known)  # refuses models that have no operator on the input
         if between is not None:
             raise ParameterError(
-                "between (--between) is for oscillators, and the model is of kind "
+                "between (--record between) is for oscillators, and the model is of kind "
                 f"{known.kind!r}; leave it out"
             )
     if known.has_time and not log.timed:
@@ -153,7 +153,8 @@ def simulate(
     if unsaid and not isinstance(known.model, Polynomial | Oscillator):
         notes.append(
             "each curve begins with the memory 'negative'; the model does not hold how those of "
-            "its record began: give start_of_curve (--start-of-curve) if they began otherwise"
+            "its record began: give start_of_curve (--record start_of_curve) if they began "
+            "otherwise"
         )
     gaps, times = log.bridges, log.t
     t, inputs, added = gaps.inserted(times, u)
@@ -294,14 +295,14 @@ def _causes(score: ModelScore) -> Iterator[str]:
     if best is not None and score.starts[best] < _BETTER * error:
         yield (
             f"the error is {percent(score.starts[best])} if the memory before is {best!r}: give "
-            f'start="{best}" (--start {best}), or --start-of-curve for curves'
+            f'start="{best}" (--record start={best}), or start_of_curve for curves'
         )
     elif found.startup is not None:
         rows = found.startup.rows
         yield (
             f"the first {counted(rows, 'row')} have {found.startup.share:.0%} of the squared "
             f"error: the memory before them is not that of the start; leave them out with "
-            f"skip={rows} (--skip {rows})"
+            f"skip={rows} (--record skip={rows})"
         )
     within = score.within_levels
     if within is not None and within < _BETTER * error:
@@ -588,7 +589,7 @@ def score(
     if not rows.any():
         raise RecordError(
             "no row is left to be scored: none was measured with a known memory; give the output, "
-            "or a smaller skip (--skip)"
+            "or a smaller skip (--record skip=N)"
         )
     result = ModelScore(found, y, rows, groups=_by_label(log.groups, y.size))
     if isinstance(known.model, Oscillator | Polynomial) or result.nrmse < _LEAST:
@@ -616,7 +617,7 @@ def _by_label(labels: npt.ArrayLike | None, size: int) -> dict[str, BoolArray]:
     """Return the rows of each group by its label."""
     if labels is None:
         return {}
-    numbers: IntArray = as_groups("groups (--groups)", labels, size)
+    numbers: IntArray = as_groups("groups (--record groups=COLUMN)", labels, size)
     names = np.unique(np.asarray(labels)).tolist()
     return {
         f"{name:g}" if isinstance(name, float) else str(name): numbers == k

@@ -6,7 +6,7 @@ does not begin with ``KEY=`` belongs to the value before it.
 
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -30,11 +30,12 @@ class TextValue:
     """The texts by key, with ``_`` for ``-``."""
 
 
-def parsed(text: str, kind: str = "") -> TextValue:
-    """Return the parts of a text; ``kind`` is taken where it has none.
+def parsed(text: str) -> TextValue:
+    """Return the parts of a text.
 
     Raises a `ParameterError` if a key is given twice.
     """
+    kind = ""
     if found := _KIND.match(text):
         kind, text = found[1], text[found.end() :]
     parts: list[tuple[str, str]] = [("", "")]
@@ -48,6 +49,15 @@ def parsed(text: str, kind: str = "") -> TextValue:
     if len(options) < len(parts):
         raise ParameterError(f"{text!r} has a key twice; give each once")
     return TextValue(kind, options.pop(""), options)
+
+
+def merged(texts: Sequence[str], kind: str) -> TextValue:
+    """Return the parts of texts as of one: of each key, and of the kind, the last counts."""
+    what, options = "", dict[str, str]()
+    for value in map(parsed, texts):
+        kind, what = value.kind or kind, value.what or what
+        options |= value.options
+    return TextValue(kind, what, options)
 
 
 def called(make: Callable[..., T], where: str, options: Mapping[str, Any], **others: Any) -> T:

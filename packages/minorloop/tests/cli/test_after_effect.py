@@ -30,7 +30,7 @@ def creeping():
 
 
 def test_identify_writes_model_and_report(creeping, run):
-    line = f"identify holds.csv {COLUMNS} --creep spectrum --levels 4"
+    line = f"identify holds.csv {COLUMNS} --law viscosity:creep=spectrum,levels=4"
     status, out, err = run(f"{line} --save m.json --report r.html")
     assert (status, err) == (0, "")
     assert "law" in out
@@ -46,13 +46,13 @@ def test_identify_writes_model_and_report(creeping, run):
 
 
 def test_what_cannot_be_combined_is_refused(creeping, refused):
-    line = "identify holds.csv --input voltage --output length --creep spectrum"
+    line = "identify holds.csv --input voltage --output length --law viscosity:creep=spectrum"
     assert "--time is missing" in refused(f"{line} --time none")
-    line += " --time time --levels 4"
-    assert "--holdout cannot be combined with --creep" in refused(f"{line} --holdout 0.3")
-    assert "--dynamics cannot be combined" in refused(f"{line} --dynamics auto")
+    line += " --time time --law levels=4"
+    assert "laws of time are scored on parts left out" in refused(f"{line} --holdout 0.3")
+    assert "the law viscosity has no 'signed'" in refused(f"{line} --law signed=yes")
     assert "creep is 'slow'" in refused(line.replace("spectrum", "slow"))
-    assert "one rate; record the same loops" in refused(f"{line} --rate")
+    assert "one rate; record the same loops" in refused(f"{line} --law rate=yes")
 
 
 def test_holds_that_are_too_short_to_settle_still_reach_their_targets(creeping, run):
@@ -83,7 +83,7 @@ def spoilt(name, change):
     rows = change(np.loadtxt("holds.csv", delimiter=",", skiprows=1))
     header = "time [s],voltage [V],length [um]"
     np.savetxt(name, rows, "%.17g", ",", header=header, comments="")
-    return f"identify {name} {COLUMNS} --creep spectrum --levels 4"
+    return f"identify {name} {COLUMNS} --law viscosity:creep=spectrum,levels=4"
 
 
 def test_the_row_of_a_time_that_repeats_counts_as_in_the_file(creeping, refused, run):
@@ -96,9 +96,9 @@ def test_the_row_of_a_time_that_repeats_counts_as_in_the_file(creeping, refused,
     text = ["# of the bench", "time,voltage,length", "s,V,um", *lines, ""]
     with open("merged.csv", "w") as file:
         file.write("\n".join(text))
-    line = f"identify merged.csv {COLUMNS} --creep spectrum --levels 4"
+    line = f"identify merged.csv {COLUMNS} --law viscosity:creep=spectrum,levels=4"
     assert "of merged.csv has the same time in row 104 as before it" in refused(line)
-    assert run(f"{line} --rows 51:550")[0] == 0
+    assert run(f"{line} --record rows=51:550")[0] == 0
 
 
 def test_pauses_without_samples_show_creep_if_both_ends_are_read(creeping, answer, refused):

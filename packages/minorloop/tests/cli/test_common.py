@@ -26,7 +26,7 @@ def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
     if inside and len(wanted):
         assert range(total)[_common.as_rows(text, total)] == wanted
     else:
-        with pytest.raises(ParameterError, match="--rows is"):
+        with pytest.raises(ParameterError, match="rows is"):
             _common.as_rows(text, total)
 
 

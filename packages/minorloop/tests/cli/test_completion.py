@@ -32,11 +32,9 @@ def complete(run, monkeypatch):
         (["run", "--actuator", "=", "twin", ":", "fi"], ["fibre"]),
         (["run", "--store", "a", ":", "b", "--actuator", "vi"], ["visa:"]),
         (["drive", "m.json", "x.csv", "--actuator", "visa", ":"], []),
-        (["simulate", "m.json", "x.csv", "--start", "p"], ["positive"]),
-        (["simulate", "m.json", "x.csv", "--between", "b"], ["band"]),
-        (["identify", "x.csv", "--dynamics", "op"], ["operator"]),
-        (["identify", "x.csv", "--creep", "s"], ["spectrum"]),
-        (["identify", "x.csv", "--between", "h"], ["held"]),
+        (["invert", "m.json", "x.csv", "--start", "p"], ["positive"]),
+        (["identify", "x.csv", "--law", "vis"], ["viscosity:"]),
+        (["identify", "x.csv", "--prior", "s"], ["smooth"]),
     ],
 )
 def test_bash_completes_what_follows_the_last_colon(words, found, complete):

@@ -33,8 +33,8 @@ def test_report_data_and_model_agree(answer, run, refused):
         "model.json",
     }
     found = answer(
-        "identify new/result/staircase.csv --input voltage --output curvature --levels 10 "
-        "--diagonal reversible --smoothness 0 --save new/model.json"
+        "identify new/result/staircase.csv --input voltage --output curvature "
+        "--law levels=10,diagonal=reversible --prior smooth:strength=0 --save new/model.json"
     )
     assert found["rank"] == found["unknowns"] == 56
     mine, theirs = modelfile.read("new/model.json"), modelfile.read(folder / "model.json")

@@ -31,7 +31,7 @@ def test_targets_and_what_was_achieved_are_printed_kept_and_reported(run, answer
     assert again["worst"] <= 0.2
     assert [target["target"] for target in again["targets"]] == [2, -3]
     assert again["warnings"] == []
-    assert answer("identify d.sqlite --levels 4 --diagonal reversible")["samples"] >= 3
+    assert answer("identify d.sqlite --law levels=4,diagonal=reversible")["samples"] >= 3
 
 
 def test_a_plan_of_inputs_is_what_run_takes(run, answer):
@@ -154,4 +154,4 @@ def test_what_cannot_be_delivered_in_time_is_refused(creeping, refused):
     assert "one interval (--every) or more" in refused(f"{line} --every 10 --hold 5")
     modelfile.save(creeping.plane, "plane.json", input="voltage [V]", output="curvature [1/m]")
     plain = line.replace("creep.json", "plane.json")
-    assert "identify one with creep (--creep)" in refused(f"{plain} --every 10")
+    assert "identify one with creep (--law viscosity)" in refused(f"{plain} --every 10")

@@ -116,7 +116,7 @@ def test_identify_finds_dynamics(cascade, run, answer, refused):
     rows = np.column_stack([t, u, cascade.simulate(t, u)])
     np.savetxt("log.csv", rows, delimiter=",", header="time [s],voltage [V],length [um]",
                comments="")  # fmt: skip
-    line = "identify log.csv --input voltage --output length --time time --dynamics auto --levels 8"
+    line = "identify log.csv --input voltage --output length --time time --law dynamics:levels=8"
     found = answer(f"{line} --save new.json --report new.html")
     assert found["dynamics"]["first"] == "operator"
     late = sum(found["dynamics"]["time_constants"]) + found["dynamics"]["dead_time"]
@@ -125,5 +125,5 @@ def test_identify_finds_dynamics(cascade, run, answer, refused):
     assert modelfile.load("new.json").linear.order > 0
     assert "Dynamics that were compared" in Path("new.html").read_text()
     assert "name the column of time" in refused(line.replace("--time time", "--time none"))
-    assert "lag cannot be combined with dynamics" in refused(f"{line} --lag 2")
-    assert "(--groups) cannot be combined with dynamics" in refused(f"{line} --groups time")
+    assert "lag cannot be combined with dynamics" in refused(f"{line} --law lag=2")
+    assert "cannot be combined with dynamics" in refused(f"{line} --record groups=time")

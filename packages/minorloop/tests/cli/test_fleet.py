@@ -6,7 +6,7 @@ HEADER = "specimen,file,input,output"
 def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
     rows = ["a,good.csv,voltage,length", "b,good.csv,voltage,length", "c,gone.csv,voltage,length"]
     (tmp_path / "manifest.csv").write_text("\n".join([HEADER, *rows]) + "\n")
-    line = "fleet identify manifest.csv --out fleet --levels 8 --prior none --workers 1"
+    line = "fleet manifest.csv --out fleet --law levels=8 --prior smooth --workers 1"
     found = answer(line)
     assert 0 < found["figures"]["excited"]["min"] <= 1
     assert "nrmse_holdout" not in found["figures"]
@@ -23,7 +23,7 @@ def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
 
 def test_the_exit_status_is_1_if_nothing_is_identified(run, tmp_path):
     (tmp_path / "manifest.csv").write_text(f"{HEADER}\na,gone.csv,u,y\nb,lost.csv,u,y\n")
-    status, out, said = run("fleet identify manifest.csv --out fleet --levels 8")
+    status, out, said = run("fleet manifest.csv --out fleet --law levels=8")
     assert status == 1
     assert "0 of 2 specimens identified" in out
     assert "models" not in out
@@ -31,15 +31,14 @@ def test_the_exit_status_is_1_if_nothing_is_identified(run, tmp_path):
 
 
 def test_refusals(refused, tmp_path):
-    assert "no action 'dance'" in refused("fleet dance manifest.csv --out fleet")
-    assert "does not exist; give a table" in refused("fleet identify manifest.csv --out fleet")
+    assert "no law of a fleet 'viscosity'" in refused("fleet m.csv --out f --law viscosity")
+    assert "does not exist; give a table" in refused("fleet manifest.csv --out fleet")
     (tmp_path / "m.csv").write_text("specimen,file\na,good.csv\n")
-    assert "has no input" in refused("fleet identify m.csv --out fleet")
-    line = "fleet identify m.csv --out fleet --input voltage --output length"
-    said = refused(f"{line} --workers 2 --address tcp://127.0.0.1:1")
-    assert "give one of them" in said
+    assert "has no input" in refused("fleet m.csv --out fleet")
+    line = "fleet m.csv --out fleet --input voltage --output length"
+    assert "there is no Dask scheduler at" in refused(f"{line} --workers tcp://127.0.0.1:1")
     assert "limit is -1.0 s; give a positive time" in refused(f"{line} --limit -1")
     assert "workers is 0" in refused(f"{line} --workers 0")
-    assert "is 'much'; give auto or a number" in refused(f"{line} --smoothness much")
-    assert "give one of 'bipolar'" in refused(f"{line} --relay foo")
+    assert "smoothness is 'much'" in refused(f"{line} --prior smooth:strength=much")
+    assert "give one of 'bipolar'" in refused(f"{line} --law relay=foo")
     assert not (tmp_path / "fleet").exists()

@@ -32,7 +32,7 @@ def test_a_log_becomes_points_that_identify_takes(run):
     assert "8 holds in 800 samples: 8 settled" in out
     assert "points written to points.csv" in out
     assert "Settled points of curvature" in Path("r.html").read_text()
-    status, out, _ = run("identify points.csv --input voltage --output curvature --levels 4 -v")
+    status, out, _ = run("identify points.csv --input voltage --output curvature --law levels=4 -v")
     assert "curvature [1/m] against voltage [V]" in out
     assert "weights: by the standard deviations in the column sd [1/m]" in out
 
@@ -44,14 +44,13 @@ def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model)
     y = model.simulate(u) + sd * chance.normal(size=300)
     rows = np.column_stack([u, y, sd, 1e3 * sd])
     write("points.csv", "u [V],y [um],sd [um],other [nm]", rows)
-    line = "identify points.csv --input u --output y --levels 8 --lag 0 --prior none"
-    ways = ("", "--sd sd", "--sd none", "--noise 0.1")
+    line = "identify points.csv --input u --output y --law levels=8,lag=0 --prior smooth"
+    ways = ("", "--record sd=sd", "--record sd=none", "--record sd=0.1")
     recognised, named, without, noise = (answer(f"{line} {way}") for way in ways)
     assert (recognised["sd"], named["sd"]) == ("sd [um]", "sd")
     assert without["sd"] is noise["sd"] is None
     assert recognised["rmse_train"] == named["rmse_train"] > without["rmse_train"]
-    assert "is no standard deviation of 'y [um]'" in refused(f"{line} --sd other")
-    assert "--sd cannot be combined with --noise" in refused(f"{line} --sd sd --noise 1")
+    assert "is no standard deviation of 'y [um]'" in refused(f"{line} --record sd=other")
 
 
 def test_calibrations_agree(answer):
@@ -105,6 +104,6 @@ def test_a_drift_of_the_sensor_is_refused_and_subtracted(refused, answer):
     d = u + 0.003 * t + 1e-3 * np.random.default_rng(1000).normal(size=t.size)
     write("log.csv", "time [s],voltage [V],distance [mm]", np.column_stack([t, u, d]))
     assert "none of the 18 holds settled: the sensor drifts" in refused(LINE)
-    found = answer(f"{LINE} --subtract-drift")
+    found = answer(f"{LINE} --holds subtract_drift=yes")
     assert found["settled"] == 18
     assert "the sensor drifts by 10.8 +- " in found["notes"][0]

@@ -32,8 +32,8 @@ def test_from_a_plan_to_a_model(run, answer):
     assert header[:4] == ["index", "voltage [V]", "curvature [1/m]", "sd [1/m]"]
     assert [int(row[0]) for row in rows] == list(range(11))
     assert run("runs export --store runs.sqlite")[1] == Path("points.csv").read_text()
-    from_store = answer("identify runs.sqlite --levels 4")
-    from_csv = answer("identify points.csv --input voltage --output curvature --levels 4")
+    from_store = answer("identify runs.sqlite --law levels=4")
+    from_csv = answer("identify points.csv --input voltage --output curvature --law levels=4")
     for key in ("nrmse_train", "samples", "range", "rank"):
         assert from_store[key] == from_csv[key]
 
@@ -149,7 +149,7 @@ def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
     assert (found["samples"], found["held_out"], found["levels"]) == (6, 4, 12)
     assert found["prior"] == "gaussian"
     assert found["nrmse_holdout"] is not None
-    assert answer("identify own.sqlite --levels 8")["levels"] == 8
+    assert answer("identify own.sqlite --law levels=8")["levels"] == 8
     assert "samples held out" in run("identify own.sqlite -v")[1]
 
 

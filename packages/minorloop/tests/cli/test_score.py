@@ -27,11 +27,11 @@ def write(name, rows, header="time [s],voltage [V],length [um],curve"):
     np.savetxt(name, rows, "%.17g", ",", header=header, comments="")
 
 
-CURVES = "--curves curve --start-of-curve positive"
+CURVES = "--record curves=curve,start_of_curve=positive"
 
 
 def test_figures_are_those_of_the_outputs_that_simulate_writes(other, answer, run):
-    found = answer(f"{SCORE} {CURVES} --skip 2 --save residuals.csv")
+    found = answer(f"{SCORE} {CURVES} --record skip=2 --save residuals.csv")
     assert run(f"simulate model.json other.csv {CURVES} --save predicted.csv")[0] == 0
     y, predicted = other[:, 2], np.loadtxt("predicted.csv", delimiter=",", skiprows=1)[:, -1]
     kept = np.arange(240) % 80 >= 2
@@ -58,10 +58,10 @@ def test_figures_are_those_of_the_outputs_that_simulate_writes(other, answer, ru
 
 def test_the_error_on_its_own_record_is_that_of_the_fit(answer, run, other):
     columns = "--input voltage --output length"
-    for options in ("", "--lag 2 --skip 2", f"{CURVES} --skip 3", "--start demagnetised --skip 1"):
-        line = f"identify other.csv {columns} --levels 5 {options} --save own.json --force"
+    for options in ("", "--law lag=2 --record skip=3,start=demagnetised", f"{CURVES}", ""):
+        line = f"identify other.csv {columns} --law levels=5 {options} --save own.json --force"
         fit = json.loads(run(f"{line} --json")[1])
-        again = options.removeprefix("--lag 2 ")
+        again = options.removeprefix("--law lag=2 ")
         found = json.loads(run(f"score own.json other.csv {again} --json")[1])
         assert found["nrmse"] == pytest.approx(fit["nrmse_train"], rel=1e-9)
         assert found["samples"] == fit["samples"]
@@ -71,7 +71,7 @@ def test_groups_have_their_errors(other, answer):
     rows = other.copy()
     rows[rows[:, 3] == 7, 2] += 1.0
     write("moved.csv", rows[:, [0, 1, 2, 3, 3]], "t,voltage,length,curve,specimen")
-    found = answer(f"score model.json moved.csv {CURVES} --groups specimen")["curves"]
+    found = answer(f"score model.json moved.csv {CURVES} --record groups=specimen")["curves"]
     assert [one["name"] for one in found] == ["4", "7", "9"]
     small, large, _ = (one["accuracy"]["rmse"] for one in found)
     assert large == pytest.approx(1.0, abs=0.05)
@@ -89,9 +89,9 @@ def test_another_start_that_fits_is_named(model, run):
     )
     status, out, _ = run("score model.json up.csv --json")
     assert status == 1
-    assert "(--start positive)" in str(json.loads(out)["advice"])
+    assert "(--record start=positive)" in str(json.loads(out)["advice"])
     assert json.loads(out)["starts"]["positive"] < 1e-9
-    assert run("score model.json up.csv --start positive")[0] == 0
+    assert run("score model.json up.csv --record start=positive")[0] == 0
 
 
 def test_the_error_that_the_file_promises_is_compared(other, model, answer):
@@ -118,9 +118,9 @@ def test_a_report_shows_what_is_printed(run):
     ("line", "says"),
     [
         ("score model.json other.csv --output width", "has no column 'width'"),
-        ("score model.json other.csv --skip 240", "skip is 240"),
-        ("score model.json other.csv --between band", "is for oscillators"),
-        ("score model.json other.csv --start-of-curve positive", "without curves"),
+        ("score model.json other.csv --record skip=240", "skip is 240"),
+        ("score model.json other.csv --record between=band", "is for oscillators"),
+        ("score model.json other.csv --record start_of_curve=positive", "without curves"),
         ("score model.json other.csv --report other.csv", "other.csv is an input"),
         ("score model.json empty.csv", "no row is left to be scored"),
         ("score late.json other.csv", "name the column of time (--time)"),

@@ -22,7 +22,7 @@ def inputs():
 
 @pytest.mark.parametrize("start", ["negative", "positive", "demagnetised"])
 def test_writes_the_outputs_of_the_model(start, run, model):
-    status, out, err = run(f"{SIMULATE} --start {start} --save out.csv")
+    status, out, err = run(f"{SIMULATE} --record start={start} --save out.csv")
     assert (status, err) == (0, "")
     assert "400 samples of length" in out
     assert "written to out.csv" in out
@@ -97,7 +97,7 @@ def test_each_curve_begins_with_its_start(kind, start, answer):
     label = np.repeat([3, 5, 3], (20, 7, 30))
     t, u = np.arange(57.0), np.random.default_rng(1000).uniform(-1, 1, 57)
     np.savetxt("c.csv", np.column_stack([t, label, u]), "%.17g", ",", header="t,c,u", comments="")
-    line = f"simulate m.json c.csv --curves c --start-of-curve {start} --time t"
+    line = f"simulate m.json c.csv --record curves=c,start_of_curve={start} --time t"
     ends = [0, 57] if start == "as-left" else [0, 20, 27, 57]
     found, options = answer(line)["y"], () if kind == "oscillator" else (start,)
     for first, last in pairwise(ends):
@@ -115,24 +115,24 @@ def test_times_may_begin_anew_with_each_curve_and_not_within_one(answer, refused
     rows = [f"{t},{0.1 * (t % 7)},{name}\n" for name in "ab" for t in range(20)]
     Path("anew.csv").write_text("time [s],voltage [V],curve\n" + "".join(rows))
     line = "simulate model.json anew.csv --time time"
-    found = answer(f"{line} --curves curve")["y"]
-    assert found == answer("simulate model.json anew.csv --curves curve")["y"]
+    found = answer(f"{line} --record curves=curve")["y"]
+    assert found == answer("simulate model.json anew.csv --record curves=curve")["y"]
     assert "runs backwards in row 22" in refused(line)
-    saved = answer(f"{line} --curves curve --save saved.csv")
-    assert "--start-of-curve" in saved["notes"][0]
+    saved = answer(f"{line} --record curves=curve --save saved.csv")
+    assert "--record start_of_curve" in saved["notes"][0]
     header, first = Path("saved.csv").read_text().splitlines()[:2]
     assert header.startswith("time [s],curve,voltage [V],")
     assert first.startswith("0.0,a,0.0,")
-    assert "notes" not in answer(f"{line} --curves curve --start-of-curve negative")
+    assert "notes" not in answer(f"{line} --record curves=curve,start_of_curve=negative")
 
 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ("--start-of-curve positive", "without curves"),
-        ("--curves voltage --start-of-curve odd", "--start-of-curve) is 'odd'"),
-        ("--curves voltage", "changes from row to row"),
-        ("--curves nope", "has no column 'nope'"),
+        ("--record start_of_curve=positive", "without curves"),
+        ("--record curves=voltage,start_of_curve=odd", "start_of_curve) is 'odd'"),
+        ("--record curves=voltage", "changes from row to row"),
+        ("--record curves=nope", "has no column 'nope'"),
     ],
 )
 def test_refuses_unusable_curves(options, says, refused):

@@ -11,7 +11,7 @@ from command_line import MODEL, write
 T = 0.01 * np.arange(900)
 U = np.exp(-T / 8) * np.sin(T * 4)
 COLUMNS = "time [s],voltage [V],length [um]"
-LINE = "identify log.csv --input voltage --output length --levels 6 --diagonal uniform --no-slope"
+LINE = "identify log.csv --input voltage --output length --law levels=6,diagonal=uniform,slope=no"
 
 
 def _log(t, u, y, columns=COLUMNS):
@@ -21,11 +21,12 @@ def _log(t, u, y, columns=COLUMNS):
 def test_with_dynamics_the_advice_on_lost_rows_can_be_followed(run):
     kept = np.delete(np.arange(900), slice(150, 450))
     _log(T[kept], U[kept], MODEL.simulate(U)[kept])
-    line = LINE.replace(" --no-slope", "")
-    status, out, _ = run(f"{line} --levels 4 --time time --dynamics operator --json")
+    line = LINE.partition(" --law")[0]
+    law = "dynamics:first=operator,levels=4,diagonal=uniform"
+    status, out, _ = run(f"{line} --law {law} --time time --json")
     assert status == 1
     said = json.loads(out)["warnings"][0]
-    assert "--rows A:B" in said
+    assert "--record rows=A:B" in said
     assert "--time" not in said
     assert "--curves" not in said
 
@@ -33,21 +34,21 @@ def test_with_dynamics_the_advice_on_lost_rows_can_be_followed(run):
 def test_uneven_samples_are_said_where_a_lag_needs_even_ones(answer, run):
     t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 900))
     _log(t, U, MODEL.simulate(U), COLUMNS.replace("time [s]", "clock [ms]"))
-    assert "uneven" not in " ".join(answer(f"{LINE} --lag 0")["advice"])
-    assert "samples are uneven" in " ".join(run(f"{LINE} --lag 3 -v")[1].split())
+    assert "uneven" not in " ".join(answer(f"{LINE} --law lag=0")["advice"])
+    assert "samples are uneven" in " ".join(run(f"{LINE} --law lag=3 -v")[1].split())
 
 
 def test_a_lag_in_seconds_needs_time(answer, refused):
     t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 800))
     u = np.interp(t, T, U)
     _log(t, u, MODEL.simulate(np.interp(t - 0.025, t, u)))
-    right = answer(f"{LINE} --time time --lag '25 ms'")["nrmse_train"]
-    wrong = answer(f"{LINE} --time time --lag '0 s'")["nrmse_train"]
+    right = answer(f"{LINE} --time time --law 'lag=25 ms'")["nrmse_train"]
+    wrong = answer(f"{LINE} --time time --law 'lag=0 s'")["nrmse_train"]
     assert right < 0.65 * wrong
     assert "the lag is 0.025 s and the record has no time; name its column (--time)" in refused(
-        f"{LINE} --time none --lag 25ms"
+        f"{LINE} --time none --law lag=25ms"
     )
-    assert "lag is '3 rows'; give it in one of s, ms" in refused(f"{LINE} --lag '3 rows'")
+    assert "lag is '3 rows'; give it in one of s, ms" in refused(f"{LINE} --law 'lag=3 rows'")
 
 
 def test_a_raw_log_is_not_to_be_trusted(run):
@@ -57,7 +58,7 @@ def test_a_raw_log_is_not_to_be_trusted(run):
         last += (level - last) / 12
         y.append(last)
     _log(0.1 * np.arange(u.size), u, y)
-    status, out, err = run(f"{LINE} --lag 0")
+    status, out, err = run(f"{LINE} --law lag=0")
     assert status == 1
     assert "this looks like a raw log: 720 samples with 12 holds of about 60" in " ".join(
         out.split()
@@ -106,7 +107,7 @@ def test_gaps_and_uneven_times_of_targets_are_said(run):
 def test_a_lag_in_seconds_is_kept_in_the_model_for_other_intervals(answer, given):
     late = np.interp(T - 0.03, T, MODEL.simulate(U))
     _log(T, U, late)
-    answer(f"{LINE} --time time --smoothness 0 --lag '{given}' --save late.json")
+    answer(f"{LINE} --time time --prior smooth:strength=0 --law 'lag={given}' --save late.json")
     fine = np.arange(0, 8.99, 0.004)
     write("fine.csv", "time [s],voltage [V]", np.column_stack([fine, np.interp(fine, T, U)]))
     answer("simulate late.json fine.csv --time time --save out.csv")

@@ -31,7 +31,7 @@ def test_an_option_is_not_recommended_where_it_was_given_or_compared(option):
             Record(u, u**3)
         )
         worse = next(text for text in found.warnings if "polynomial" in text)
-        assert (f"--{option}" in worse) == said
+        assert (f"--law {option}" in worse) == said
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_a_startup_is_named_with_its_rows_and_its_share():
     startup = found.residual.startup
     assert 4 <= startup.rows <= 10
     assert startup.share > 0.5
-    assert f"skip={startup.rows} (--skip {startup.rows})" in " ".join(found.advice)
+    assert f"skip={startup.rows} (--record skip={startup.rows})" in " ".join(found.advice)
     skipped = identify(Record(u, y, skip=startup.rows), Plane(8), holdout=0.3)
     assert skipped.residual.startup is None
     assert skipped.nrmse < 0.5 * found.nrmse

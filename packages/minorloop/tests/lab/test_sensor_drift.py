@@ -63,7 +63,7 @@ def test_holds_that_drift_have_not_settled_unless_it_is_subtracted():
     assert found.count("unsettled") == LEVELS.size
     assert "the sensor drifts by 5" in found.notes[0]
     assert "um per hour, 1" in found.notes[0]
-    assert "--subtract-drift" in found.remedy
+    assert "subtract_drift" in found.remedy
     flat = reduce(record, subtract_drift=True)
     assert flat.count("settled") == LEVELS.size
     assert "it was subtracted" in flat.notes[0]

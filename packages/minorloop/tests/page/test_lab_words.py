@@ -11,14 +11,14 @@ ROOT = Path(__file__).parents[4]
 @pytest.mark.parametrize(
     ("said", "shown"),
     [
-        ("set it, skip=30 (--skip 30), or", "set it, “Rows not fitted at the start”: 30, or"),
+        ("it, skip=30 (--record skip=30), or", "it, “Rows not fitted at the start”: 30, or"),
         ("pass holdout=0.3 (--holdout 0.3)", "pass “Held-out rows at the end”: 30%"),
-        ('lag="auto" or lag=3 (--lag auto) takes it', "“Lag”: automatic takes it"),
-        ('slope="auto" (--slope) may reduce it', "“Linear part (slope)” may reduce it"),
-        ("leave --time out; name a column of curves (--curves)",
+        ('lag="auto" or lag=3 (--law lag=auto) takes it', "“Lag”: automatic takes it"),
+        ('slope="auto" (--law slope=auto) may', "“Linear part (slope)”: automatic may"),
+        ("leave --time out; name a column of curves (--record curves=COLUMN)",
          "leave “Time” out; name a column of curves “Curves, each with a new memory”"),
-        ("rows apart (--rows), or", "rows apart “First row” and “Rows up to”, or"),
-        ("Dynamics() (--time COLUMN --dynamics auto) shows whether",
+        ("rows apart (--record rows=A:B), or", "rows apart “First row” and “Rows up to”, or"),
+        ("Dynamics() (--time COLUMN --law dynamics) shows whether",
          "“Dead time, poles and creep (dynamics)”: automatic shows whether"),
         ("it (reduce --flip output)", "it (reduce --flip output of the command minorloop)"),
         ("first (minorloop reduce)", "first with the command minorloop reduce LOG"),
@@ -40,6 +40,6 @@ def test_every_option_that_advice_names_is_known():
     """An option in brackets in the sentences of identification has a field or is elsewhere."""
     named = set()
     for file in (ROOT / "packages/minorloop/src/minorloop/identification").glob("*.py"):
-        named |= set(re.findall(r"\((?:\w+ )?--([a-z-]+)", file.read_text()))
-    assert named <= FIELDS.keys() | ELSEWHERE
+        named |= set(re.findall(r"\((?:\w+ )?--(?:(?:law|record) )?([a-z_-]+)", file.read_text()))
+    assert {name.replace("_", "-") for name in named} <= FIELDS.keys() | ELSEWHERE
     assert named

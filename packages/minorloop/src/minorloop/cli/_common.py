@@ -23,15 +23,11 @@ from minorloop.errors import (
     MinorloopError,
     OutputError,
     ParameterError,
-    RecordError,
 )
 
 if TYPE_CHECKING:
-    from minorloop.arrays import FloatArray, IntArray
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.records import Record
-    from minorloop.lab.timebase import TimeCheck
-    from minorloop.modelfile import ModelFile as File
     from minorloop.report import Report as Drawn
 
 
@@ -120,74 +116,6 @@ Time = Annotated[
         help="Column of time: in s, ms, us, min, h or d by its header, or date or time of day."
     ),
 ]
-Curves = Annotated[
-    str | None,
-    typer.Option(help="Column with the label of the curve: the memory is reset before each."),
-]
-StartOfCurve = Annotated[
-    str | None,
-    typer.Option(
-        help="Memory before each curve: negative, positive, demagnetised or as-left.",
-        show_default="that of --start",
-        autocompletion=one_of(("negative", "positive", "demagnetised", "as-left")),
-    ),
-]
-Groups = Annotated[
-    str | None,
-    typer.Option(
-        help="Column with the label of the group, such as the specimen; each is left out once.",
-        show_default="the curves",
-    ),
-]
-Skip = Annotated[
-    int, whole_option("First rows of the record and of each curve that are not fitted.")
-]
-Between = Annotated[
-    str | None,
-    typer.Option(
-        help="Force of an oscillator between rows: band, straight or held.",
-        show_default="band",
-        autocompletion=one_of(("band", "straight", "held")),
-    ),
-]
-Levels = Annotated[
-    int | None,
-    whole_option(
-        "Bands between the least and the greatest input, 250 at most; 25 or 50 by left-out error, "
-        "or those of an adaptive run, if not given."
-    ),
-]
-Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1), unipolar (0, 1) or auto.")]
-Diagonal = Annotated[
-    str | None,
-    typer.Option(
-        help="Smallest loops: uniform, or reversible (no hysteresis), as in adaptive runs.",
-        show_default="by left-out error",
-    ),
-]
-Lag = Annotated[
-    str | None,
-    typer.Option(
-        help="Rows by which the output follows the input, or auto: the best of 0 to 20; with "
-        "--time also in seconds, such as '3 ms'.",
-        show_default="0 or the best, by left-out error",
-    ),
-]
-Slope = Annotated[
-    bool | None,
-    typer.Option(
-        "--slope/--no-slope", help="Fit a linear part too.", show_default="by left-out error"
-    ),
-]
-Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")]
-Prior = Annotated[
-    str | None,
-    typer.Option(
-        help="gaussian (a prior on the plane), none, or auto (gaussian where it is quick, or where "
-        "samples are few or leave much of the plane open).",
-        show_default="auto",
-    ),
-]
 Holdout = Annotated[
     float,
     number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3."),
@@ -214,25 +142,6 @@ Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show all scores 
 def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
     """Return the numbers of an option, separated by commas."""
     return values.numbers(text, counts, f"--{name}", form)
-
-
-def as_lag(text: str | None) -> Any:
-    """Return the lag in rows, "auto", or a text with a unit of time; None if it is not given."""
-    from minorloop.lab.timebase import parse_lag
-
-    if text is None or parse_lag(text) is not None:
-        return text
-    return number_or_auto("lag", text, int)
-
-
-def number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:
-    if text == "auto":
-        return text
-    try:
-        return kind(text)
-    except ValueError:
-        number = "a whole number" if kind is int else "a number"
-        raise ParameterError(f"--{name} is {text!r}; give auto or {number}") from None
 
 
 def check_word(what: str, word: str, known: Sequence[str]) -> None:
@@ -439,57 +348,6 @@ def _reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
     return lambda share: now(f"reading {file.name}: {share}")
 
 
-def times_of(known: File, file: Path, column: str) -> tuple[dict[str, FloatArray], TimeCheck]:
-    """Return the column of time by its header, in seconds, and what was found in it.
-
-    Raises a `RecordError` if the times run backwards.
-    """
-    from minorloop.lab.logs import read_times
-
-    quantity, check = read_times(file, column)
-    check_order(file, column, check, strictly=known.has_time)
-    return {str(quantity): check.t}, check
-
-
-def check_order(
-    file: Path,
-    column: str,
-    check: TimeCheck,
-    *,
-    strictly: bool = True,
-    part: slice = slice(None),
-    rows: IntArray | None = None,
-) -> None:
-    """Refuse times in a part of the samples that run backwards, or ``strictly`` that repeat.
-
-    Raises a `RecordError` with the row of the file: ``rows`` (T,) are those of the samples, counted
-    from 0; all if not given.
-    """
-    import numpy as np
-
-    from minorloop.lab.columns import opened, row_number
-
-    back = np.zeros(check.t.size - 1, dtype=np.bool_)
-    back[check.jumps] = True
-    wrong = back | (np.diff(check.t) <= 0) if strictly else back.copy()
-    used = range(check.t.size)[part]
-    wrong[: used.start] = wrong[used.stop - 1 :] = False
-    if not wrong.any():
-        return
-    step = int(np.argmax(wrong))
-    row = row_number(file, step + 1 if rows is None else int(rows[step + 1]))
-    with opened(file) as table:
-        where = f"column '{table.find(column)}' of {file}"
-    if back[step]:
-        raise RecordError(
-            f"{where} runs backwards in row {row}; give the rows in the order of time"
-        )
-    raise RecordError(
-        f"{where} has the same time in row {row} as before it; leave one of the rows out, or "
-        "write more digits"
-    )
-
-
 def as_rows(text: str | None, total: int) -> slice:
     """Return the rows ``A:B``, from A up to but not including B, counted from 0."""
     if text is None:
@@ -499,16 +357,16 @@ def as_rows(text: str | None, total: int) -> slice:
         first, last = (int(part) if part.strip() else None for part in parts)
     except ValueError:
         raise ParameterError(
-            f"--rows is {text!r}; give two whole numbers A:B, such as 200:7000"
+            f"rows is {text!r}; give two whole numbers A:B, such as 200:7000"
         ) from None
     for end in (first, last):
         if end is not None and not -total <= end <= total:
             raise ParameterError(
-                f"--rows is {text!r}, and the file has {total} rows; give A:B from 0 to {total}"
+                f"rows is {text!r}, and the file has {total} rows; give A:B from 0 to {total}"
             )
     rows = slice(*slice(first, last).indices(total))
     if rows.stop <= rows.start:
-        raise ParameterError(f"--rows is {text!r}, which holds no row; give A:B with A below B")
+        raise ParameterError(f"rows is {text!r}, which holds no row; give A:B with A below B")
     return rows
 
 

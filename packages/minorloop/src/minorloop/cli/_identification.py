@@ -1,135 +1,201 @@
-"""Identification from a file on the command line: what is read, printed and written."""
+"""Records, laws and priors from options, and what of a fit or a score is written and printed."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._compilation import compilation_said
-from minorloop.errors import ParameterError, counted
+from minorloop.cli._completion import one_of
+from minorloop.errors import ParameterError
+from minorloop.values import TextValue, called, merged, parsed, plain
 
 if TYPE_CHECKING:
     from minorloop.identification.pipeline import Law
+    from minorloop.identification.prior import Prior as PriorValue
     from minorloop.identification.result import Scored
-    from minorloop.modelfile import Provenance
-    from minorloop.report import Report
+    from minorloop.lab.records import Record
 
 DISTRUSTED = 1
 """Exit status after warnings: the result is written, but the model is not to be trusted."""
-PRINTED = (
-    *("save", "force", "as_json", "verbose"),
-    *("input", "output", "from_loop", "field"),
-)
-"""Options that can be combined with all others, or are refused elsewhere."""
-OF_RECORD = (*PRINTED, "file", "time", "rows", "skip", "report")
-"""Those that can be combined with all others about a record."""
-UNKNOWN = "unknown"
-"""Value of --oscillator for a law of which nothing is known."""
+SHEET = "sheet"
+"""Kind of a law that is drawn from a data sheet, without a record."""
+_LAWS, _PRIORS = ("plane", "dynamics", "viscosity", "vibration"), ("auto", "gaussian", "smooth")
+_TIMED = ("viscosity", "vibration")
+"""Laws that need a record with times that increase."""
 
-
-def refuse_others(context: typer.Context, taken: Sequence[str], options: str) -> None:
-    """Refuse options of `identify` that cannot be combined with some ``options``.
-
-    Raises a `ParameterError` if one that is not among those ``taken`` is not the default.
-    """
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if context.params.get(name) != parameter.get_default(context) and name not in taken:
-            what = "a file" if name == "file" else f"--{name.replace('_', '-')}"
-            raise ParameterError(f"{what} cannot be combined with {options}; leave one of them out")
+RecordOptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--record",
+        metavar="KEY=VALUE,...",
+        help="Columns curves (label of the curve: the memory is reset before each), groups (label "
+        "of what is left out together, such as the specimen; the curves if not given) and sd "
+        "(standard deviation of each output, or a number; found if not given, none leaves it "
+        "out); start (memory before the first row: negative, positive or demagnetised) and "
+        "start_of_curve (before each curve; also as-left); skip (first rows of the record and of "
+        "each curve that are not fitted), rows=A:B (rows that are used, counted from 0 after the "
+        "header, B not included) and, of an oscillator, between (force between rows: band, "
+        "straight or held).",
+    ),
+]
+LawOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--law",
+        metavar="[KIND:]KEY=VALUE,...",
+        autocompletion=one_of((*(f"{kind}:" for kind in _LAWS), f"{SHEET}:")),
+        help="plane: levels (bands, 250 at most), spacing (uniform or adaptive), relay (bipolar, "
+        "unipolar), diagonal (uniform, reversible), slope (a linear part), lag (rows, or seconds "
+        "as '3 ms'), signed (negative weights, for butterfly loops), offset; yes, no and auto "
+        "where they fit. dynamics: dead time, poles and creep too: first (operator, linear), "
+        "poles, creep, and what plane has. viscosity: creep (auto, none, thermal, spectrum), rate, "
+        "levels, diagonal, spacing. vibration (force to displacement): rough (model file with a "
+        "rough oscillator), period (rows), between (band, straight, held). sheet:HC,BR,BMAX (no "
+        "record): coercivity, remanence and saturation of a data sheet, with field at saturation.",
+    ),
+]
+PriorOption = Annotated[
+    str,
+    typer.Option(
+        "--prior",
+        autocompletion=one_of(_PRIORS),
+        help="gaussian[:mean=ridge], smooth[:strength=X] (0 for none), or auto (gaussian where it "
+        "is quick, or where samples are few or leave much of the plane open).",
+    ),
+]
 
 
 @dataclass(frozen=True)
-class Outputs:
-    """What is written and printed of a fit or a score."""
+class RecordReader:
+    """What a record has beside input, output and time."""
 
-    save: Path | None
-    report: Path | None
-    force: bool
-    as_json: bool
-    verbose: bool
+    curves: str | None = None
+    groups: str | None = None
+    sd: str | None = None
+    start: str = "negative"
+    start_of_curve: str | None = None
+    skip: int = 0
+    rows: str | None = None
+    between: str | None = None
 
-    def drawn(self, draw: Callable[[], Report]) -> _common.Written:
-        """Return the file of a report."""
-        return _common.drawn(self.report, draw, self.force)
+    @classmethod
+    def of(cls, texts: Sequence[str] | None, **others: Any) -> RecordReader:
+        """Return the reader that an option describes, without the keys of ``others``."""
+        return called(cls, "--record", merged(texts or (), "").options, **others)
 
-    def finish(
+    def read(
         self,
-        found: Scored,
-        title: str,
-        files: Sequence[_common.Written],
-        figures: Mapping[str, Any],
-        notes: Sequence[str] = (),
-    ) -> None:
-        """Write files and print what was found.
+        file: Path,
+        input: str | None,
+        output: str | None,
+        time: str | None,
+        now: Callable[[str], None],
+    ) -> Record:
+        """Return the record of a table or an experiment store."""
+        columns = {"input": input, "output": output, "time": time, "curves": self.curves}
+        columns |= {"groups": self.groups, "sd": self.sd}
+        try:
+            noise = None if self.sd is None else float(self.sd)
+            columns["sd"] = None if noise is None else _common.NONE
+        except ValueError:
+            noise = None
+        record = _common.read_record(file, columns, now)
+        if self.rows is not None:
+            part = _common.as_rows(self.rows, len(record))
+            record = record.only(part.start, part.stop)
+        if noise is not None:
+            record = record.replace(sd=noise)
+        return record.replace(**self.settings)
 
-        Parameters
-        ----------
-        found : Scored
-            What was found.
-        title : str
-            Of the table.
-        files : sequence of Written
-            What is written.
-        figures : mapping
-            What ``--json`` has beside the scores; ``seconds`` is in the table too.
-        notes : sequence of str
-            What is printed behind the advice.
-        """
-        # Files first: the reader of the output may end.
-        steps = [partial(self._write, one, one.path) for one in files if one.path is not None]
-        _common.do_all([*steps, partial(self._print, found, title, figures, notes)])
-
-    def judge(self, found: Scored) -> None:
-        """Say where the warnings are, and end with exit status 1 if there are some."""
-        count = len(found.warnings)
-        if count and not self.as_json:
-            which = "the first of these says" if count == 1 else f"the first {count} of these say"
-            typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
-        if count:
-            raise typer.Exit(DISTRUSTED)
-
-    def _write(self, file: _common.Written, path: Path) -> None:
-        file.write(path)
-        if not self.as_json:
-            typer.echo(file.said.format(path))
-
-    def _print(
-        self, found: Scored, title: str, figures: Mapping[str, Any], notes: Sequence[str]
-    ) -> None:
-        from minorloop.identification.accuracy import curve_table
-        from minorloop.identification.result import FIRST
-
-        with _common.working("scoring"):
-            scores = found.figures if self.as_json else {}
-            rows = [] if self.as_json else found.summary(slow=self.verbose)
-        if self.as_json:
-            _common.print_json({**scores, **figures})
-            return
-        if "seconds" in figures:
-            rows.append(("time", f"{figures['seconds']:.2f} s"))
-        _common.print_table(("", ""), rows if self.verbose else rows[:FIRST], title)
-        if self.verbose:
-            if found.curve_accuracy:
-                _common.print_table(*curve_table(found.curve_accuracy))
-            for line in found.details:
-                typer.echo(line)
-            _common.print_advice([*found.advice, *notes])
-        else:
-            _common.print_advice(found.warnings)
-            if not found.warnings:
-                _common.print_sentence(f"verdict: {found.verdict}")
-            typer.echo("-v shows all scores and advice")
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What `Record.replace` takes."""
+        return {name: getattr(self, name) for name in ("start", "start_of_curve", "skip")}
 
 
-def rough_oscillator(start: str) -> Any:
+def law_value(texts: Sequence[str] | None) -> TextValue:
+    """Return the parts of an option that may be repeated; of a plane without any."""
+    return merged(texts or (), "plane")
+
+
+def law_of(value: TextValue) -> Law[Any]:
+    """Return the law that an option describes.
+
+    Raises a `ParameterError` if there is no such law.
+    """
+    from minorloop.identification import Dynamics, Plane, Viscosity
+    from minorloop.identification.oscillator import Vibration
+
+    kind, options, where = value.kind, dict(value.options), f"the law {value.kind}"
+    _common.check_word("law", kind, (*_LAWS, SHEET))
+    if value.what:
+        raise ParameterError(f"--law has {value.what!r}; give KEY=VALUE after {kind}:")
+    if kind == "plane":
+        return called(Plane, where, options)
+    if kind == "viscosity":
+        return called(Viscosity, where, options)
+    if kind == "vibration":
+        rough = options.pop("rough", "unknown")
+        return called(Vibration, where, options, rough=_rough_oscillator(rough))
+    names: tuple[str, ...] = ("first", "poles", "creep")
+    own = {name: options.pop(name) for name in names if name in options}
+    return called(Dynamics, where, own, plane=called(Plane, where, options))
+
+
+def prior_of(text: str) -> PriorValue:
+    """Return the prior that an option describes.
+
+    Raises a `ParameterError` if there is no such prior.
+    """
+    from minorloop.identification import Gaussian, Smooth
+
+    value = parsed(text)
+    _common.check_word("prior", value.kind, _PRIORS)
+    kinds: dict[str, Any] = {"gaussian": Gaussian, "smooth": Smooth}
+    if value.kind == "auto":
+        return "auto"
+    return called(kinds[value.kind], f"the prior {value.kind}", value.options)
+
+
+def plane_options(value: TextValue, prior: str) -> dict[str, Any]:
+    """Return the options of a fleet that a plane and its prior are.
+
+    Raises a `ParameterError` if the law is another one.
+    """
+    assumed = parsed(prior)
+    _common.check_word("law of a fleet", value.kind, ("plane",))
+    _common.check_word("prior", assumed.kind, _PRIORS)
+    options = {name: plain(text) for name, text in value.options.items()}
+    options["prior"] = "none" if assumed.kind == "smooth" else assumed.kind
+    names = {"strength": "smoothness"}
+    return options | {names.get(key, key): plain(text) for key, text in assumed.options.items()}
+
+
+def check_times(kind: str, file: Path, record: Record) -> None:
+    """Refuse a record without times that increase, if laws of that kind need them.
+
+    Raises a `ParameterError` or a `RecordError`.
+    """
+    from minorloop.lab.logs import check_order
+
+    origin = record.origin
+    if kind not in _TIMED:
+        return
+    if record.check is None:
+        raise ParameterError(
+            f"--time is missing; --law {kind} needs the columns of input, output and time"
+        )
+    column = str(origin.time_column)
+    check_order(file, column, record.check, part=record.part, rows=origin.rows)
+
+
+def _rough_oscillator(start: str) -> Any:
     """Return the oscillator in a model file, or ``unknown``.
 
     Raises a `ParameterError` if the file has another model.
@@ -137,12 +203,12 @@ def rough_oscillator(start: str) -> Any:
     from minorloop import modelfile
     from minorloop.dynamics.oscillator import Oscillator
 
-    if start == UNKNOWN:
+    if start == "unknown":
         return start
     if not Path(start).exists():
         raise ParameterError(
-            f"--oscillator is {start!r}; give unknown, or a model file with a rough oscillator, "
-            "which minorloop.save writes"
+            f"rough is {start!r}; give unknown, or a model file with a rough oscillator, which "
+            "minorloop.save writes"
         )
     known = modelfile.read(start)
     if not isinstance(known.model, Oscillator):
@@ -153,59 +219,70 @@ def rough_oscillator(start: str) -> Any:
     return known.model
 
 
-def identify(
-    file: Path,
-    columns: Mapping[str, Any],
-    rows: str | None,
-    law: Law[Any],
-    of_record: Mapping[str, Any],
-    timed: str = "",
-    **options: Any,
-) -> tuple[Any, Provenance, float]:
-    """Read a record and identify a law from it.
+def show_scored(
+    found: Scored,
+    title: str,
+    as_json: bool,
+    verbose: bool,
+    *files: _common.Written,
+    figures: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+    judged: bool = True,
+) -> None:
+    """Write files, print what was found, and exit with 1 if it is not to be trusted.
 
     Parameters
     ----------
-    file, columns, rows
-        The file, its columns as `minorloop.read` names them, and the rows A:B that are used.
-    law : Law
-        As of `minorloop.identify`.
-    of_record : mapping
-        Parameters of `Record`.
-    timed : str
-        Options of the command line that need times.
-    **options
-        ``prior`` and ``holdout`` of `minorloop.identify`.
-
-    Returns
-    -------
-    (Fit, Provenance, float)
-        The result, the file as it was read, and the seconds.
-
-    Raises
-    ------
-    ParameterError
-        If the record has no times, which the options ``timed`` need.
-    RecordError
-        If the times of these rows do not increase, and are needed.
+    found : Scored
+        What was found.
+    title : str
+        Of the table.
+    as_json, verbose : bool
+        Whether to print JSON, or all scores and advice.
+    *files : Written
+        What is written.
+    figures : mapping, optional
+        What ``--json`` has beside the scores; ``seconds`` is in the table too.
+    notes : sequence of str
+        What is printed behind the advice.
+    judged : bool
+        Whether a model with warnings is not to be trusted.
     """
-    with _common.working(f"reading {file.name}") as now:
-        record = _common.read_record(file, columns, now)
-        part, origin = _common.as_rows(rows, len(record)), record.origin
-        if timed:
-            if record.check is None:
-                raise ParameterError(
-                    f"--time is missing; {timed} needs the columns of input, output and time"
-                )
-            column = str(origin.time_column)
-            _common.check_order(file, column, record.check, part=part, rows=origin.rows)
-        doing = f"identifying from {counted(part.stop - part.start, 'row')}"
-        now(doing)
-        with compilation_said(lambda sentence: now(sentence, kept=True)):
-            from minorloop.modelfile import Provenance
+    beside = figures or {}
 
-            provenance = Provenance.of(file)
-            began = time.perf_counter()
-            used = record.only(part.start, part.stop).replace(**of_record)
-            found = law.identify(used, say=lambda stage: now(f"{doing}: {stage}"), **options)
-            return found, provenance, time.perf_counter() - began
+    def content() -> dict[str, Any]:
+        with _common.working("scoring"):
+            return {**found.figures, **beside}
+
+    show = partial(_print, found, title, verbose, beside, notes)
+    _common.finish(as_json, content, show, *files)
+    count = len(found.warnings) if judged else 0
+    if count and not as_json:
+        which = "the first of these says" if count == 1 else f"the first {count} of these say"
+        typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
+    if count:
+        raise typer.Exit(DISTRUSTED)
+
+
+def _print(
+    found: Scored, title: str, verbose: bool, beside: Mapping[str, Any], notes: Sequence[str]
+) -> None:
+    from minorloop.identification.accuracy import curve_table
+    from minorloop.identification.result import FIRST
+
+    with _common.working("scoring"):
+        rows = found.summary(slow=verbose)
+    if "seconds" in beside:
+        rows.append(("time", f"{beside['seconds']:.2f} s"))
+    _common.print_table(("", ""), rows if verbose else rows[:FIRST], title)
+    if not verbose:
+        _common.print_advice(found.warnings)
+        if not found.warnings:
+            _common.print_sentence(f"verdict: {found.verdict}")
+        typer.echo("-v shows all scores and advice")
+        return
+    if found.curve_accuracy:
+        _common.print_table(*curve_table(found.curve_accuracy))
+    for line in found.details:
+        typer.echo(line)
+    _common.print_advice([*found.advice, *notes])

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError, counted
+from minorloop.cli._identification import (
+    LawOption,
+    PriorOption,
+    RecordOptions,
+    RecordReader,
+    law_value,
+    plane_options,
+)
+from minorloop.errors import counted
 
 if TYPE_CHECKING:
     from minorloop.fleet.summary import Summary
 
 NAME = "fleet"
-EXAMPLE = "minorloop fleet identify manifest.csv --out fleet --levels 20 --workers 2"
+EXAMPLE = "minorloop fleet manifest.csv --out fleet --law levels=20 --workers 2"
 _SHOWN = 10
 """Most lines of each kind below the table; all are in the summary."""
 
 
 def run(
-    what: Annotated[str, typer.Argument(help="What to do: identify.", show_default=False)],
     manifest: Annotated[
         Path,
         typer.Argument(
@@ -43,20 +51,16 @@ def run(
     output: Annotated[
         str | None, typer.Option(help="Column of the output, where the manifest names none.")
     ] = None,
-    levels: _common.Levels = None,
-    relay: _common.Relay = "bipolar",
-    diagonal: _common.Diagonal = None,
-    lag: _common.Lag = None,
-    slope: _common.Slope = None,
-    smoothness: _common.Smoothness = "auto",
-    prior: _common.Prior = "auto",
-    start: _common.Start = "negative",
+    record: RecordOptions = None,
+    law: LawOption = None,
+    prior: PriorOption = "auto",
     holdout: _common.Holdout = 0.0,
     workers: Annotated[
-        int | None, _common.whole_option("Local processes; one for each core if not given.")
-    ] = None,
-    address: Annotated[
-        str | None, typer.Option(help="Scheduler of a Dask cluster, such as tcp://10.0.0.1:8786.")
+        str | None,
+        typer.Option(
+            help="Number of local processes, one for each core if not given; or the scheduler of a "
+            "Dask cluster, such as tcp://10.0.0.1:8786."
+        ),
     ] = None,
     limit: Annotated[
         float,
@@ -74,37 +78,35 @@ def run(
 ) -> None:
     """Identify every specimen of a manifest; failures are reported, and the rest continues.
 
-    The exit status is 1 if nothing was identified, and 2 if all workers or the scheduler of a
-    cluster are lost; finished specimens are kept.
+    The law is a plane. The exit status is 1 if nothing was identified, and 2 if all workers or the
+    scheduler of a cluster are lost; finished specimens are kept.
     """
-    if what != "identify":
-        raise ParameterError(f"there is no action {what!r}; give identify")
     from minorloop.fleet import identify_fleet, read_manifest
 
+    others = dict.fromkeys(("curves", "groups", "sd", "rows", "between"))
+    reader = RecordReader.of(record, **others)
+    settings = {name: value for name, value in reader.settings.items() if value is not None}
+    options = plane_options(law_value(law), prior)
     specimens = read_manifest(manifest, input=input, output=output)
-    options: dict[str, Any] = {"relay": relay, "prior": prior, "start": start, "holdout": holdout}
-    options["smoothness"] = _common.number_or_auto("smoothness", smoothness, float)
-    given = {"levels": levels, "diagonal": diagonal, "lag": _common.as_lag(lag), "slope": slope}
-    options |= {name: value for name, value in given.items() if value is not None}
+    cluster = workers is not None and ":" in workers
     with _common.working(
         f"identifying {counted(len(specimens), 'specimen')}", logged=not as_json
     ) as now:
         summary = identify_fleet(
             specimens,
             out,
-            workers=workers,
-            address=address,
+            workers=None if cluster or workers is None else _common.whole(workers),
+            address=workers if cluster else None,
             limit=limit,
             retry_failed=retry_failed,
             patience=patience,
             say=_say,
             watch=lambda done, of, last: now(f"{done} of {of} specimens, last {last.specimen}"),
+            holdout=holdout,
             **options,
+            **settings,
         )
-    if as_json:
-        _common.print_json(summary.plain())
-    else:
-        _show(summary, out)
+    _common.finish(as_json, summary.plain, partial(_show, summary, out))
     sys.stdout.flush()
     if not summary.identified:
         raise typer.Exit(1)

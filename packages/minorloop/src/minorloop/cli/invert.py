@@ -10,6 +10,8 @@ from minorloop.cli import _common
 from minorloop.errors import ParameterError, UnreachableError, are, counted
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from minorloop.arrays import FloatArray
     from minorloop.dynamics.cascade import CascadeInversion
     from minorloop.lab.timebase import TimeCheck
@@ -59,7 +61,7 @@ def run(
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         targets = read_column(file, target, known.output.unit)
-        times, check = ({}, None) if time is None else _common.times_of(known, file, time)
+        times, check = ({}, None) if time is None else _times_of(known, file, time)
         now(f"inverting {targets.size} targets")
         result: Any
         try:
@@ -91,6 +93,18 @@ def run(
     if save is not None:
         typer.echo(f"written to {save}")
     _common.print_warnings(known.warnings)
+
+
+def _times_of(known: ModelFile, file: Path, column: str) -> tuple[dict[str, FloatArray], TimeCheck]:
+    """Return the column of time by its header, in seconds, and what was found in it.
+
+    Raises a `RecordError` if the times run backwards.
+    """
+    from minorloop.lab.logs import check_order, read_times
+
+    quantity, check = read_times(file, column)
+    check_order(file, column, check, strictly=known.has_time)
+    return {str(quantity): check.t}, check
 
 
 def _about_times(check: TimeCheck) -> list[str]:

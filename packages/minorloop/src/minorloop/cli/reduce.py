@@ -39,11 +39,9 @@ _Holds = Annotated[
         metavar="KEY=VALUE,...",
         help="range=LOW:HIGH of the sensor, beyond which readings are not used; tolerance: slope "
         "of a settled output per second, 0.2 % of the span in a hold; input_tolerance: changes of "
-        "the input that are noise, estimated; shortest hold in seconds.",
+        "the input that are noise, estimated; shortest hold in seconds; "
+        "subtract_drift=yes: a drift of the sensor that holds show.",
     ),
-]
-_Subtract = Annotated[
-    bool, typer.Option("--subtract-drift", help="Subtract a drift of the sensor that holds show.")
 ]
 _Keep = Annotated[
     bool,
@@ -59,7 +57,6 @@ def run(
     convert: _common.Convert = None,
     flip: _Flip = None,
     holds: _Holds = "",
-    subtract_drift: _Subtract = False,
     keep_unsettled: _Keep = False,
     save: _common.Save = None,
     report: _common.Report = None,
@@ -86,7 +83,6 @@ def run(
             record=record,
             conversion=None if convert is None else from_text(convert, record.output),
             limits=limits,
-            subtract_drift=subtract_drift,
             breaks=record.check.breaks if record.check else (),
             **flips,
         )

@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import partial
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._identification import Outputs
+from minorloop.cli._identification import RecordOptions, RecordReader, show_scored
 
 NAME = "score"
 EXAMPLE = "minorloop score model.json other.csv --report score.html"
@@ -29,12 +29,7 @@ def run(
     input: Annotated[str | None, _Column] = None,
     output: Annotated[str | None, _Column] = None,
     time: _common.Time = None,
-    start: _common.Start = "negative",
-    curves: _common.Curves = None,
-    start_of_curve: _common.StartOfCurve = None,
-    groups: _common.Groups = None,
-    skip: _common.Skip = 0,
-    between: _common.Between = None,
+    record: RecordOptions = None,
     save: _Save = None,
     report: _common.Report = None,
     force: _common.Force = False,
@@ -50,30 +45,25 @@ def run(
     from minorloop.lab.store import is_store
 
     known = modelfile.read(model)
-    named = not is_store(file)  # a store has one input and one output
-    columns = {
-        "input": input or (known.input.name if named else None),
-        "output": output or (known.output.name if named else None),
-        "time": time,
-        "curves": curves,
-        "groups": groups,
-        "sd": _common.NONE,
-    }
+    if not is_store(file):  # a store has one input and one output
+        input, output = input or known.input.name, output or known.output.name
+    reader = RecordReader.of(record, sd=_common.NONE)
+    between: Any = reader.between
     with _common.working(f"reading {file.name}") as now:
-        log = _common.read_record(file, columns, now)
+        log = reader.read(file, input, output, time, now)
         now(f"scoring {len(log)} samples")
-        log = log.replace(start=start, start_of_curve=start_of_curve, skip=skip)
-        found = scoring.score(known, log, between=between)  # type: ignore[arg-type]
-    outputs = Outputs(save, report, force, as_json, verbose)
-    files = (
-        _common.Written(save, partial(_write, found, log.time, force), "residuals written to {}"),
-        outputs.drawn(partial(found.report, model.name, file.name)),
-    )
+        found = scoring.score(known, log, between=between)
     _common.print_warnings(known.warnings)
-    residual = {} if save is not None else {"residuals": found.error}
-    title, notes = f"{model.name} on {file.name}", found.simulation.notes
-    outputs.finish(found, title, files, residual, notes)
-    outputs.judge(found)
+    show_scored(
+        found,
+        f"{model.name} on {file.name}",
+        as_json,
+        verbose,
+        _common.Written(save, partial(_write, found, log.time, force), "residuals written to {}"),
+        _common.drawn(report, partial(found.report, model.name, file.name), force),
+        figures={} if save is not None else {"residuals": found.error},
+        notes=found.simulation.notes,
+    )
 
 
 def _write(found: ModelScore, time: Quantity, force: bool, path: Path) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._identification import RecordOptions, RecordReader
 from minorloop.errors import ParameterError, counted
 
 NAME = "simulate"
@@ -31,10 +32,7 @@ def run(
         ),
     ] = None,
     time: _common.Time = None,
-    start: _common.Start = "negative",
-    curves: _common.Curves = None,
-    start_of_curve: _common.StartOfCurve = None,
-    between: _common.Between = None,
+    record: RecordOptions = None,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -45,45 +43,43 @@ def run(
 
     from minorloop import modelfile, scoring
     from minorloop.identification.curves import AS_LEFT
+    from minorloop.lab.logs import check_order
 
+    reader = RecordReader.of(record, groups=None, sd=None, rows=None, skip=0)
+    curves, between = reader.curves, reader.between
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         log = _inputs(known, file, known.input.name if input is None else input, time, curves)
-        if curves is not None and start_of_curve != AS_LEFT:
+        if curves is not None and reader.start_of_curve != AS_LEFT:
             log = log.with_memory_reset()
         if log.check is not None:
-            _common.check_order(file, str(time), log.check, strictly=known.has_time)
+            check_order(file, str(time), log.check, strictly=known.has_time)
         now(f"simulating {len(log)} samples")
-        log = log.replace(start=start, start_of_curve=start_of_curve)
+        log = log.replace(start=reader.start, start_of_curve=reader.start_of_curve)
         found = scoring.simulate(known, log, between=between)  # type: ignore[arg-type]
-        y = found.y
-        if save is not None:
-            now(f"writing {save.name}")
-            output = str(known.output)
-            cells = ["" if isnan(value) else value for value in y.tolist()]
-            header = output if known.output != known.input else f"predicted {output}"
-            times = {} if found.t is None else {str(log.time): found.t}
-            labels = {} if curves is None or log.curves is None else {curves: log.curves}
-            columns = {**times, **labels, str(known.input): found.u, header: cells}
-            _common.write_csv(save, columns, force=force)
+    y, output = found.y, str(known.output)
+    columns: dict[str, Any] = {} if found.t is None else {str(log.time): found.t}
+    if curves is not None and log.curves is not None:
+        columns[curves] = log.curves
+    header = output if known.output != known.input else f"predicted {output}"
+    cells = ["" if isnan(value) else value for value in y.tolist()]
+    columns |= {str(known.input): found.u, header: cells}
     _common.print_warnings(known.warnings)
     notes = [*found.notes, *found.of_levels]
-    least, greatest = nanmin(y), nanmax(y)
-    if as_json:
-        outputs = {} if save is not None else {"y": y}
-        figures = {"samples": y.size, "least": least, "greatest": greatest}
-        _common.print_json({**figures, **outputs, **({"notes": notes} if notes else {})})
-        return
-    for note in notes:
-        typer.echo(f"note: {note}", err=True)
-    unit = f" {known.output.unit}" if known.output.unit else ""
-    typer.echo(
-        f"{counted(y.size, 'sample')} of {known.output.name}, {least:.6g} to {greatest:.6g}{unit}"
-    )
-    if save is not None:
-        typer.echo(f"written to {save}")
-    else:
-        typer.echo("nothing was written; --save FILE writes inputs and outputs")
+    figures: dict[str, Any] = {"samples": y.size, "least": nanmin(y), "greatest": nanmax(y)}
+    figures |= {} if save is not None else {"y": y}
+    figures |= {"notes": notes} if notes else {}
+
+    def show() -> None:
+        for note in notes:
+            typer.echo(f"note: {note}", err=True)
+        unit = f" {known.output.unit}" if known.output.unit else ""
+        ends = f"{figures['least']:.6g} to {figures['greatest']:.6g}{unit}"
+        typer.echo(f"{counted(y.size, 'sample')} of {known.output.name}, {ends}")
+        if save is None:
+            typer.echo("nothing was written; --save FILE writes inputs and outputs")
+
+    _common.finish(as_json, lambda: figures, show, _common.table(save, columns, force))
 
 
 def _inputs(

@@ -178,7 +178,7 @@ def split(model: Any, interval: float | None) -> tuple[Any, Linear | None, First
     if model.ahead is not None:
         raise ParameterError(
             "the model has dynamics on both sides of the operator, which exports do not carry; "
-            "identify with dynamics on one side (--dynamics operator or linear)"
+            "identify with dynamics on one side (--law dynamics:first=operator or linear)"
         )
     if interval is None and model.linear.interval is None:
         raise ParameterError(

@@ -54,7 +54,7 @@ _CONSTANT = 1.5
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
     "reverse the sign of the output (reduce --flip output), or allow negative weights with "
-    "signed=True (--signed)"
+    "signed=True (--law signed=yes)"
 )
 
 
@@ -113,8 +113,8 @@ def _residual(fit: Fit) -> Iterator[str]:
             f"{first} off by up to {found.startup.largest:.1%} of range and "
             f"{'has' if found.startup.rows == 1 else 'have'} {found.startup.share:.0%} of the "
             "squared error, a start-up that the model does not follow: let them set the memory "
-            f"without being fitted, skip={found.startup.rows} (--skip {found.startup.rows}), or "
-            "give the start state that the record has"
+            f"without being fitted, skip={found.startup.rows} "
+            f"(--record skip={found.startup.rows}), or give the start state that the record has"
         )
     if samples := found.outliers:
         one = len(samples) == 1
@@ -129,7 +129,7 @@ def _residual(fit: Fit) -> Iterator[str]:
         yield (
             f"from sample {found.step.sample} on the output is shifted by {found.step.size:+.2%} "
             "of range: the sensor or its mount moved, or its zero was set anew; identify the rows "
-            "before and behind apart (--rows), or subtract the shift from the output"
+            "before and behind apart (--record rows=A:B), or subtract the shift from the output"
         )
     if abs(found.drift) > _LEAST_DRIFT:
         yield (
@@ -158,7 +158,7 @@ def _starts(fit: Fit) -> Iterator[str]:
         yield (
             f"the first rows of the curves are off together, by {-off:+.2%} of range in the mean: "
             f"the memory before them may not be {start!r}; try "
-            f'start_of_curve="{others[1]}" or "{others[0]}" (--start-of-curve)'
+            f'start_of_curve="{others[1]}" or "{others[0]}" (--record start_of_curve)'
         )
 
 
@@ -172,7 +172,7 @@ def _uneven(fit: Fit) -> Iterator[str]:
             f"the {found.groups.groups} groups differ from one another, by offsets of up to "
             f"{found.groups.offset:.2%} of range{gains}, which are {found.groups.share:.0%} of the "
             "squared error: no option of one model removes it; identify each group by itself "
-            "(minorloop fleet identify), or correct the offset of the sensor"
+            "(minorloop fleet), or correct the offset of the sensor"
         )
     for parts, small, large, todo in (
         (
@@ -186,7 +186,7 @@ def _uneven(fit: Fit) -> Iterator[str]:
             "slow inputs",
             "fast inputs",
             "measure at the rate that you will use"
-            + ("" if fit.searched else ', try lag="auto" (--lag auto)')
+            + ("" if fit.searched else ', try lag="auto" (--law lag=auto)')
             + ", or add linear dynamics",
         ),
     ):
@@ -210,7 +210,7 @@ def _uneven(fit: Fit) -> Iterator[str]:
 def _remedy(fit: Fit) -> str:
     if any(choice.name == "structure" for choice in fit.choices):
         more = (
-            "; Dynamics() (--time COLUMN --dynamics auto) shows whether rate or creep"
+            "; Dynamics() (--time COLUMN --law dynamics) shows whether rate or creep"
             if fit.measured is None
             else ""
         )
@@ -218,8 +218,8 @@ def _remedy(fit: Fit) -> str:
             "the options that were compared do not remove it, so it may depend on the rate, creep "
             f"or temperature{more}"
         )
-    lag = "" if fit.searched else ' or lag="auto" (--lag auto)'
-    return f'other levels, slope="auto" (--slope){lag} may reduce it'
+    lag = "" if fit.searched else ' or lag="auto" (--law lag=auto)'
+    return f'other levels, slope="auto" (--law slope=auto){lag} may reduce it'
 
 
 def _lag(fit: Fit) -> Iterator[str]:
@@ -231,7 +231,7 @@ def _lag(fit: Fit) -> Iterator[str]:
             yield (
                 f"the lag of {counted(fit.lag, 'sample')} leaves {out} of {rows} samples out, "
                 "at the beginnings of curves, because the inputs before them are not known; lag=0 "
-                "(--lag 0) fits all"
+                "(--law lag=0) fits all"
             )
 
 
@@ -340,7 +340,7 @@ def _errors(fit: Fit) -> Iterator[str]:
         yield (
             "loops run clockwise: the output turns before the input, which weights that are not "
             "negative cannot describe. If the columns of input and output are exchanged, exchange "
-            "them; otherwise allow negative weights with signed=True (--signed)"
+            "them; otherwise allow negative weights with signed=True (--law signed=yes)"
         )
     elif score > base and score > _ROUNDING:
         yield (
@@ -353,10 +353,10 @@ def _errors(fit: Fit) -> Iterator[str]:
 def _untried(fit: Fit) -> str:
     """Name the options that were neither given nor compared."""
     compared = {choice.name for choice in fit.choices}
-    options = [] if fit.searched else ['lag="auto" (--lag auto)']
+    options = [] if fit.searched else ['lag="auto" (--law lag=auto)']
     if not fit.matrix.spec.slope and "structure" not in compared:
-        options.append("slope=True (--slope)")
-    return " and ".join([*options, "for butterfly loops signed=True (--signed)"])
+        options.append("slope=True (--law slope=yes)")
+    return " and ".join([*options, "for butterfly loops signed=True (--law signed=yes)"])
 
 
 def _known(fit: Fit) -> BoolArray:

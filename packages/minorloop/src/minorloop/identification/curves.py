@@ -114,12 +114,14 @@ def as_curves(
     """
     if labels is None:
         if start_of_curve is not None:
-            raise ParameterError("start_of_curve is given without curves; give curves (--curves)")
+            raise ParameterError(
+                "start_of_curve is given without curves; give curves (--record curves=COLUMN)"
+            )
         return Curves.whole(start)
     number = as_groups("curves", labels, samples)
     if isinstance(start_of_curve, str):
         allowed = (*get_args(Saturation), AS_LEFT)
-        check_option("start_of_curve (--start-of-curve)", start_of_curve, allowed)
+        check_option("start_of_curve (--record start_of_curve)", start_of_curve, allowed)
     if start_of_curve is None:
         start_of_curve = start
     if start_of_curve == AS_LEFT:
@@ -130,9 +132,9 @@ def as_curves(
     if returns and 2 * np.count_nonzero(lengths == 1) >= lengths.size:
         shown = ", ".join(map(_as_text, np.asarray(labels)[begins[:4]].tolist()))
         raise ParameterError(
-            f"curves (--curves) changes from row to row, {shown}, and each change begins a curve; "
-            "put the rows of a curve one after the other, or give the start state "
-            '"as-left" (--start-of-curve as-left) if the rows are in the order of time'
+            f"curves (--record curves=COLUMN) changes from row to row, {shown}, and each change "
+            "begins a curve; put the rows of a curve one after the other, or give the start state "
+            '"as-left" (--record start_of_curve=as-left) if the rows are in the order of time'
         )
     names = tuple(map(_as_text, np.asarray(labels)[begins].tolist()))
     return Curves(begins, start_of_curve, names)

@@ -89,14 +89,14 @@ def _startup(fit: DynamicIdentification) -> Iterator[str]:
             f"the first {fit.startup} rows move the output as no later row does, so nothing "
             "shows whether the memory was known before them: if the actuator was not moved "
             "over its whole range and back before the record, leave them out with "
-            f"skip={fit.startup} (--skip {fit.startup}); or record large loops twice"
+            f"skip={fit.startup} (--record skip={fit.startup}); or record large loops twice"
         )
     elif fit.startup:
         yield (
             f"the first {fit.startup} rows are not fitted: with them the other rows fit "
             "worse, so the record seems to begin with another memory than the model assumes, "
             "such as that of an actuator that rested for long; move it over its whole range "
-            "and back before the record, or give the start state that it has (--start)"
+            "and back before the record, or give the start state that it has (--record start)"
         )
 
 
@@ -108,7 +108,7 @@ def _structure(fit: DynamicIdentification) -> Iterator[str]:
             f"the structure of the dynamics is too close to call: {near[0].what} and "
             f"{fit.best.what} are equally good on left-out pieces of the record; record "
             "faster or larger reversals, or give the order that the physics has, such as "
-            'first="operator" (--dynamics operator)'
+            'first="operator" (--law dynamics:first=operator)'
         )
     if not fit.dynamic:
         yield "with dead time, poles or creep the model is no better than with the operator alone"

@@ -51,7 +51,7 @@ def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[R
             "record settled outputs"
         )
     elif record.lag + shift > 0:
-        todo = f'lag="auto" or lag={record.lag + shift} (--lag auto) takes it into account'
+        todo = f'lag="auto" or lag={record.lag + shift} (--law lag=auto) takes it into account'
     yield RecordFault(
         "lag",
         (),

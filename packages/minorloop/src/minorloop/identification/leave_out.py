@@ -69,7 +69,7 @@ def check_several_groups(groups: IntArray) -> IntArray:
     if names.size < 2:
         raise ParameterError(
             "all fitted rows are of one group, so none can be left out; give two groups or more, "
-            "or leave groups (--groups) out"
+            "or leave groups (--record groups=COLUMN) out"
         )
     return names
 

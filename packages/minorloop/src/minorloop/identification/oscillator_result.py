@@ -75,7 +75,7 @@ def _beginning(fit: OscillatorIdentification) -> Iterator[str]:
         yield (
             f"the error is {ratio:.2g} times as large at the beginning of the record as later, as "
             "where the structure moved before; begin at rest, give a period if the record "
-            "repeats, or leave the beginning out of the error with skip (--skip)"
+            "repeats, or leave the beginning out of the error with skip (--record skip=N)"
         )
 
 

@@ -101,7 +101,7 @@ class Identification(Fit[Preisach]):
             "{:.1f}",
             kept=True,
         ),
-        ScoreRow("rank", "_known_rank", "rank", absent="not computed, see --rank", slow=True),
+        ScoreRow("rank", "_known_rank", "rank", absent="not computed; fit.rank is", slow=True),
         ScoreRow("condition", lambda fit: fit.condition if fit._known_rank is not None else None),
         ScoreRow("levels", "model.bands"),
         ScoreRow("range", lambda fit: list(fit.model.range)),

@@ -11,7 +11,7 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples
 from minorloop.errors import ParameterError, RecordError, counted
 from minorloop.files import PathLike
 from minorloop.lab.cells import SparseColumnError
-from minorloop.lab.columns import opened
+from minorloop.lab.columns import opened, row_number
 from minorloop.lab.gaps import with_lost_rows
 from minorloop.lab.headers import deviation_column, split_header, with_unit
 from minorloop.lab.records import SAMPLE, Origin, Quantity, Record
@@ -258,3 +258,38 @@ def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
     if clock.unit == "" and t.size and t[0] > _DATE:
         t = t - t[0]
     return Quantity(clock.name, "s"), check_times(t, name=f"column '{clock}'", unit=clock.unit)
+
+
+def check_order(
+    path: PathLike,
+    column: str,
+    check: TimeCheck,
+    *,
+    strictly: bool = True,
+    part: slice = slice(None),
+    rows: IntArray | None = None,
+) -> None:
+    """Refuse times in a part of the samples that run backwards, or ``strictly`` that repeat.
+
+    Raises a `RecordError` with the row of the file: ``rows`` (T,) are those of the samples, counted
+    from 0; all if not given.
+    """
+    back = np.zeros(check.t.size - 1, dtype=np.bool_)
+    back[check.jumps] = True
+    wrong = back | (np.diff(check.t) <= 0) if strictly else back.copy()
+    used = range(check.t.size)[part]
+    wrong[: used.start] = wrong[used.stop - 1 :] = False
+    if not wrong.any():
+        return
+    step = int(np.argmax(wrong))
+    row = row_number(path, step + 1 if rows is None else int(rows[step + 1]))
+    with opened(path) as table:
+        where = f"column '{table.find(column)}' of {path}"
+    if back[step]:
+        raise RecordError(
+            f"{where} runs backwards in row {row}; give the rows in the order of time"
+        )
+    raise RecordError(
+        f"{where} has the same time in row {row} as before it; leave one of the rows out, or "
+        "write more digits"
+    )

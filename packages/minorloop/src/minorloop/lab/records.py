@@ -421,10 +421,10 @@ class Record(Drawn):
             return ()
         advice = (
             "fill in the input where rows are missing, correct the times, or give the longest "
-            "part without a gap (--rows A:B)"
+            "part without a gap (--record rows=A:B)"
             if dynamics
             else "if no row is missing there, read the record without time (--time none); if the "
-            "input was saturated there, name a column of curves (--curves)"
+            "input was saturated there, name a column of curves (--record curves=COLUMN)"
         )
         return (
             f"{lost} of {counted(measured, 'measured row')} {are(lost)} not fitted, because the "

@@ -313,7 +313,7 @@ def _drift_text(drift: SensorDrift, log: Record, subtracted: bool) -> str:
     todo = (
         "it was subtracted; let the sensor warm up before the next log"
         if subtracted
-        else "let the sensor warm up and measure again, or subtract it (--subtract-drift)"
+        else "let the sensor warm up and measure again, or subtract it (subtract_drift)"
     )
     return (
         f"the sensor drifts by {count * drift.rate:.3g} +- {count * drift.sd:.1g}{unit} per "
@@ -485,7 +485,7 @@ def _listed(numbers: list[int]) -> str:
 def _remedy(log: Record, points: list[ReducedPoint], drift: SensorDrift | None) -> str:
     """Return what to do about holds that have not settled."""
     if drift is not None:
-        return "the sensor drifts, so that they never do: subtract the drift (--subtract-drift)"
+        return "the sensor drifts, so that they never do: subtract the drift (subtract_drift)"
     counts = [np.count_nonzero(np.isfinite(log.y[p.begin : p.stop])) for p in points]
     usual = float(np.median(counts)) if counts else ENOUGH
     if usual >= ENOUGH:

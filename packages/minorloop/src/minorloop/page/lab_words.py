@@ -30,15 +30,24 @@ _VALUES = {"auto": "automatic", "as-left": "as left by the last one"}
 
 _ASSIGNED = r"(?:[a-z_]+=(?:\"[^\"]*\"|[\w.]+)(?: or [a-z_]+=[\w.]+)*|\"[a-z-]+\") "
 _OPTION = r"--([a-z-]+)(?: (COLUMN|auto|none|output|as-left|operator|linear|[\d.]+)(?![\w.]*\w))?"
+_GROUPED = re.compile(r"--(?:law|record) (\w+)(?:[=:](?:first=)?([\w:-]+))?")
+"""A key of an option of the command line that has several."""
 _PAIR = re.compile(rf"(?:{_ASSIGNED})?\({_OPTION}\)")
 _BARE = re.compile(_OPTION)
 
 
 def on_page(sentence: str) -> str:
-    """Return advice, such as ``skip=30 (--skip 30)``, with the fields of the page for options."""
-    text = sentence.replace("Dynamics() (--time COLUMN --dynamics auto)", "--dynamics auto")
+    """Return advice, such as ``skip=30 (--record skip=30)``, with the fields of the page."""
+    text = sentence.replace("Dynamics() (--time COLUMN --law dynamics)", "--dynamics auto")
+    text = _GROUPED.sub(_single, text)
     text = text.replace("(minorloop reduce)", "with the command minorloop reduce LOG")
     return _BARE.sub(_field, _PAIR.sub(_field, text))
+
+
+def _single(found: re.Match[str]) -> str:
+    """Return a key of several as an option of its own."""
+    value = found[2] if found[2] not in ("yes", "A:B", "N") else None
+    return f"--{found[1].replace('_', '-')}" + (f" {value}" if value else "")
 
 
 def _field(found: re.Match[str]) -> str:
