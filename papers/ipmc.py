@@ -20,8 +20,9 @@ from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade
 from minorloop.identification import excitation
 from minorloop.identification.baseline import nrmse
-from minorloop.identification.frequency import FrequencyResponse, Preamble, frequency_response
+from minorloop.identification.frequency import FrequencyResponse
 from minorloop.identification.representability import representability
+from minorloop.identification.sine_response import Preamble, frequency_response
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import FURTHER, hold_each
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii

@@ -40,13 +40,13 @@ from minorloop.identification.data_sheet import from_loop as from_loop
 from minorloop.identification.design import NextInput as NextInput
 from minorloop.identification.design import design as design
 from minorloop.identification.design import next_input as next_input
-from minorloop.identification.frequency import Preamble as Preamble
 from minorloop.identification.frequency import describing_function as describing_function
-from minorloop.identification.frequency import frequency_response as frequency_response
 from minorloop.identification.oscillator import Vibration as Vibration
 from minorloop.identification.rational import fit_response as fit_response
 from minorloop.identification.recursive import Recursive as Recursive
 from minorloop.identification.representability import representability as representability
+from minorloop.identification.sine_response import Preamble as Preamble
+from minorloop.identification.sine_response import frequency_response as frequency_response
 from minorloop.lab.actuator import Actuator as Actuator
 from minorloop.lab.actuator import Channel as Channel
 from minorloop.lab.curvature import curvature_from_displacement as curvature_from_displacement

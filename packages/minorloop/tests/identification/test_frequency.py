@@ -4,12 +4,8 @@ from hypothesis import strategies as st
 
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
-from minorloop.identification.frequency import (
-    Preamble,
-    describing_function,
-    frequency_response,
-    fundamental,
-)
+from minorloop.identification.frequency import describing_function, fundamental
+from minorloop.identification.sine_response import Preamble, frequency_response
 from minorloop.lab.records import Record
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii

@@ -13,11 +13,11 @@ from minorloop.identification import Dynamics, Gaussian, Plane, Smooth, Viscosit
 from minorloop.identification.adaptive import Adaptive, design_holds
 from minorloop.identification.arx import arx, step_response
 from minorloop.identification.design import design, next_input
-from minorloop.identification.frequency import Preamble, describing_function, frequency_response
+from minorloop.identification.frequency import describing_function
 from minorloop.identification.oscillator import Vibration
 from minorloop.identification.rational import fit_response
 from minorloop.identification.recursive import Recursive
-from minorloop.identification.sine_response import logged_periods
+from minorloop.identification.sine_response import Preamble, frequency_response, logged_periods
 from minorloop.lab.records import Record
 from minorloop.operators.differential import BoucWen
 from minorloop.operators.memory import Memory
@@ -49,9 +49,8 @@ def response(drive=None, frequencies=(1.0,), operator=None, settling=1.0, **opti
         y = Cascade(PLANE, Linear.lags(0.1)).simulate(t, u, between="straight")
         return Record(u, y, 5.0 + t)
 
-    measured = (drive or plant, frequencies, [0.5])
-    options |= {"preamble": Preamble(-1.0, 10.0), "settling": settling, "operator": operator}
-    return frequency_response(*measured, **options)
+    known = {"preamble": Preamble(-1.0, 10.0), "settling": settling, "operator": operator}
+    return frequency_response(drive or plant, frequencies, [0.5], **known | options)
 
 
 @cache
@@ -139,12 +138,15 @@ REFUSED = [
     (ParameterError, "finite", lambda: Recursive(GRID).run(Recursive(GRID).begin(), np.nan, 0.0)),
     (ParameterError, "finite", lambda: Recursive(GRID).run(Recursive(GRID).begin(), 0.0, np.inf)),
     (ParameterError, "other levels", lambda: Recursive(GRID).begin(model=PLANE)),
-    (ParameterError, "periods is 1; give a whole number of at", lambda: response(periods=1)),
-    (ParameterError, "at least 40", lambda: response(samples=39)),
-    (ParameterError, "at least 40", lambda: response(samples=100.0)),
-    (ParameterError, "frequency is .* give positive", lambda: response(frequencies=[0.0])),
+    (
+        ParameterError,
+        "measured periods are 1; give a whole",
+        lambda: response(periods=1),
+    ),
+    (ParameterError, "at least 20", lambda: response(samples=19)),
+    (ParameterError, "frequencies are .* give positive", lambda: response(frequencies=[0.0])),
     (ParameterError, "give a time >= 0", lambda: response(settling=-1.0)),
-    (ParameterError, "give a positive time", lambda: Preamble(0.0, 0.0)),
+    (ParameterError, "hold is 0; give a positive", lambda: response(preamble=Preamble(0.0, 0.0))),
     (ParameterError, "amplitude", lambda: describing_function(PLANE, 0.0)),
     (ParameterError, "no frequency from 2 to 3 Hz", lambda: response().gain_spread(2, 3)),
     (ParameterError, "there was no operator", lambda: response().fit()),

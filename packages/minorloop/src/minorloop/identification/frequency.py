@@ -7,64 +7,31 @@ operator to the output of the plant does not depend on the amplitude.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_samples, as_whole
+from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import Drawn
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
 from minorloop.operators.operator import Operator
 from minorloop.report import Picture, Report, Table
 
-if TYPE_CHECKING:
-    from minorloop.lab.records import Record
-
-Drive: TypeAlias = "Callable[[FloatArray, FloatArray], Record]"
-"""Drives a plant with inputs u at times t, linear in between, and returns its record."""
-
-SAMPLES = 240
-"""Samples per period; the tenth harmonic then has 24."""
-PERIODS = 2
-"""Periods that are measured."""
-FEWEST_PERIODS = 3
-"""Fewest periods before those that are measured."""
 HARMONICS = 10
 """Highest harmonic of the distortion."""
-_SWITCH = 1e-3
-"""Duration of a change of the input in the preamble, in seconds."""
+_SHOWN = (
+    *(("Hz", 9, ".4g"), ("amplitude", 9, ".4g"), ("gain, dB", 9, ".3f"), ("phase, deg", 10, ".2f")),
+    *(("THD", 7, ".2%"), ("after, dB", 10, ".3f"), ("phase, deg", 10, ".2f")),
+)
+"""Headers of tables, their widths, and formats of the columns."""
 _NOTHING = 1e-9
 """Share of a signal below which its fundamental is rounding."""
 _UNSETTLED = 0.01
 """Relative change of the fundamental between periods above which it is not settled."""
-
-
-@dataclass(frozen=True)
-class Preamble:
-    """Inputs before every sine, which bring plant and operator to the same memory.
-
-    Raises
-    ------
-    ParameterError
-        If the hold is not positive.
-    """
-
-    input: float
-    """Input that saturates the plant, or wipes out its memory."""
-    hold: float
-    """Seconds for which this input is held, and then the bias."""
-    bias: float = 0.0
-    """Mean of the sine."""
-
-    def __post_init__(self) -> None:
-        as_finite("input", self.input)
-        as_finite("bias", self.bias)
-        if as_finite("hold", self.hold) <= 0:
-            raise ParameterError(f"hold is {self.hold:g} s; give a positive time")
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,21 +194,8 @@ class FrequencyResponse(Drawn):
         if self.after is not None:
             caption += ", and from the output of the model to that of the actuator"
         report.add("Bode plot", pictures=[Picture(self.plot(), f"{caption}.")], notes=notes)
-        kinds = [self.plant] if self.after is None else [self.plant, self.after]
-        polar = [part(gains) for gains in kinds for part in (decibels, degrees)]
-        rows = [
-            (
-                f"{frequency:.4g}",
-                f"{amplitude:.4g}",
-                *(f"{values[i, j]:.3f}" for values in polar),
-                f"{self.distortion[i, j]:.2%}",
-            )
-            for j, frequency in enumerate(self.frequencies)
-            for i, amplitude in enumerate(self.amplitudes)
-        ]
-        after = ("after, dB", "phase, deg") if self.after is not None else ()
-        columns = ("Hz", "amplitude", "gain, dB", "phase, deg", *after, "distortion")
-        report.add("Gains", table=Table(columns, rows))
+        rows = [[part.strip() for part in row] for row in self._rows]
+        report.add("Gains", table=Table([part.strip() for part in self._head], rows))
         return report
 
     @property
@@ -257,14 +211,38 @@ class FrequencyResponse(Drawn):
             "settling time",
         )
 
+    def columns(self, amplitude: str = "amplitude") -> dict[str, FloatArray]:
+        """Return the columns of a table, with a row for each frequency and amplitude.
+
+        Parameters
+        ----------
+        amplitude : str
+            Header of the amplitudes.
+        """
+        found = {
+            "frequency [Hz]": np.repeat(self.frequencies, self.amplitudes.size),
+            amplitude: np.tile(self.amplitudes, self.frequencies.size),
+            "gain [dB]": decibels(self.plant).T.ravel(),
+            "phase [deg]": degrees(self.plant).T.ravel(),
+            "distortion": self.distortion.T.ravel(),
+        }
+        if self.after is not None:
+            found["gain after operator [dB]"] = decibels(self.after).T.ravel()
+            found["phase after operator [deg]"] = degrees(self.after).T.ravel()
+        return found
+
+    @property
+    def _head(self) -> list[str]:
+        return [f"{name:>{width}}" for name, width, _ in _SHOWN[: len(self.columns())]]
+
+    @property
+    def _rows(self) -> list[list[str]]:
+        columns = list(zip(_SHOWN, self.columns().values(), strict=False))
+        texts = [[f"{x:>{width}{form}}" for x in values] for (_, width, form), values in columns]
+        return [list(row) for row in zip(*texts, strict=True)]
+
     def __str__(self) -> str:
-        head = f"{'Hz':>9} {'amplitude':>9} {'gain, dB':>9} {'phase':>8} {'THD':>7}"
-        lines = [head if self.after is None else f"{head} {'after, dB':>10} {'phase':>8}"]
-        for j, frequency in enumerate(self.frequencies):
-            for i, amplitude in enumerate(self.amplitudes):
-                line = f"{frequency:9.4g} {amplitude:9.4g} {_polar(self.plant[i, j])}"
-                line += f" {self.distortion[i, j]:7.2%}"
-                lines.append(line if self.after is None else f"{line}  {_polar(self.after[i, j])}")
+        lines = [" ".join(row) for row in (self._head, *self._rows)]
         if self.after is not None and self.amplitudes.size > 1:
             lines.append(str(self.gain_spread()))
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
@@ -283,63 +261,6 @@ class FrequencyResponse(Drawn):
                 f"{self.frequencies.min():g} to {self.frequencies.max():g} Hz"
             )
         return np.asarray(inside)
-
-
-def frequency_response(
-    drive: Drive,
-    frequencies: npt.ArrayLike,
-    amplitudes: npt.ArrayLike,
-    *,
-    preamble: Preamble,
-    settling: float,
-    operator: Operator | None = None,
-    periods: int = PERIODS,
-    samples: int = SAMPLES,
-) -> FrequencyResponse:
-    """Measure gains of the fundamental component.
-
-    At each frequency and amplitude the plant gets the preamble, the bias, and then a sine about
-    the bias. After ``settling`` seconds and at least three whole periods, ``periods`` more are
-    measured. The operator gets the same input as the plant.
-
-    Parameters
-    ----------
-    drive : callable
-        ``drive(t, u)`` drives the plant with inputs u (T,) at times t (T,) in seconds, linear in
-        between, and returns a `Record` of that duration.
-    frequencies : (F,) array_like
-        Frequencies in Hz.
-    amplitudes : (A,) array_like
-        Amplitudes of the input, in its unit.
-    preamble : Preamble
-        Inputs that bring plant and operator to the same memory, and the mean of the input.
-    settling : float
-        Seconds before the measured periods; five of the slowest time constants are enough.
-    operator : Operator, optional
-        Model of the hysteresis that comes before the dynamics.
-    periods : int
-        Measured periods, at least 2.
-    samples : int
-        Samples per period, at least 40.
-
-    Raises
-    ------
-    ParameterError
-        If a frequency, amplitude or option is out of its range.
-    SignalError
-        If the record is too short, or the input does not oscillate.
-    """
-    hertz, swings = _positive("frequency", frequencies), _positive("amplitude", amplitudes)
-    _check_counts(periods, samples, settling)
-
-    def sine(frequency: float, amplitude: float) -> SinePeriods:
-        t, u = _waveform(frequency, amplitude, preamble, settling, periods, samples)
-        sensed, y = _measured_periods(drive(t, u), t, periods * samples)
-        w = None if operator is None else operator.simulate(u)[-periods * samples :]
-        return SinePeriods(frequency, amplitude, preamble.bias, periods, sensed, y, w)
-
-    grid = [[sine(f, a) for f in hertz.tolist()] for a in swings.tolist()]
-    return response_of(grid, hertz, swings, preamble.bias)
 
 
 def response_of(
@@ -401,10 +322,10 @@ def describing_function(
     ----------
     Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, section 2.2.
     """
-    swing = float(_positive("amplitude", amplitude)[0])
-    _check_counts(PERIODS, samples, 1.0)
-    phase = 2 * np.pi * np.arange(1, PERIODS * samples + 1) / samples
-    u = as_finite("bias", bias) + swing * np.sin(phase)
+    if as_finite("amplitude", amplitude) <= 0:
+        raise ParameterError(f"amplitude is {amplitude:g}; give a positive number")
+    phase = 2 * np.pi * np.arange(1, 2 * as_whole("samples", samples, 40) + 1) / samples
+    u = as_finite("bias", bias) + amplitude * np.sin(phase)
     w = model.simulate(u, start)[-samples:]
     return complex(fundamental(w, 1) / fundamental(u[-samples:], 1))
 
@@ -431,41 +352,6 @@ def degrees(gain: ComplexArray) -> FloatArray:
     return np.asarray(np.degrees(np.unwrap(np.angle(gain))))
 
 
-def _waveform(
-    frequency: float,
-    amplitude: float,
-    preamble: Preamble,
-    settling: float,
-    periods: int,
-    samples: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Times and inputs of preamble, bias and sine; the last ``periods * samples`` are measured."""
-    discarded = max(FEWEST_PERIODS, int(np.ceil(settling * frequency)))
-    count = np.arange(1, (discarded + periods) * samples + 1)
-    switch = min(_SWITCH, preamble.hold / 2)
-    t = np.array([0.0, preamble.hold - switch, preamble.hold, 2 * preamble.hold])
-    u = np.array([preamble.input, preamble.input, preamble.bias, preamble.bias])
-    sine = preamble.bias + amplitude * np.sin(2 * np.pi * count / samples)
-    return np.concatenate([t, t[-1] + count / (samples * frequency)]), np.concatenate([u, sine])
-
-
-def _measured_periods(record: Record, t: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray]:
-    """Input and output at the last samples, interpolated at their times."""
-    if record.u.ndim != 1 or record.y.ndim != 1:
-        raise SignalError(
-            "the plant has several channels; give a drive that records one input and one output"
-        )
-    clock = record.t - record.t[0]
-    span = float(t[-1])
-    if clock[-1] < t[-2] or np.isnan(record.y).any():
-        raise SignalError(
-            f"the record lasts {clock[-1]:g} s and has {np.isnan(record.y).sum()} gaps; "
-            f"{span:g} s without gaps are needed"
-        )
-    places = t[-wanted:] - t[0]
-    return np.interp(places, clock, record.u), np.interp(places, clock, record.y)
-
-
 def fundamental_of_sine(x: FloatArray, periods: int) -> complex:
     """Fundamental of a signal (T,) of whole periods that must oscillate.
 
@@ -478,21 +364,3 @@ def fundamental_of_sine(x: FloatArray, periods: int) -> complex:
             "deadzone"
         )
     return component
-
-
-def _positive(name: str, values: npt.ArrayLike) -> FloatArray:
-    numbers = as_samples(np.atleast_1d(values), name=name)
-    if numbers.ndim != 1 or not numbers.size or not (numbers > 0).all():
-        raise ParameterError(f"{name} is {values!r}; give positive numbers, (n,)")
-    return numbers
-
-
-def _check_counts(periods: int, samples: int, settling: float) -> None:
-    as_whole("periods", periods, 2)
-    as_whole("samples", samples, 40)
-    if as_finite("settling", settling) < 0:
-        raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
-
-
-def _polar(gain: complex) -> str:
-    return f"{20 * np.log10(abs(gain)):9.3f} {np.degrees(np.angle(gain)):8.2f}"

@@ -11,9 +11,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_pair, as_samples, as_times
 from minorloop.errors import ParameterError, RecordError, SignalError
@@ -29,32 +30,119 @@ from minorloop.identification.frequency import (
 from minorloop.lab.columns import read_headers
 from minorloop.lab.conversion import read_column
 from minorloop.lab.logs import AUTO, read_log
-from minorloop.lab.records import Quantity
+from minorloop.lab.records import Quantity, Record
 from minorloop.lab.run import measured_sines
-from minorloop.lab.sines import HELD, SLOW, MeasuredSine
+from minorloop.lab.sines import FEWEST_SAMPLES, HELD, SLOW, MeasuredSine, Sine, grid
 from minorloop.lab.store import Store, is_store
 from minorloop.modelfile import ModelFile
 from minorloop.operators.operator import Operator
 from minorloop.report import Report
 
-__all__ = [
-    "FileResponse",
-    "SinePeriods",
-    "at_every_amplitude",
-    "logged_periods",
-    "measured_periods",
-    "response_of_file",
-    "sine_response",
-]
+Drive: TypeAlias = Callable[[FloatArray, FloatArray], Record]
+"""Drives a plant with inputs u at times t, linear in between, and returns its record."""
 
-FEWEST_SAMPLES = 20
-"""Least samples of a period in a log."""
+_SWITCH = 1e-3
+"""Duration of a change of the input in the preamble, in seconds."""
 _MOST_SAMPLES = 4096
 """Most samples of a period to which a log is interpolated."""
 _ROUNDING = 1e-3
 """Share of an interval by which times of a log may be rounded."""
 _SAME_AMPLITUDE = 1.05
 """Amplitudes of a log whose ratio is below this count as one."""
+
+
+@dataclass(frozen=True)
+class Preamble:
+    """Inputs before every sine, which bring plant and operator to the same memory."""
+
+    input: float
+    """Input that saturates the plant, or wipes out its memory."""
+    hold: float
+    """Seconds for which this input is held, and then the bias."""
+    bias: float = 0.0
+    """Mean of the sine."""
+
+
+def frequency_response(
+    drive: Drive,
+    frequencies: npt.ArrayLike,
+    amplitudes: npt.ArrayLike,
+    *,
+    preamble: Preamble,
+    settling: float,
+    operator: Operator | None = None,
+    periods: int = 2,
+    samples: int = 240,
+) -> FrequencyResponse:
+    """Measure gains of the fundamental component.
+
+    At each frequency and amplitude the plant gets the preamble, the bias, and then a sine about
+    the bias. After ``settling`` seconds and at least three whole periods, ``periods`` more are
+    measured. The operator gets the same input as the plant.
+
+    Parameters
+    ----------
+    drive : callable
+        ``drive(t, u)`` drives the plant with inputs u (T,) at times t (T,) in seconds, linear in
+        between, and returns a `Record` of that duration.
+    frequencies : (F,) array_like
+        Frequencies in Hz.
+    amplitudes : (A,) array_like
+        Amplitudes of the input, in its unit.
+    preamble : Preamble
+        Inputs that bring plant and operator to the same memory, and the mean of the input.
+    settling : float
+        Seconds before the measured periods; five of the slowest time constants are enough.
+    operator : Operator, optional
+        Model of the hysteresis that comes before the dynamics.
+    periods : int
+        Measured periods, at least 2.
+    samples : int
+        Samples per period, at least 20.
+
+    Raises
+    ------
+    ParameterError
+        If a frequency, amplitude or option is out of its range.
+    SignalError
+        If the record is too short, or the input does not oscillate.
+    """
+    known = {"hold": preamble.hold, "settling": settling, "offset": preamble.bias}
+    rows = [
+        [
+            measured_periods(_driven(drive, sine), operator)
+            for sine in grid(
+                frequencies,
+                amplitude,
+                preamble=preamble.input,
+                measured=periods,
+                samples=samples,
+                **known,
+            )
+        ]
+        for amplitude in np.atleast_1d(amplitudes)
+    ]
+    return response_of(rows, np.atleast_1d(frequencies), np.atleast_1d(amplitudes), preamble.bias)
+
+
+def _driven(drive: Drive, sine: Sine) -> MeasuredSine:
+    """Drive a plant with a sine and the inputs before it, and interpolate the record."""
+    begin = np.array([0.0, sine.hold - min(_SWITCH, sine.hold / 2), sine.hold, 2 * sine.hold])
+    t = np.append(begin, begin[-1] + sine.interval * np.arange(1, sine.count + 1))
+    before = np.repeat([sine.preamble, sine.offset], 2)
+    record = drive(t, np.concatenate([before, sine.inputs]))
+    if record.u.ndim != 1 or record.y.ndim != 1:
+        raise SignalError(
+            "the plant has several channels; give a drive that records one input and one output"
+        )
+    clock = record.t - record.t[0]
+    if clock[-1] < t[-2] or np.isnan(record.y).any():
+        raise SignalError(
+            f"the record lasts {clock[-1]:g} s and has {np.isnan(record.y).sum()} gaps; "
+            f"{t[-1]:g} s without gaps are needed"
+        )
+    u, y = (np.interp(t[begin.size :], clock, x) for x in (record.u, record.y))
+    return MeasuredSine(sine, u, y, held=False)
 
 
 def measured_periods(one: MeasuredSine, operator: Operator | None = None) -> SinePeriods:
@@ -295,23 +383,10 @@ class FileResponse:
     notes: tuple[str, ...]
     """What was left out, and what is wrong with the sines, one sentence each."""
 
-    def columns(self) -> dict[str, list[Any]]:
-        """Return the columns of a table by header, one row for each frequency and amplitude."""
-        found = self.response
-        count = found.amplitudes.size
-        columns: dict[str, Any] = {
-            "frequency [Hz]": np.repeat(found.frequencies, count),
-            str(Quantity("amplitude", Quantity.parse(self.names[0]).unit)): np.tile(
-                found.amplitudes, found.frequencies.size
-            ),
-            "gain [dB]": decibels(found.plant).T,
-            "phase [deg]": degrees(found.plant).T,
-            "distortion": found.distortion.T,
-        }
-        if found.after is not None:
-            columns["gain after operator [dB]"] = decibels(found.after).T
-            columns["phase after operator [deg]"] = degrees(found.after).T
-        return {header: np.ravel(values).tolist() for header, values in columns.items()}
+    def columns(self) -> dict[str, FloatArray]:
+        """Return the columns of a table, as of `FrequencyResponse.columns`."""
+        unit = Quantity.parse(self.names[0]).unit
+        return self.response.columns(str(Quantity("amplitude", unit)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return gains, phases, their spreads and advice by name."""
