@@ -83,7 +83,6 @@ def test_a_fluctuation_field_is_found():
     assert found.law == "thermal"
     assert found.model.field[0] == pytest.approx(0.03, rel=0.15)
     assert found.model.settling == pytest.approx(30.0, rel=0.5)
-    assert len(found.directions) == 2
     t, u = holds(1005, 20, long=100.0)
     y = truth.simulate(t, u)
     prediction = found.predict(t, u, bands=0.9)

@@ -48,7 +48,6 @@ from minorloop.threads import one_thread
 Law: TypeAlias = Literal["none", "thermal", "wide", "viscous", "spectrum"]
 """No effect of time; a fluctuation field that is the same everywhere, or that falls towards the
 ends of the levels; viscous relays; creep with a spectrum of time constants."""
-Pair: TypeAlias = tuple[AfterEffect, AfterEffect]
 CREEP: dict[str, tuple[Law, ...]] = {
     "auto": ("none", "thermal", "wide", "spectrum"),
     "none": ("none",),
@@ -87,9 +86,6 @@ _TRIALS = 25
 _LOOSE = 1e-9
 """Ridge of the covariance of the weights, over the largest diagonal: unknowns that no row
 determines keep a finite variance."""
-_CURVED = 0.3
-"""Distance in the logarithm of a constant over which the curvature of the error is taken: a third,
-far above the roughness that the bounds of the weights cause."""
 _FACTOR = 10**0.5
 """Ratio of the settling times that are compared with the best one."""
 _FARTHEST = 1e3
@@ -103,8 +99,6 @@ _REFITS = 8
 number of fits: known to a few percent."""
 _SEGMENTS = 10
 """Least number of parts of a record from whose scatter a difference of two fits is judged."""
-_PRIOR_SD = float(np.log(10.0))
-"""Standard deviation of the logarithm of a constant without data: a factor of ten."""
 _NOISELESS = 1e-12
 """Error over the range below which it counts as so much: rounding."""
 _SAME_SPEED = 4.0
@@ -482,7 +476,7 @@ class _Search:
         return TriedLaw(law, numbers, errors[best], strengths[best])
 
     def result(self, best: TriedLaw, tried: Sequence[TriedLaw]) -> AfterEffectIdentification:
-        """Fit all rows by a law; the uncertainty of its constants follows from the curvature."""
+        """Fit all rows by a law."""
         kept, left_out = self.normal(self.constants(best.law, best.numbers))
         whole = kept + left_out
         x = self.solve(whole, best.smoothness)
@@ -500,7 +494,6 @@ class _Search:
             groups=self.record.groups,
             weights=self.weights(best, whole, x),
             without=self.model(best, best.numbers, self.solve(kept, best.smoothness, x)),
-            directions=self.directions(best, x),
             settlings=self.settlings(best, x),
         )
 
@@ -536,40 +529,6 @@ class _Search:
         )
         creep = np.diff(found, axis=0)
         return AfterEffect(plane, constants.field, constants.settling, constants.times, creep)
-
-    def directions(self, best: TriedLaw, x: FloatArray) -> tuple[Pair, ...]:
-        """Models one standard deviation away along each principal axis of the constants.
-
-        The cost is the logarithm of the likelihood, n log of the error, with as many rows n as the
-        correlation of the residuals leaves; a constant is known to a factor of ten beforehand.
-        """
-        count = best.numbers.size
-        if not count:
-            return ()
-
-        def cost(numbers: FloatArray) -> float:
-            return float(np.log(max(self.refit(best, numbers, x)[0], _NOISELESS)))
-
-        middle = cost(best.numbers)
-        shifts = _CURVED * np.eye(count)
-        ahead = np.array([cost(best.numbers + shift) for shift in shifts])
-        behind = np.array([cost(best.numbers - shift) for shift in shifts])
-        curvature = np.diag((ahead + behind - 2 * middle) / _CURVED**2)
-        for i in range(count):
-            for j in range(i):
-                both = cost(best.numbers + shifts[i] + shifts[j])
-                curvature[i, j] = (both - ahead[i] - ahead[j] + middle) / _CURVED**2
-                curvature[j, i] = curvature[i, j]
-        model = self.model(best, best.numbers, x)
-        information = self._independent_rows(model) * curvature
-        values, axes = np.linalg.eigh(information)
-        sd = 1 / np.sqrt(np.maximum(values, 0.0) + 1 / _PRIOR_SD**2)
-        pairs = []
-        for axis, length in zip(axes.T, sd, strict=True):
-            ends = [best.numbers - length * axis, best.numbers + length * axis]
-            down, up = (self.model(best, end, self.refit(best, end, x)[1]) for end in ends)
-            pairs.append((down, up))
-        return tuple(pairs)
 
     def settlings(self, best: TriedLaw, x: FloatArray) -> tuple[tuple[AfterEffect, float], ...]:
         """Models with other settling times of thresholds, and how likely each is over the best.
@@ -623,16 +582,6 @@ class _Search:
         if begins.size < _SEGMENTS:
             begins = np.linspace(0, squares.size, _SEGMENTS, endpoint=False).astype(np.intp)
         return np.asarray(np.add.reduceat(squares, begins))
-
-    def _independent_rows(self, model: AfterEffect) -> float:
-        """Number of independent residuals, from the correlation of neighbours."""
-        record = self.record
-        residual = along(model, record.t, record.u, record.curves) - record.y
-        residual = residual[record.fitted]
-        residual = residual - residual.mean()
-        rho = float(residual[1:] @ residual[:-1]) / (float(residual @ residual) or 1.0)
-        rho = min(max(rho, 0.0), 1 - 1 / residual.size)
-        return float(residual.size * (1 - rho) / (1 + rho))
 
 
 def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:

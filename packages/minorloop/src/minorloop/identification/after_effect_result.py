@@ -14,19 +14,13 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform, writa
 from minorloop.errors import counted
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
-from minorloop.identification.model_error import NORMAL_PARTS
+from minorloop.identification.model_error import by_input, width
 from minorloop.identification.result import Fit, Rule, ScoreRow, of_range
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
 from minorloop.report import Picture, Report
 
-_WIDTH = 0.06
-_BINS = 60
-"""Width, in ranges of the input, and number of the averages of squared errors along it, as in
-`minorloop.identification.leave_out`."""
-_FEW = 1e-12
-"""Weight of rows below which none is near."""
 _CHANGE = 0.01
 """Change of the input over its range that needs a row of its own in a gap of the times."""
 _CREEPS = 0.98
@@ -144,9 +138,6 @@ class AfterEffectIdentification(Fit[AfterEffect]):
     """Shape (T,). Fitted rows that were left out to compare laws."""
     without: AfterEffect
     """The operator fitted without the rows left out."""
-    directions: tuple[tuple[AfterEffect, AfterEffect], ...] = ()
-    """Operators one standard deviation of the constants away, in both directions, along each
-    principal axis."""
     settlings: tuple[tuple[AfterEffect, float], ...] = ()
     """Operators with other settling times, and how likely they are over the best."""
     groups: IntArray | None = None
@@ -215,7 +206,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
         """Predict the outputs for another input, as `Result.predict`.
 
         The variance of bands is that of errors on rows left out, near the same input, of the
-        weights and of the constants of the law. Where the record has runs, the band is that of
+        weights and of the settling time. Where the record has runs, the band is that of
         another run.
         """
         times, inputs = as_waveform(t, u)
@@ -242,9 +233,6 @@ class AfterEffectIdentification(Fit[AfterEffect]):
     def _deviation(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
         """Standard deviation (T,) of the output along an input."""
         variance = np.interp(u, *self._variance)
-        for down, up in self.directions:
-            apart = along(up, t, u, curves) - along(down, t, u, curves)
-            variance = variance + apart**2 / 4
         total = 1 + sum(share for _, share in self.settlings)
         for other, share in self.settlings:
             apart = along(other, t, u, curves) - along(self.model, t, u, curves)
@@ -254,41 +242,23 @@ class AfterEffectIdentification(Fit[AfterEffect]):
         return np.asarray(np.sqrt(variance))
 
     @cached_property
+    def _variance(self) -> tuple[FloatArray, FloatArray]:
+        """Mean squares of the errors of rows left out: inputs (B,), and mean squares about them."""
+        squares = self._errors**2
+        return by_input(self.u[self.left_out], squares, float(squares.mean()))
+
+    @cached_property
     def _errors(self) -> FloatArray:
         """Errors of the rows left out, predicted by a fit to the others."""
         found = along(self.without, self.t, self.u, self.curves)
         return np.asarray((found - self.y)[self.left_out])
 
-    @cached_property
-    def _variance(self) -> tuple[FloatArray, FloatArray]:
-        """Mean squares of these errors along the input: inputs, and variances."""
-        u = self.u[self.left_out]
-        inputs = np.linspace(self.u.min(), self.u.max(), _BINS)
-        width = _WIDTH * float(np.ptp(self.u)) or 1.0
-        near = np.exp(-0.5 * ((inputs[:, None] - u) / width) ** 2)
-        total = near.sum(axis=1)
-        squares = self._errors**2
-        mean = (near @ squares + _FEW * squares.mean()) / (total + _FEW)
-        return inputs, mean
-
     def _factor(self, probability: float) -> float:
-        """Factor with which bands of this probability contain that share of the rows left out.
-
-        Errors of one run are alike. So with runs the band is that of Student's distribution with
-        one degree of freedom less than runs, as in `GroupScatter`.
-        """
-        from scipy.special import ndtri, stdtrit  # scipy.stats takes a second to import
-
+        """Factor with which bands of this probability contain that share of the rows left out."""
         sd = np.sqrt(np.interp(self.u[self.left_out], *self._variance))
         scores = np.abs(self._errors) / np.where(sd > 0, sd, 1.0)
-        side = (1 + probability) / 2
-        normal = float(ndtri(side))
-        found = float(np.quantile(scores, probability)) / normal
         runs = 1 if self.groups is None else np.unique(self.groups[self.fitted]).size
-        if runs < 2:
-            return found
-        share = runs / (runs + NORMAL_PARTS)
-        return float(stdtrit(runs - 1, side)) / normal * (share * found + 1 - share)
+        return width(scores, probability, runs if runs > 1 else scores.size)
 
 
 def along(model: AfterEffect, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:

@@ -38,8 +38,8 @@ _PROMISING = 0.9
 """Ratio of the error to that of a coarse plane below which more levels are tried."""
 _PARTS_FOR_LEVELS = 3
 """Parts that fine planes are scored on."""
-_BETTER = {"lag": 0.8, "levels": 0.95, "structure": 0.95}
-"""Ratio of errors below which another option takes the place of the simplest one."""
+_BETTER, _BETTER_LAG = 0.95, 0.8
+"""Ratio of errors below which another option takes the place of the simplest one, and for a lag."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def choose(
         for count, one in enumerate(specs, 1):
             say(f"comparing structures, {count} of {len(specs)}: {structure(one)}")
             errors[structure(one)] = error(_coarse(one, settled), settled, lag, fold)
-        choices.append(_choice("structure", errors, structure(spec)))
+        choices.append(compared("structure", errors, structure(spec)))
         spec = next(one for one in specs if structure(one) == choices[-1].chosen)
     if finer is not None:
         other = replace(spec, levels=finer)
@@ -183,7 +183,7 @@ def _choose_lag(
         return 0, []
     fold = parts_of(record, groups, _SEGMENTS)
     errors = {counted(k, "sample"): error(coarse, record, k, fold) for k in (0, lag)}
-    choice = _choice("lag", errors, "0 samples")
+    choice = compared("lag", errors, "0 samples", _BETTER_LAG)
     return (0 if choice.chosen == "0 samples" else lag), [choice]
 
 
@@ -211,14 +211,16 @@ def _choose_levels(
     if len(specs) == 2:
         return spec, [Choice("levels", chosen, errors[chosen], other, errors[other])]
     del errors[other]
-    choice = _choice("levels", errors, chosen)
+    choice = compared("levels", errors, chosen)
     return specs[choice.chosen], [choice]
 
 
-def _choice(name: str, errors: Mapping[str, float], simplest: str) -> Choice:
-    """Choose the least error, or the simplest option where its error is nearly as small."""
+def compared(
+    name: str, errors: Mapping[str, float], simplest: str, better: float = _BETTER
+) -> Choice:
+    """Choose the least error, or the simplest option unless its error falls below ``better``."""
     ranked = sorted(errors, key=lambda one: errors[one])
-    nearly = errors[ranked[0]] >= _BETTER[name] * errors[simplest]
+    nearly = errors[ranked[0]] >= better * errors[simplest]
     chosen = simplest if nearly else ranked[0]
     other = next(one for one in ranked if one != chosen)
     return Choice(name, chosen, errors[chosen], other, errors[other])

@@ -19,7 +19,7 @@ from minorloop.dynamics.cascade import First
 from minorloop.errors import ParameterError
 from minorloop.identification import record_checks as checks
 from minorloop.identification.alternation import Found, Static, alternate, without
-from minorloop.identification.choosing import Choice
+from minorloop.identification.choosing import Choice, compared
 from minorloop.identification.dynamic_parts import DynamicRecord
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 from minorloop.identification.dynamic_search import better, near, search, simplest, with_creep
@@ -224,27 +224,22 @@ def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tu
         prediction = best.dynamics.outputs(record, result.model)
         return float(np.sqrt(np.mean(record.squares(prediction))))
 
-    errors = {_structure(one): error(one) for one in structures}
-    chosen = next(
-        one for one in structures if _structure(one) == min(errors, key=errors.__getitem__)
-    )
-    choices = [] if len(errors) == 1 else [_choice("structure", errors, _structure(chosen))]
+    named = {_structure(one): one for one in structures}
+    errors = {name: error(one) for name, one in named.items()}
+    best_name = min(errors, key=errors.__getitem__)
+    chosen = named[best_name]
+    choices = [compared("structure", errors, best_name)] if len(errors) > 1 else []
     levels = plane.levels
     if isinstance(levels, str):
-        own, finer = errors[_structure(chosen)], error(chosen | {"levels": _FINER})
-        levels = _FINER if finer < _FINER_IS_BETTER * own else _BANDS
-        bands = {f"{_BANDS} bands": own, f"{_FINER} bands": finer}
-        choices.append(_choice("levels", bands, f"{levels} bands"))
+        few, many = f"{_BANDS} bands", f"{_FINER} bands"
+        bands = {few: errors[best_name], many: error(chosen | {"levels": _FINER})}
+        choices.append(compared("levels", bands, few, _FINER_IS_BETTER))
+        levels = _BANDS if choices[-1].chosen == few else _FINER
     return replace(plane, **chosen | {"levels": levels}), tuple(choices)
 
 
 def _structure(plane: dict[str, Any]) -> str:
     return f"{plane['diagonal']} diagonal{' with slope' if plane['slope'] else ''}"
-
-
-def _choice(name: str, errors: dict[str, float], chosen: str) -> Choice:
-    other = min((one for one in errors if one != chosen), key=errors.__getitem__)
-    return Choice(name, chosen, errors[chosen], other, errors[other])
 
 
 def _refined(

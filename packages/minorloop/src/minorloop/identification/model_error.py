@@ -93,6 +93,33 @@ class Reach:
         return np.column_stack([travel[measured], self.distance[corner] ** 2])
 
 
+def width(scores: FloatArray, probability: float, parts: int, least: float = 0.0) -> float:
+    """Factor of standard deviations whose normal bands contain that share of left-out samples.
+
+    Errors of one part are alike: the factor is that of Student's distribution with one degree of
+    freedom less than parts, and few parts weigh little against the normal distribution.
+
+    Parameters
+    ----------
+    scores : (M,) array
+        Errors of left-out samples over their standard deviations.
+    probability : float
+        Probability of the bands.
+    parts : int
+        Number of independent parts.
+    least : float
+        Least ratio of the scores to those of a normal distribution.
+    """
+    from scipy.special import ndtri, stdtrit  # scipy.stats takes a second to import
+
+    side = (1 + probability) / 2
+    normal = float(ndtri(side))
+    found = max(float(np.quantile(scores, probability)) / normal, least)
+    share = parts / (parts + NORMAL_PARTS)
+    student = float(stdtrit(max(parts - 1, 1), side)) / normal
+    return student * (share * found + 1 - share)
+
+
 @dataclass(frozen=True, eq=False)
 class ModelError:
     """Variance of the outputs of a model in addition to that of its posterior."""
@@ -141,17 +168,10 @@ class ModelError:
         probability : float
             Probability of the band.
         """
-        from scipy.special import ndtri, stdtrit
-
-        normal = float(ndtri((1 + probability) / 2))
-        found = float(np.quantile(self.scores, probability)) / normal
-        share = self.parts / (self.parts + NORMAL_PARTS)
-        few = float(stdtrit(max(self.parts - 1, 1), (1 + probability) / 2)) / normal
         own = known**2 + np.interp(u[measured], self.inputs, self.variance)
         rows = np.column_stack([own, self.reach.covariates(u, measured, start)])
-        return np.asarray(
-            few * (share * max(found, 1.0) + 1 - share) * np.sqrt(rows @ self.factors)
-        )
+        factor = width(self.scores, probability, self.parts, least=1.0)
+        return np.asarray(factor * np.sqrt(rows @ self.factors))
 
     def beyond(self, u: FloatArray, measured: BoolArray, start: Start) -> float:
         """Share of the outputs after some inputs that are farther off than any left-out sample."""
@@ -209,7 +229,7 @@ def learn(
     factors = _BEGIN**2
     for _ in range(0 if errors is None else _ROUNDS):
         excess = square - known - components[:, 1:] @ factors[1:]
-        inputs, variance = _by_input(matrix.u, excess, float(np.mean(square)))
+        inputs, variance = by_input(matrix.u, excess, float(np.mean(square)))
         components[:, 0] = known + np.interp(matrix.u, inputs, variance)
         factors = _factors(components, square, weight, scale)
     if errors is None:
@@ -276,8 +296,8 @@ def _factors(
     return factors
 
 
-def _by_input(u: FloatArray, excess: FloatArray, square: float) -> tuple[FloatArray, FloatArray]:
-    """Inputs (B,) and average excess (M,) of squared errors about them, at least a hundredth.
+def by_input(u: FloatArray, squares: FloatArray, least: float) -> tuple[FloatArray, FloatArray]:
+    """Inputs (B,), and average squared errors (M,) about them, at least a hundredth of ``least``.
 
     A mean of few rows is drawn towards that of all.
     """
@@ -286,7 +306,7 @@ def _by_input(u: FloatArray, excess: FloatArray, square: float) -> tuple[FloatAr
     inputs = (edges[1:] + edges[:-1]) / 2
     place = np.clip(np.searchsorted(edges, u, side="right") - 1, 0, _BINS - 1)
     count = np.bincount(place, minlength=_BINS).astype(float)
-    sums = np.bincount(place, excess, _BINS)
+    sums = np.bincount(place, squares, _BINS)
     kernel = np.exp(-0.5 * ((inputs[:, None] - inputs) / (_WIDTH * (high - low) or 1.0)) ** 2)
     smooth = (kernel @ sums + float(sums.sum() / count.sum())) / (kernel @ count + 1)
-    return inputs, np.maximum(smooth, 0.01 * square)
+    return inputs, np.maximum(smooth, 0.01 * least)
