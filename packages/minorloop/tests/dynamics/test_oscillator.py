@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from minorloop.dynamics.oscillator import Motion, Oscillator
+from minorloop.dynamics.oscillator import Oscillator, respond
 from minorloop.dynamics.sampling import pulses
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
@@ -42,9 +42,7 @@ def test_longer_steps_lose_little():
 def test_newmark_solves_its_equations_with_plays():
     mass, damping, stiffness, h = 2.0, 10.0, 5e4, 1 / 3000
     fine = pulses(force(T), 4, "straight", periodic=False)
-    motion = Motion(Oscillator(mass, damping, stiffness, PLAYS))
-    y = np.empty(len(fine) + 1)
-    assert motion.run(fine, h, y, np.empty((y.size, 0)))
+    y, _ = respond(Oscillator(mass, damping, stiffness, PLAYS), fine, h)
     z = PLAYS.simulate(y, "demagnetised")
     # The same rule, solved for the acceleration from the displacements that were found.
     v, a = 0.0, (fine[0, 0] - z[0]) / mass
@@ -69,10 +67,8 @@ def test_derivatives_are_exact(operator):
             changed = Duhem(operator.levels, *np.split(law, 2))
         else:
             changed = PrandtlIshlinskii(operator.radii, law)
-        motion = Motion(Oscillator(mass, damping, spring, changed), gradient=gradient)
-        y, slopes = np.empty(len(fine) + 1), np.empty((len(fine) + 1, motion.slopes.shape[1]))
-        assert motion.run(fine, 1 / 3000, y, slopes)
-        return slopes if gradient else y
+        model = Oscillator(mass, damping, spring, changed)
+        return respond(model, fine, 1 / 3000, gradient=gradient)[int(gradient)]
 
     law = operator.weights if isinstance(operator, PrandtlIshlinskii) else operator.law[1]
     at = np.array([2.0, 10.0, 5e4, 3e6, *law])

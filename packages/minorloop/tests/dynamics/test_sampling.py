@@ -3,9 +3,9 @@ import pytest
 
 from minorloop.dynamics.sampling import (
     checked_stages,
-    decimated,
     pulses,
     refined,
+    sampled,
 )
 
 
@@ -42,9 +42,10 @@ def test_a_decimation_keeps_slow_signals_and_their_phase():
     taps = np.full(5, 0.2)
     stages = checked_stages([(2, taps), (3, taps)], 6)
     line = 2.0 + 0.5 * np.arange(61)
-    assert decimated(line, stages, periodic=False) == pytest.approx(line[::6])
+    assert sampled(line, stages, 6, periodic=False) == pytest.approx(line[::6])
     slow = np.sin(2 * np.pi * np.arange(60) / 60)
     gain = (1 + 2 * np.cos(np.pi / 30) + 2 * np.cos(np.pi / 15)) / 5
     gain *= (1 + 2 * np.cos(np.pi / 15) + 2 * np.cos(2 * np.pi / 15)) / 5
-    columns = decimated(np.column_stack([slow, 2 * slow]), stages, periodic=True)
+    turn = np.append(slow, slow[0])
+    columns = sampled(np.column_stack([turn, 2 * turn]), stages, 6, periodic=True)
     assert columns == pytest.approx(gain * np.column_stack([slow, 2 * slow])[::6])

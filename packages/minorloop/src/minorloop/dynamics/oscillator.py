@@ -5,7 +5,9 @@ operator receives is the result of the force that it gives. So it damps vibratio
 resonance depend on the amplitude.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,9 +19,9 @@ from minorloop.dynamics.sampling import (
     Interpolation,
     Stage,
     checked_stages,
-    decimated,
     even_interval,
     pulses,
+    sampled,
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.operators.differential import Differential
@@ -116,83 +118,72 @@ class Oscillator:
         count = as_whole("substeps", substeps, 1)
         filters = checked_stages(stages, count)
         force = pulses(forces, count, between, periodic=periodic)
-        y = self._response(force, interval / count, periodic)
-        if y is None:
+        turns = _MOST_TURNS if periodic else 1
+        found = respond(self, force, interval / count, turns=turns, settled=_SETTLED)
+        if found is None:
             raise SignalError(
                 "the displacement grows without bound for this force; check the units, make the "
                 "damping or the stiffness larger, or give more substeps"
             )
-        shown = y[:-1] if periodic else y
-        if filters:
-            return decimated(shown, filters, periodic=periodic)
-        return np.ascontiguousarray(shown[::count])
+        return sampled(found[0], filters, count, periodic=periodic)
 
     @property
     def plant(self) -> tuple[float, float, FloatArray, FloatArray, FloatArray]:
         """Mass, damping, spring, levels and values, as the compiled loops take them."""
         return self.mass, self.damping, self.stiffness, *self.operator.law
 
-    def _response(self, force: FloatArray, step: float, periodic: bool) -> FloatArray | None:
-        """Return the displacement after each step, (K + 1,); None where it is not finite."""
-        motion = Motion(self)
-        y, none = np.empty(len(force) + 1), np.empty((len(force) + 1, 0))
-        for _ in range(_MOST_TURNS if periodic else 1):
-            before = motion.state.copy()
-            if not motion.run(force, step, y, none):
-                return None
-            if np.allclose(motion.state, before, rtol=_SETTLED, atol=0.0):
-                break
-        return y
 
+def respond(
+    model: Oscillator,
+    force: FloatArray,
+    step: float,
+    *,
+    gradient: bool = False,
+    turns: int = 1,
+    settled: float = 0.0,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the displacements (K + 1,) from rest, and their derivatives (K + 1, P).
 
-class Motion:
-    """The state of an oscillator at rest, and its derivatives, which steps update.
+    None where they are not finite.
 
     Parameters
     ----------
     model : Oscillator
         The oscillator.
+    force : (K, 3) array
+        From `sampling.pulses`.
+    step : float
+        Seconds of a step.
     gradient : bool
         Whether derivatives with respect to the parameters are wanted: mass, damping, springs, and
-        those of the operator.
+        those of the operator. P is 0 otherwise.
+    turns : int
+        How often the force repeats at most; the last turn counts.
+    settled : float
+        Relative change of the state from turn to turn, and of its derivatives, at which they end.
     """
-
-    def __init__(self, model: Oscillator, *, gradient: bool = False) -> None:
-        self.model, operator = model, model.operator
-        self._differential = isinstance(operator, Differential)
-        law = operator.law[1] if self._differential else operator.weights
-        parameters = 2 + model.stiffness.size + law.size if gradient else 0
-        self.state, self.slopes = np.zeros(3), np.zeros((3, parameters))
-        self._plays: Any = None
-
-    def run(self, force: FloatArray, step: float, y_out: FloatArray, gradient: FloatArray) -> bool:
-        """Continue with a force (K, 3), and return whether the displacements are finite.
-
-        Parameters
-        ----------
-        force : (K, 3) array
-            From `sampling.pulses`.
-        step : float
-            Seconds of a step.
-        y_out : (K + 1,) array
-            Receives the displacements.
-        gradient : (K + 1, P) array
-            Receives their derivatives.
-        """
-        model, state = self.model, (self.state, self.slopes, y_out, gradient)
-        if self._differential:
-            return bool(_oscillator_kernels.respond(force, step, model.plant, *state))
-        if self._plays is None:
-            self._begin(float(force[0, 0]))
-        plant = model.mass, model.damping, model.stiffness
-        return bool(_newmark_kernels.march(force, step, *plant, self._plays, *state))
-
-    def _begin(self, force: float) -> None:
-        """Set the positions and the acceleration at rest, and its derivative to the mass."""
-        operator = self.model.operator
+    operator = model.operator
+    differential = isinstance(operator, Differential)
+    law = operator.law[1] if differential else operator.weights
+    parameters = 2 + model.stiffness.size + law.size if gradient else 0
+    state, slopes = np.zeros(3), np.zeros((3, parameters))
+    y, out = np.empty(len(force) + 1), np.empty((len(force) + 1, parameters))
+    run: Callable[..., bool]
+    if differential:
+        run = partial(_oscillator_kernels.respond, force, step, model.plant)
+    else:
         n = operator.radii.size
-        memory = np.zeros(n), np.zeros((n, self.slopes.shape[1]))
-        self._plays = (operator.radii, operator.weights, operator.offset, *memory)
-        self.state[2] = (force - operator.offset) / self.model.mass
-        if self.slopes.size:
-            self.slopes[2, 0] = -self.state[2] / self.model.mass
+        memory = np.zeros(n), np.zeros((n, parameters))
+        plays = (operator.radii, operator.weights, operator.offset, *memory)
+        state[2] = (force[0, 0] - operator.offset) / model.mass
+        slopes[2, :1] = -state[2] / model.mass
+        plant = model.mass, model.damping, model.stiffness
+        run = partial(_newmark_kernels.march, force, step, *plant, plays)
+    for _ in range(turns):
+        before = np.vstack([state, slopes.T])
+        if not run(state, slopes, y, out):
+            return None
+        now = np.vstack([state, slopes.T])
+        if (np.abs(now - before) <= settled * np.abs(now)).all():
+            break
+    return y, out

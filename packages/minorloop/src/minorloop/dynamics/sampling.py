@@ -119,21 +119,27 @@ def checked_stages(stages: Sequence[Stage], substeps: int) -> list[tuple[int, Fl
     return found
 
 
-def decimated(
-    y: FloatArray, stages: Sequence[tuple[int, FloatArray]], *, periodic: bool
+def sampled(
+    y: FloatArray, stages: Sequence[tuple[int, FloatArray]], substeps: int, *, periodic: bool
 ) -> FloatArray:
-    """Return a signal (K, ...) behind the stages of a decimation, without their delay.
+    """Return the samples of a motion behind the stages of a decimation, without their delay.
 
     Parameters
     ----------
-    y : (K,) or (K, P) array
-        Samples at the high rate, one behind another.
+    y : (K + 1,) or (K + 1, P) array
+        The motion at the beginning, and after each of K steps.
     stages : sequence of (int, array)
         From `checked_stages`.
+    substeps : int
+        Steps in an interval.
     periodic : bool
-        Whether the first sample follows the last one; otherwise the signal is continued by its
+        Whether the last value is the first one again; otherwise the signal is continued by its
         mirror image through the first and the last point.
     """
+    if periodic:
+        y = y[:-1]
+    if not stages:
+        return np.ascontiguousarray(y[::substeps])
     for factor, taps in stages:
         n = taps.size // 2
         if periodic:

@@ -13,19 +13,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import LARGEST, BoolArray, FloatArray
-from minorloop.dynamics.oscillator import Motion, Oscillator
-from minorloop.dynamics.sampling import (
-    Interpolation,
-    decimated,
-    pulses,
-    refined,
-)
+from minorloop.dynamics.oscillator import Oscillator, respond
+from minorloop.dynamics.sampling import Interpolation, pulses, refined, sampled
 from minorloop.errors import ParameterError
-from minorloop.operators.differential import BoucWen, Differential, Duhem
+from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 
 _TIES = (10.0, 1.0, 0.1)
@@ -46,6 +42,12 @@ _SETTLED = 1e-6
 """Relative change from period to period of a state, and of its derivatives, that repeat."""
 _TIED_SUBSTEPS = 2
 """Steps in an interval then; they are as accurate as that minimum needs to be."""
+_PARAMETERS: dict[type, tuple[str, ...]] = {
+    BoucWen: ("alpha", "gamma", "delta", "exponent"),
+    Duhem: ("rising", "falling"),
+    PrandtlIshlinskii: ("weights",),
+}
+"""Parameters of each class of hysteretic force, by the names of its fields."""
 _STEPS = 60
 """Most steps of the last fit; four to ten are usual."""
 _GAIN, _SMALLEST_STEP = 1e-6, 1e-12
@@ -141,47 +143,39 @@ class OscillatorRecord:
             force = force + tie[0] * y + tie[1] * v
             spring = np.concatenate([[model.stiffness[0] + tie[0]], model.stiffness[1:]])
             model = replace(model, stiffness=spring, damping=model.damping + tie[1])
-        motion = Motion(model, gradient=True)
-        out = np.empty(len(force) + 1)
-        gradient = np.empty((len(force) + 1, motion.slopes.shape[1]))
-        for _ in range(_MOST_TURNS if self.periodic else 1):
-            before = np.vstack([motion.state, motion.slopes.T])
-            if not motion.run(force, self.step, out, gradient):
-                return None
-            now = np.vstack([motion.state, motion.slopes.T])
-            if (np.abs(now - before) <= _SETTLED * np.abs(now)).all():
-                break
-        if self.periodic:
-            out, gradient = out[:-1], gradient[:-1]
-        if self.stages:
-            out = decimated(out, self.stages, periodic=self.periodic)
-            gradient = decimated(gradient, self.stages, periodic=self.periodic)
-        else:
-            out, gradient = out[:: self.substeps], gradient[:: self.substeps]
+        turns = _MOST_TURNS if self.periodic else 1
+        found = respond(model, force, self.step, gradient=True, turns=turns, settled=_SETTLED)
+        if found is None:
+            return None
+        out, gradient = (
+            sampled(x, self.stages, self.substeps, periodic=self.periodic) for x in found
+        )
         # Derivatives of an unstable motion grow faster than the motion itself.
         if not (np.abs(out) < LARGEST).all() or not (np.abs(gradient) < LARGEST).all():
             return None
         return (out - self.y)[self.scored], gradient[self.scored]
 
 
+def _law(operator: Any) -> dict[str, FloatArray]:
+    """Return the parameters of an operator by the names of its fields."""
+    return {name: np.asarray(getattr(operator, name)) for name in _PARAMETERS[type(operator)]}
+
+
 def parameter_names(model: Oscillator) -> tuple[str, ...]:
     """Return the names of the parameters, in the order of `parameters_of`."""
     springs = ["stiffness", *(f"stiffness {k}" for k in range(2, model.stiffness.size + 1))]
-    operator = model.operator
-    if isinstance(operator, BoucWen):
-        law = ["alpha", "gamma", "delta", "exponent"]
-    elif isinstance(operator, Duhem):
-        law = [f"{side} {k}" for side in ("rising", "falling") for k in range(operator.levels.size)]
-    else:
-        law = [f"weight {k}" for k in range(operator.weights.size)]
+    law = [
+        f"{name.removesuffix('s')} {k}" if values.ndim else name
+        for name, values in _law(model.operator).items()
+        for k in range(values.size)
+    ]
     return ("mass", "damping", *springs, *law)
 
 
 def parameters_of(model: Oscillator) -> FloatArray:
     """Return the parameters (P,): mass, damping, springs, and those of the operator."""
-    operator = model.operator
-    law = operator.law[1] if isinstance(operator, Differential) else operator.weights
-    return np.concatenate([[model.mass, model.damping], model.stiffness, law])
+    law = [values.ravel() for values in _law(model.operator).values()]
+    return np.concatenate([[model.mass, model.damping], model.stiffness, *law])
 
 
 def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
@@ -189,15 +183,14 @@ def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
 
     Raises a `ParameterError` if a parameter is out of its range.
     """
-    springs, law = np.split(parameters[2:], [model.stiffness.size])
-    operator: Differential | PrandtlIshlinskii
-    if isinstance(model.operator, BoucWen):
-        operator = BoucWen(*law)
-    elif isinstance(model.operator, Duhem):
-        operator = Duhem(model.operator.levels, *np.split(law, 2))
-    else:
-        operator = replace(model.operator, weights=law)
-    return Oscillator(parameters[0], parameters[1], springs, operator)
+    law = _law(model.operator)
+    sizes = [1, 1, model.stiffness.size, *(values.size for values in law.values())]
+    mass, damping, springs, *found = np.split(parameters, np.cumsum(sizes)[:-1])
+    shaped = {
+        name: part.reshape(values.shape)
+        for part, (name, values) in zip(found, law.items(), strict=True)
+    }
+    return Oscillator(mass.item(), damping.item(), springs, replace(model.operator, **shaped))
 
 
 def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Oscillator | None:
