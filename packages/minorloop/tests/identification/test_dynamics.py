@@ -72,8 +72,7 @@ def test_finds_two_poles_after_the_operator():
     assert found.holdout_nrmse < 0.02
     chosen = [one for one in found.tried if one.chosen]
     assert [one.structure for one in chosen] == [(0, 2, False)]
-    assert found.runner_up.structure[:2] != (0, 2)
-    assert found.startup == 0 or found.startup_fitted
+    assert found.startup == 0
 
 
 def test_predicts_frequencies_that_it_was_not_fitted_to():

@@ -4,15 +4,13 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.curves import Curves
-from minorloop.identification.rough_model import Basis
+from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.threads import one_thread
 
 _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
 _MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-"""Its multiples fill the interval from 0 to 1 evenly (Weyl)."""
 _DEPENDENT = 1e-10
 """Part of a polynomial that the lower ones do not explain, below which it is rounding."""
 _PLAY, _DEGREE = 2, 6
@@ -64,7 +62,8 @@ def polynomial_nrmse(
     def late(places: IntArray, delay: int) -> FloatArray:
         return np.asarray(x[np.maximum(places - delay, first[places])])
 
-    rows = _spread(np.flatnonzero(train))
+    rows = np.flatnonzero(train)
+    rows = rows[one_of_each(rows.size, _MOST)]
     wanted = y[rows]
     highest = min(max(DEGREES), rows.size - 1)
     least, chosen = np.inf, (0, min(DEGREES))
@@ -87,23 +86,12 @@ def lateness(u: FloatArray, y: FloatArray, rows: BoolArray, curves: Curves) -> f
 
     It is negative where loops run clockwise: there the output comes before the input.
     """
-    places = _spread(np.flatnonzero(rows))
+    places = np.flatnonzero(rows)
+    places = places[one_of_each(places.size, _MOST)]
     plays = Basis.of(u, curves, places.size).plays[places]
     q, _ = np.linalg.qr(np.polynomial.chebyshev.chebvander(plays[:, 0], _DEGREE))
     play, output = (x - q @ (q.T @ x) for x in (plays[:, _PLAY], y[places] - y[places].mean()))
     return float(play @ output / (np.linalg.norm(play) * np.linalg.norm(output) or 1.0))
-
-
-def _spread(rows: IntArray) -> IntArray:
-    """Return about ``_MOST`` of many rows, one in each of as many parts, at uneven distances.
-
-    Even distances would see a periodic input at a few phases only.
-    """
-    if rows.size <= _MOST:
-        return rows
-    part = np.arange(_MOST)
-    places = ((part + part * _GOLDEN % 1.0) * (rows.size / _MOST)).astype(np.int64)
-    return np.asarray(rows[places])
 
 
 def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:

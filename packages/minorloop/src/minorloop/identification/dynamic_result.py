@@ -83,15 +83,8 @@ def _times(fit: DynamicIdentification) -> Iterator[str]:
 
 
 def _startup(fit: DynamicIdentification) -> Iterator[str]:
-    """Say what to do about first rows that the other rows do not predict."""
-    if fit.startup and fit.startup_fitted:
-        yield (
-            f"the first {fit.startup} rows move the output as no later row does, so nothing "
-            "shows whether the memory was known before them: if the actuator was not moved "
-            "over its whole range and back before the record, leave them out with "
-            f"skip={fit.startup} (--record skip={fit.startup}); or record large loops twice"
-        )
-    elif fit.startup:
+    """Say what to do about first rows that contradict the other rows."""
+    if fit.startup:
         yield (
             f"the first {fit.startup} rows are not fitted: with them the other rows fit "
             "worse, so the record seems to begin with another memory than the model assumes, "
@@ -114,9 +107,8 @@ def _structure(fit: DynamicIdentification) -> Iterator[str]:
         yield "with dead time, poles or creep the model is no better than with the operator alone"
 
 
-def _compared(one: TriedDynamics) -> str:
-    near = ", as good" if one.near else ""
-    return f"{one.what}: {percent(one.error)} of range on left-out pieces{near}"
+def _chosen(one: TriedDynamics) -> str:
+    return f"{one.what}: {percent(one.error)} of range on left-out pieces"
 
 
 def _of_static(score: ScoreRow) -> ScoreRow:
@@ -165,8 +157,7 @@ class DynamicIdentification(Fit[Cascade]):
         *MORE_ERRORS,
         ScoreRow("", "resonance", "resonance", "{0[0]:.4g} Hz, damping ratio {0[1]:.3g}"),
         ScoreRow("", "_creep_text", "creep"),
-        ScoreRow("", "best", "chosen", _compared),
-        ScoreRow("", "runner_up", "runner-up", _compared),
+        ScoreRow("", "best", "chosen", _chosen),
         ScoreRow("dynamics", _figures),
         ScoreRow("chosen", lambda fit: list(fit.chosen)),
         *map(_of_static, Identification.SCORES),
@@ -185,9 +176,7 @@ class DynamicIdentification(Fit[Cascade]):
     tried: tuple[TriedDynamics, ...]
     """Dynamics that were compared."""
     startup: int = 0
-    """Number of first rows that the other rows do not predict; 0 if there are none."""
-    startup_fitted: bool = True
-    """Whether these are fitted all the same, because they make the model of the others no worse."""
+    """Number of first rows that are not fitted, because they make the model of the others worse."""
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -225,20 +214,6 @@ class DynamicIdentification(Fit[Cascade]):
     def best(self) -> TriedDynamics:
         """The dynamics that were chosen."""
         return next(one for one in self.tried if one.chosen)
-
-    @property
-    def runner_up(self) -> TriedDynamics | None:
-        """The best of the structures that do not contain the chosen one; None without one.
-
-        One that contains it, with more poles, is always nearly as good.
-        """
-        chosen = self.best.structure
-        others = [
-            one
-            for one in self.tried
-            if any(a < b for a, b in zip(one.structure, chosen, strict=True))
-        ]
-        return min(others, key=lambda one: one.error, default=None)
 
     @property
     def saved(self) -> Fit[Any]:

@@ -44,10 +44,6 @@ _MOST_NOISE = 0.5
 which the gain is as low as the noise; with the gain at rest, 1, nothing would pass."""
 _WORSE = 1.02
 """Ratio of the errors on left-out pieces above which a start-up spoils the model."""
-_UNLIKE = 4.0
-"""Error of a start-up, over that on left-out pieces, above which the other rows do not predict it.
-By trial: a start-up like the others has up to three times their error, because it reaches further.
-"""
 _STRUCTURES: tuple[dict[str, Any], ...] = (
     {"diagonal": "reversible", "slope": False},
     {"diagonal": "uniform", "slope": True},
@@ -130,8 +126,7 @@ class Dynamics:
                 crept = with_creep(later, tried, best, static, creep is True)
                 best = simplest(crept) if crept else best
                 tried = [*tried, *crept]
-            spoilt, unlike = _startup(short, best, static) if startup else (False, False)
-            skipped = startup if spoilt else 0
+            skipped = startup if startup and _spoils(short, best, static) else 0
             say("fitting operator and dynamics in turns")
             parts = moving.without(skipped), short.without(skipped)
             found, operator = _refined(*parts, best, plane, prior)
@@ -146,8 +141,7 @@ class Dynamics:
             held_out=moving.held_out,
             curves=operator.curves,
             tried=tuple(_summary(one, best) for one in tried),
-            startup=startup if spoilt or unlike else 0,
-            startup_fitted=not spoilt,
+            startup=skipped,
             told=told,
             record=record,
         )
@@ -167,8 +161,8 @@ def _summary(one: Found, best: Found) -> TriedDynamics:
     )
 
 
-def _startup(record: DynamicRecord, best: Found, static: Static) -> tuple[bool, bool]:
-    """Whether the start-up spoils the model of the other rows, and whether it is unlike them.
+def _spoils(record: DynamicRecord, best: Found, static: Static) -> bool:
+    """Whether the start-up spoils the model of the other rows.
 
     The start-up of a virgin actuator has a memory that no later row has. Where no later row is
     like it, it spoils nothing, and nothing shows whether it is right.
@@ -177,10 +171,7 @@ def _startup(record: DynamicRecord, best: Found, static: Static) -> tuple[bool, 
     with_it = alternate(record, best.dynamics, static, best.operator, creeping=creeping)
     with_it = replace(with_it, record=best.record)  # scored on the same pieces
     worse = with_it.left_out_error > _WORSE * best.left_out_error
-    first = record.fitted & ~best.record.fitted
-    predicted = best.dynamics.outputs(record, best.operator)
-    unlike = record.error(predicted, first) > _UNLIKE * best.left_out_error
-    return worse and better(best, with_it), unlike
+    return worse and better(best, with_it)
 
 
 def _coarse(plane: Plane) -> Plane:
