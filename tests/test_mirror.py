@@ -35,6 +35,7 @@ ELSEWHERE = {
     "minorloop/operators/tracker.py": "minorloop/operators/test_operator.py",
     "minorloop/page/admission.py": "minorloop_head/console/test_server.py",
     "minorloop/version.py": "minorloop/cli/test_main.py",
+    "minorloop/devices.py": "minorloop/cli/test_devices.py",
     "minorloop_head/console/identified_head.py": "minorloop_head/console/test_loop.py",
     "minorloop_head/console/numbered_findings.py": "minorloop_head/console/test_session.py",
     "minorloop_head/console/outgoing.py": "minorloop_head/console/test_session.py",

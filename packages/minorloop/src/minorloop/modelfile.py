@@ -138,6 +138,24 @@ class ModelFile:
     lag_seconds: float = 0.0
     """The lag in seconds; 0 if it is known in samples only."""
 
+    def left_out(self, what: str) -> list[str]:
+        """Return what of the model an export does not carry, one sentence each.
+
+        ``what`` is ``C`` or ``unit``.
+        """
+        said = []
+        if self.lag:
+            said.append(
+                f"the output follows the model by {self.lag} samples; this lag is not in the {what}"
+            )
+        if isinstance(self.model, AfterEffect) and what != "C":
+            said.append(
+                f"the output changes with time; this is not in the {what}, which settles at once"
+            )
+        if isinstance(self.model, Cascade) and self.model.creep is not None:
+            said.append(f"the output creeps after the model; this creep is not in the {what}")
+        return said
+
     def with_linear(self, path: PathLike, first: First = "operator") -> ModelFile:
         """Return the model in a cascade with the linear part of a file, as of `read_linear`.
 

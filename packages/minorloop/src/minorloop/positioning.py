@@ -8,13 +8,16 @@ the same target curvatures, and the two voltage sequences are applied to the str
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from minorloop import modelfile
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
 from minorloop.errors import NotInvertibleError, ParameterError, RecordError
+from minorloop.files import check_writable, table_text, write_atomically
 from minorloop.identification import Gaussian, Identification, Plane, Smooth, excitation, identify
 from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
@@ -121,6 +124,23 @@ class Positioning:
             (f"{target:.2f}", f"{a:.3f}", f"{ya:.2f}", f"{b:.3f}", f"{yb:.2f}")
             for target, a, ya, b, yb in zip(self.targets, *columns, strict=True)
         ]
+
+    def save(self, folder: Path) -> None:
+        """Write the staircase and the model into a folder.
+
+        Raises an `OutputError` if that fails.
+        """
+        data = folder / "staircase.csv"
+        table = {"voltage [V]": self.voltages, "curvature [1/m]": self.settled}
+        rows = zip(*(values.tolist() for values in table.values()), strict=True)
+        write_atomically(check_writable(data, force=False), table_text(table, rows))
+        modelfile.save(
+            self.identification.model,
+            folder / "model.json",
+            input=self.staircase.input,
+            output=self.staircase.output,
+            provenance=modelfile.Provenance.of(data),
+        )
 
     @property
     def coverage(self) -> float:

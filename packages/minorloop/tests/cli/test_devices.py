@@ -8,7 +8,7 @@ from board_process import commands, simulated_board
 
 
 def test_what_is_there_is_listed_without_opening_it(run, monkeypatch):
-    monkeypatch.setattr("minorloop.cli.devices.find_spec", lambda name: None)
+    monkeypatch.setattr("minorloop.devices.find_spec", lambda name: None)
     status, out, _ = run("devices --json")
     rows = {row["address"]: row for row in json.loads(out)["devices"]}
     assert status == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from minorloop.cli.devices import DeviceRow
+from minorloop.devices import DeviceRow
 from minorloop.errors import MinorloopError
 
 _CAMERAS = "dev/video*"

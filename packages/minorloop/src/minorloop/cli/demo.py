@@ -1,18 +1,12 @@
 """``minorloop demo``: position a simulated actuator with two models."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from minorloop.cli import _common
-
-if TYPE_CHECKING:
-    from minorloop.positioning import Positioning
 
 NAME = "demo"
 EXAMPLE = "minorloop demo --out demo --seed 3"
@@ -36,50 +30,23 @@ def run(
         make_folder(out)
     with _common.working("starting") as now:
         from minorloop.positioning import run_positioning
+        from minorloop.positioning_report import positioning_report
 
         result = run_positioning(seed, noise, progress=now)
-    steps: list[Callable[[], None]] = [partial(_show, result, as_json)]
     if out is not None:
-        steps[:0] = [partial(_save, result, out), partial(_report, result, out, as_json)]
-    _common.do_all(steps)
-
-
-def _show(result: Positioning, as_json: bool) -> None:
-    if as_json:
-        _common.print_json(result.summary)
-        return
-    columns = ("target [1/m]", "Preisach [V]", "achieved", "quadratic [V]", "achieved")
-    _common.print_table(columns, result.rows, f"{len(result.rows)} curvatures in 1/m, open loop")
+        result.save(out)
     one, other = result.preisach, result.quadratic
-    typer.echo(
-        f"rms error {one.rms:.3f} 1/m with the Preisach inverse, {other.rms:.3f} 1/m with the "
-        f"quadratic: {other.rms / one.rms:.1f} times"
-    )
-    typer.echo(f"largest error {one.worst:.3f} 1/m and {other.worst:.3f} 1/m")
+    columns = ("target [1/m]", "Preisach [V]", "achieved", "quadratic [V]", "achieved")
 
+    def show() -> None:
+        title = f"{len(result.rows)} curvatures in 1/m, open loop"
+        _common.print_table(columns, result.rows, title)
+        typer.echo(
+            f"rms error {one.rms:.3f} 1/m with the Preisach inverse, {other.rms:.3f} 1/m with the "
+            f"quadratic: {other.rms / one.rms:.1f} times"
+        )
+        typer.echo(f"largest error {one.worst:.3f} 1/m and {other.worst:.3f} 1/m")
 
-def _save(result: Positioning, folder: Path) -> None:
-    from minorloop import modelfile
-
-    _common.write_csv(
-        folder / "staircase.csv",
-        {"voltage [V]": result.voltages, "curvature [1/m]": result.settled},
-        force=False,
-    )
-    modelfile.save(
-        result.identification.model,
-        folder / "model.json",
-        input=result.staircase.input,
-        output=result.staircase.output,
-        provenance=modelfile.Provenance.of(folder / "staircase.csv"),
-    )
-
-
-def _report(result: Positioning, folder: Path, as_json: bool) -> None:
-    from minorloop.positioning_report import positioning_report
-
-    path = folder / "report.html"
-    with _common.working("drawing the report"):
-        _common.write_report(partial(positioning_report, result), path, force=False)
-    if not as_json:
-        typer.echo(f"report written to {path}; open it in a browser")
+    report = None if out is None else out / "report.html"
+    draw = partial(positioning_report, result)
+    _common.finish(as_json, lambda: result.summary, show, _common.drawn(report, draw, force=False))

@@ -13,49 +13,57 @@ EXAMPLE = (
 )
 
 
+_Corrections = Annotated[
+    int,
+    _common.whole_option(
+        "Further holds of a target, at most, that correct its error by the sensor; 0 is open loop."
+    ),
+]
+_Within = Annotated[
+    float, _common.number_option("Error that is not corrected, in the unit of the output.")
+]
+_Absolute = Annotated[
+    bool,
+    typer.Option(
+        "--absolute",
+        help="Targets count from the zero of the sensor; otherwise from that of the model.",
+    ),
+]
+_Hold = Annotated[float, _common.seconds_option("Longest hold of a target, in seconds.")]
+_Every = Annotated[
+    float | None,
+    _common.seconds_option(
+        "For a model with after-effect: seconds between inputs. A target is met after the first "
+        "interval, and kept while the output creeps."
+    ),
+]
+_Tolerance = Annotated[
+    float | None,
+    _common.number_option("Slope of a settled output, in its unit per second, as for run."),
+]
+_Saturation = Annotated[
+    float | None,
+    _common.number_option(
+        "Input that saturates the actuator before the first target; the lowest level of the model "
+        "if not given."
+    ),
+]
+
+
 def run(
     model: _common.ModelFile,
     file: _common.DataFile,
     target: _common.Target,
     actuator: _common.Address,
     store: _common.NewStore,
-    corrections: Annotated[
-        int,
-        _common.whole_option(
-            "Further holds of a target, at most, that correct its error by the sensor; 0 is open "
-            "loop."
-        ),
-    ] = 0,
-    within: Annotated[
-        float, _common.number_option("Error that is not corrected, in the unit of the output.")
-    ] = 0.0,
-    absolute: Annotated[
-        bool,
-        typer.Option(
-            "--absolute",
-            help="Targets count from the zero of the sensor; otherwise from that of the model.",
-        ),
-    ] = False,
+    corrections: _Corrections = 0,
+    within: _Within = 0.0,
+    absolute: _Absolute = False,
     convert: _common.Convert = None,
-    hold: Annotated[float, _common.seconds_option("Longest hold of a target, in seconds.")] = 200.0,
-    every: Annotated[
-        float | None,
-        _common.seconds_option(
-            "For a model with after-effect: seconds between inputs. A target is met after the "
-            "first interval, and kept while the output creeps."
-        ),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        _common.number_option("Slope of a settled output, in its unit per second, as for run."),
-    ] = None,
-    saturation: Annotated[
-        float | None,
-        _common.number_option(
-            "Input that saturates the actuator before the first target; the lowest level of the "
-            "model if not given."
-        ),
-    ] = None,
+    hold: _Hold = 200.0,
+    every: _Every = None,
+    tolerance: _Tolerance = None,
+    saturation: _Saturation = None,
     report: _common.Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,

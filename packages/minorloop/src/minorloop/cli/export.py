@@ -20,30 +20,34 @@ NAME = "export"
 EXAMPLE = "minorloop export c:float32=yes,memory=32 model.json --out firmware"
 
 
+_Target = Annotated[
+    str,
+    typer.Argument(
+        show_default=False,
+        help="c, or fmu (FMI 2.0); with options as c:KEY=VALUE,... Of both: name (prefix of "
+        "every name, minorloop), memory (extrema of the input that are remembered, 32; at "
+        "least 6), linear (JSON file of a linear part: numerator, denominator, in descending "
+        "powers of z, interval and delay, in seconds) and first (operator or linear). Of c: "
+        "float32=yes (single precision), inverse=no, largest (most bytes of tables and one "
+        "state), firmware=yes (a sketch of it).",
+    ),
+]
+_Interval = Annotated[
+    float | None,
+    _common.seconds_option(
+        "Seconds between calls of a model with dynamics; for fmu also the step recommended to "
+        "simulators."
+    ),
+]
+
+
 def run(
-    target: Annotated[
-        str,
-        typer.Argument(
-            show_default=False,
-            help="c, or fmu (FMI 2.0); with options as c:KEY=VALUE,... Of both: name (prefix of "
-            "every name, minorloop), memory (extrema of the input that are remembered, 32; at "
-            "least 6), linear (JSON file of a linear part: numerator, denominator, in descending "
-            "powers of z, interval and delay, in seconds) and first (operator or linear). Of c: "
-            "float32=yes (single precision), inverse=no, largest (most bytes of tables and one "
-            "state), firmware=yes (a sketch of it).",
-        ),
-    ],
+    target: _Target,
     model: _common.ModelFile,
     out: Annotated[
         Path, typer.Option(help="The folder for C, or the .fmu file.", show_default=False)
     ],
-    interval: Annotated[
-        float | None,
-        _common.seconds_option(
-            "Seconds between calls of a model with dynamics; for fmu also the step recommended to "
-            "simulators."
-        ),
-    ] = None,
+    interval: _Interval = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
@@ -86,7 +90,8 @@ def run(
     said = f"co-simulation unit for {', '.join(unit)} written to {out}"
     _common.finish(as_json, lambda: content, lambda: typer.echo(said))
     if not as_json:
-        _say_what_is_missing(known, "unit")
+        for sentence in known.left_out("unit"):
+            typer.echo(sentence)
 
 
 def _figures(code: CSource, out: Path) -> dict[str, Any]:
@@ -109,24 +114,8 @@ def _show(code: CSource, out: Path, known: ModelFile) -> None:
     if code.input_error:
         rows.append(("error of rounding an input, at most", f"{code.input_error:.2g} of the range"))
     _common.print_table(("", ""), rows, f"{known.output} against {known.input}, written to {out}")
-    _say_what_is_missing(known, "C")
+    for sentence in known.left_out("C"):
+        typer.echo(sentence)
     test = next(name for name in code.files if name.endswith("_selftest.c"))
     source = test.replace("_selftest", "")
     typer.echo(f"next: cd {out} && cc -std=c99 {source} {test} -lm -o selftest && ./selftest")
-
-
-def _say_what_is_missing(known: ModelFile, what: str) -> None:
-    """Print what of the model an export does not carry."""
-    from minorloop.dynamics.cascade import Cascade
-    from minorloop.operators.after_effect import AfterEffect
-
-    if known.lag:
-        typer.echo(
-            f"the output follows the model by {known.lag} samples; this lag is not in the {what}"
-        )
-    if isinstance(known.model, AfterEffect) and what != "C":
-        typer.echo(
-            f"the output changes with time; this is not in the {what}, which settles at once"
-        )
-    if isinstance(known.model, Cascade) and known.model.creep is not None:
-        typer.echo(f"the output creeps after the model; this creep is not in the {what}")

@@ -29,51 +29,56 @@ _SHOWN = 10
 """Most lines of each kind below the table; all are in the summary."""
 
 
+_Manifest = Annotated[
+    Path,
+    typer.Argument(
+        help="CSV file with columns specimen, file, input, output; and time, curves, groups, sd, "
+        "where records have them; one row for each specimen.",
+        show_default=False,
+    ),
+]
+_Out = Annotated[
+    Path,
+    typer.Option(
+        help="Folder for the results; that of a stopped fleet continues it.", show_default=False
+    ),
+]
+_Input = Annotated[
+    str | None, typer.Option(help="Column of the input, where the manifest names none.")
+]
+_Output = Annotated[
+    str | None, typer.Option(help="Column of the output, where the manifest names none.")
+]
+_Workers = Annotated[
+    str | None,
+    typer.Option(
+        help="Number of local processes, one for each core if not given; or the scheduler of a "
+        "Dask cluster, such as tcp://10.0.0.1:8786."
+    ),
+]
+_Limit = Annotated[float, _common.number_option("Time limit of a specimen in seconds, or inf.")]
+_Retry = Annotated[
+    bool, typer.Option("--retry-failed", help="Try specimens that failed before again.")
+]
+_Patience = Annotated[
+    float,
+    _common.seconds_option("Seconds to wait for a worker of the cluster or for its scheduler."),
+]
+
+
 def run(
-    manifest: Annotated[
-        Path,
-        typer.Argument(
-            help="CSV file with columns specimen, file, input, output; and time, curves, groups, "
-            "sd, where records have them; one row for each specimen.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="Folder for the results; that of a stopped fleet continues it.",
-            show_default=False,
-        ),
-    ],
-    input: Annotated[
-        str | None, typer.Option(help="Column of the input, where the manifest names none.")
-    ] = None,
-    output: Annotated[
-        str | None, typer.Option(help="Column of the output, where the manifest names none.")
-    ] = None,
+    manifest: _Manifest,
+    out: _Out,
+    input: _Input = None,
+    output: _Output = None,
     record: RecordOptions = None,
     law: LawOption = None,
     prior: PriorOption = "auto",
     holdout: _common.Holdout = 0.0,
-    workers: Annotated[
-        str | None,
-        typer.Option(
-            help="Number of local processes, one for each core if not given; or the scheduler of a "
-            "Dask cluster, such as tcp://10.0.0.1:8786."
-        ),
-    ] = None,
-    limit: Annotated[
-        float,
-        _common.number_option("Time limit of a specimen in seconds, or inf."),
-    ] = 3600.0,
-    retry_failed: Annotated[
-        bool,
-        typer.Option("--retry-failed", help="Try specimens that failed before again."),
-    ] = False,
-    patience: Annotated[
-        float,
-        _common.seconds_option("Seconds to wait for a worker of the cluster or for its scheduler."),
-    ] = 60.0,
+    workers: _Workers = None,
+    limit: _Limit = 3600.0,
+    retry_failed: _Retry = False,
+    patience: _Patience = 60.0,
     as_json: _common.Json = False,
 ) -> None:
     """Identify every specimen of a manifest; failures are reported, and the rest continues.

@@ -1,11 +1,8 @@
 """``minorloop reduce``: settled points from a raw log."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +10,6 @@ from minorloop.cli import _common
 from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError, RecordError
 from minorloop.values import called, parsed
-
-if TYPE_CHECKING:
-    from minorloop.lab.reduction import Reduction
 
 NAME = "reduce"
 EXAMPLE = (
@@ -66,6 +60,7 @@ def run(
     """Reduce a raw log to settled points: one for each hold of the input."""
     from minorloop.lab.conversion import from_text
     from minorloop.lab.reduction import reduce
+    from minorloop.report import reduction_report
 
     _common.check_outputs([save, report], inputs=[file], force=force)
     if flip is not None:
@@ -93,13 +88,20 @@ def run(
             "all the same"
         )
     said = [*record.notes, *reduction.notes]
-    steps: list[Callable[[], None]] = [partial(_show, reduction, said, as_json)]
-    # Files first: the reader of the output may end.
-    if report is not None:
-        steps.insert(0, partial(_report, reduction, said, file, report, force, as_json))
-    if save is not None:
-        steps.insert(0, partial(_save, reduction, keep_unsettled, save, force, as_json))
-    _common.do_all(steps)
+    save_points = partial(reduction.to_csv, unsettled=keep_unsettled, force=force)
+    draw = partial(reduction_report, reduction, source=file.name, notes=said)
+
+    def show() -> None:
+        _common.print_table(("", ""), reduction.summary(), str(reduction))
+        _common.print_advice(said)
+
+    _common.finish(
+        as_json,
+        lambda: {**reduction.to_dict(), "notes": said},
+        show,
+        _common.Written(save, save_points, "points written to {}"),
+        _common.drawn(report, draw, force),
+    )
 
 
 def _limits(text: str | None) -> tuple[float, float] | None:
@@ -110,40 +112,3 @@ def _limits(text: str | None) -> tuple[float, float] | None:
     except ValueError:
         raise ParameterError(f"range is {text!r}; give LOW:HIGH, such as 10:30") from None
     return low, high
-
-
-def _save(reduction: Reduction, keep: bool, path: Path, force: bool, as_json: bool) -> None:
-    reduction.to_csv(path, unsettled=keep, force=force)
-    if not as_json:
-        typer.echo(f"points written to {path}")
-
-
-def _show(reduction: Reduction, notes: list[str], as_json: bool) -> None:
-    if as_json:
-        _common.print_json(
-            {
-                "samples": len(reduction.log),
-                "holds": len(reduction) - reduction.count("passed"),
-                **{
-                    verdict: reduction.count(verdict)
-                    for verdict in ("settled", "extrapolated", "unsettled", "unread", "passed")
-                },
-                "points": reduction.columns(unsettled=True),
-                "notes": notes,
-            }
-        )
-        return
-    _common.print_table(("", ""), reduction.summary(), str(reduction))
-    _common.print_advice(notes)
-
-
-def _report(
-    reduction: Reduction, notes: list[str], file: Path, path: Path, force: bool, as_json: bool
-) -> None:
-    from minorloop.report import reduction_report
-
-    draw = partial(reduction_report, reduction, source=file.name, notes=notes)
-    with _common.working("drawing the report"):
-        _common.write_report(draw, path, force=force)
-    if not as_json:
-        typer.echo(f"report written to {path}; open it in a browser")

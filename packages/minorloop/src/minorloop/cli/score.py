@@ -1,11 +1,8 @@
 """``minorloop score``: the errors of a model on another record."""
 
-from __future__ import annotations
-
 from functools import partial
-from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -14,10 +11,6 @@ from minorloop.cli._identification import RecordOptions, RecordReader, show_scor
 
 NAME = "score"
 EXAMPLE = "minorloop score model.json other.csv --report score.html"
-
-if TYPE_CHECKING:
-    from minorloop.lab.records import Quantity
-    from minorloop.scoring import ModelScore
 
 _Column = typer.Option(show_default="the name that it has in the model")
 _Save = Annotated[Path | None, typer.Option(help="Write the residual of each row to this file.")]
@@ -59,22 +52,8 @@ def run(
         f"{model.name} on {file.name}",
         as_json,
         verbose,
-        _common.Written(save, partial(_write, found, log.time, force), "residuals written to {}"),
+        _common.table(save, found.columns(log.time), force, "residuals written to {}"),
         _common.drawn(report, partial(found.report, model.name, file.name), force),
         figures={} if save is not None else {"residuals": found.error},
         notes=found.simulation.notes,
     )
-
-
-def _write(found: ModelScore, time: Quantity, force: bool, path: Path) -> None:
-    """Write inputs, outputs and residuals by header; what is not known is empty."""
-    known, t = found.simulation.model, found.simulation.t
-    columns = {} if t is None else {str(time): t}
-    columns |= {str(known.input): found.u, f"measured {known.output}": found.y}
-    columns |= {f"predicted {known.output}": found.prediction}
-    columns |= {f"residual {known.output}": found.error}
-    cells = {
-        header: ["" if isnan(value) else value for value in values.tolist()]
-        for header, values in columns.items()
-    }
-    _common.write_csv(path, cells, force=force)

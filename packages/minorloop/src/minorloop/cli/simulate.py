@@ -1,24 +1,16 @@
 """``minorloop simulate``: outputs for the inputs in a CSV file."""
 
-from __future__ import annotations
-
 from math import isnan
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
 from minorloop.cli._identification import RecordOptions, RecordReader
-from minorloop.errors import ParameterError, counted
+from minorloop.errors import counted
 
 NAME = "simulate"
 EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predicted.csv"
-
-
-if TYPE_CHECKING:
-    from minorloop.lab.records import Record
-    from minorloop.modelfile import ModelFile
 
 
 def run(
@@ -42,20 +34,16 @@ def run(
     from numpy import nanmax, nanmin
 
     from minorloop import modelfile, scoring
-    from minorloop.identification.curves import AS_LEFT
-    from minorloop.lab.logs import check_order
 
     reader = RecordReader.of(record, groups=None, sd=None, rows=None, skip=0)
     curves, between = reader.curves, reader.between
+    since: Any = reader.start_of_curve
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
-        log = _inputs(known, file, known.input.name if input is None else input, time, curves)
-        if curves is not None and reader.start_of_curve != AS_LEFT:
-            log = log.with_memory_reset()
-        if log.check is not None:
-            check_order(file, str(time), log.check, strictly=known.has_time)
+        log = scoring.read_inputs(
+            known, file, input, time=time, curves=curves, start_of_curve=since
+        ).replace(start=reader.start)
         now(f"simulating {len(log)} samples")
-        log = log.replace(start=reader.start, start_of_curve=reader.start_of_curve)
         found = scoring.simulate(known, log, between=between)  # type: ignore[arg-type]
     y, output = found.y, str(known.output)
     columns: dict[str, Any] = {} if found.t is None else {str(log.time): found.t}
@@ -80,29 +68,3 @@ def run(
             typer.echo("nothing was written; --save FILE writes inputs and outputs")
 
     _common.finish(as_json, lambda: figures, show, _common.table(save, columns, force))
-
-
-def _inputs(
-    known: ModelFile, file: Path, input: str, time: str | None, curves: str | None
-) -> Record:
-    """Return the inputs of a file with their times and curves; outputs are NaN."""
-    from numpy import full, nan
-
-    from minorloop.lab.columns import read_labels
-    from minorloop.lab.conversion import read_column
-    from minorloop.lab.gaps import with_lost_rows
-    from minorloop.lab.logs import read_times
-    from minorloop.lab.records import Origin, Record
-
-    if time is None and known.has_time:
-        raise ParameterError(
-            f"the model has dynamics and needs times; name the column of {file} with --time"
-        )
-    u = read_column(file, input, known.input.unit)
-    labels = None if curves is None else read_labels(file, curves)
-    nothing, names = full(u.size, nan), (known.input, known.output)
-    if time is None:
-        return Record(u, nothing, None, *names, curves=labels)
-    clock, check = read_times(file, time)
-    origin = Origin(with_lost_rows(check, u), time)
-    return Record(u, nothing, check.t, *names, clock, curves=labels, origin=origin)

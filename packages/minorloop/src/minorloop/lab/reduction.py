@@ -157,6 +157,13 @@ class Reduction(Drawn):
             columns[name] = [_cell(p.common_sd) for p in self.points]
         return columns
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return how many samples and points of each verdict there are, and the points."""
+        verdicts = ("settled", "extrapolated", "unsettled", "unread", "passed")
+        counts = {verdict: self.count(verdict) for verdict in verdicts}
+        holds = {"samples": len(self.log), "holds": len(self) - counts["passed"]}
+        return {**holds, **counts, "points": self.columns(unsettled=True)}
+
     def to_csv(self, path: PathLike, *, unsettled: bool = False, force: bool = False) -> None:
         """Write the table of ``columns``."""
         check_writable(path, force=force)

@@ -6,9 +6,14 @@ import ipaddress
 import re
 import secrets
 import socket
+import ssl
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from minorloop.errors import ParameterError
+
+_WAITING = 128
+"""Connections that wait before the server accepts them."""
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::[0-9]{1,5})?", re.I)
 """A Host header that is safe to repeat in an answer: an address or a name, and a port."""
@@ -77,6 +82,90 @@ class Serving:
     certificate: Path | None = None
     private_key: Path | None = None
     """Files, for https."""
+
+    @property
+    def address(self) -> str:
+        """What a browser opens, with the key."""
+        known = self.authentication
+        scheme = "http" if self.certificate is None else "https"
+        place = f"{scheme}://{_shown(known.host)}:{known.port}"
+        if known.name is not None:
+            place = f"https://{known.name}"
+        return f"{place}/?key={known.key}"
+
+
+def check_address(
+    port: int, name: str | None, certificate: Path | None, private_key: Path | None
+) -> None:
+    """Refuse a port, the name of a proxy, or files for https that cannot be used.
+
+    Raises a `ParameterError`.
+    """
+    if not 0 <= port <= 65535:
+        raise ParameterError(f"--port is {port}; give 0 to 65535")
+    if name is not None and re.fullmatch(r"[A-Za-z0-9._-]{1,253}", name) is None:
+        raise ParameterError(f"--name is {name!r}; give a host name such as lab.example.org")
+    if (certificate is None) != (private_key is None):
+        raise ParameterError("give --certificate and --private-key together, or neither")
+    for file in (certificate, private_key):
+        if file is not None and not file.is_file():
+            raise ParameterError(f"{file} is not a file; give a PEM file")
+    if certificate is not None and private_key is not None:
+        _check_pair(certificate, private_key)
+
+
+def listen(
+    host: str, port: int, name: str | None, certificate: Path | None, private_key: Path | None
+) -> Serving:
+    """Listen on an address; a port in use, or a host that is none, is refused.
+
+    Raises a `ParameterError`.
+    """
+    listening = _listening(host, port)
+    authentication = Authentication(host, port=listening.getsockname()[1], name=name)
+    return Serving(
+        authentication=authentication,
+        listening=listening,
+        certificate=certificate,
+        private_key=private_key,
+    )
+
+
+def _check_pair(certificate: Path, key: Path) -> None:
+    """Refuse a certificate that the server cannot use, before the address is printed."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        # Without a password openssl would ask for one.
+        context.load_cert_chain(certificate, key, password="")
+    except (OSError, ValueError) as error:  # errors of ssl are OSErrors
+        reason = getattr(error, "reason", None) or error
+        raise ParameterError(
+            f"{certificate} and {key} are not a certificate and its private key ({reason}); give "
+            "PEM files that belong together, the key without a password"
+        ) from None
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    found = socket.socket(family, socket.SOCK_STREAM)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((host, port))
+        found.listen(_WAITING)  # clients that connect before the server has started wait
+    except OSError as error:
+        found.close()
+        other = "--host" if isinstance(error, socket.gaierror) else "--port"
+        raise ParameterError(
+            f"cannot listen on {host} port {port}: {error.strerror or error}; give another {other}"
+        ) from None
+    return found
+
+
+def _shown(host: str) -> str:
+    """Return the host as written in an address."""
+    if host in ("0.0.0.0", "::"):
+        return socket.gethostname()
+    return f"[{host}]" if ":" in host else host
 
 
 def _is_address(name: str) -> bool:
