@@ -304,7 +304,8 @@ def fit(
             slopes = slopes if last is None else last[1]
         return nowhere if last is None else last[0]
 
-    def jacobian(_: FloatArray) -> FloatArray:  # where the last simulation was
+    def jacobian(some: FloatArray) -> FloatArray:
+        errors(some)
         return slopes[:, free]
 
     found = least_squares(
