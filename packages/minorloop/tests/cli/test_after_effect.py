@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop import modelfile
-from minorloop.dynamics.oscillator import Oscillator
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.differential import BoucWen
 from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1, 1, 5)
@@ -45,16 +43,6 @@ def test_identify_writes_model_and_report(creeping, run):
     assert modelfile.read("m.json").provenance.scores["left_out_nrmse"] < 0.005
 
 
-def test_what_cannot_be_combined_is_refused(creeping, refused):
-    line = "identify holds.csv --input voltage --output length --law viscosity:creep=spectrum"
-    assert "--time is missing" in refused(f"{line} --time none")
-    line += " --time time --law levels=4"
-    assert "laws of time are scored on parts left out" in refused(f"{line} --holdout 0.3")
-    assert "the law viscosity has no 'signed'" in refused(f"{line} --law signed=yes")
-    assert "creep is 'slow'" in refused(line.replace("spectrum", "slow"))
-    assert "one rate; record the same loops" in refused(f"{line} --law rate=yes")
-
-
 def test_holds_that_are_too_short_to_settle_still_reach_their_targets(creeping, run):
     status, _, _ = run("invert creep.json targets.csv --target length --hold 2 --save in.csv")
     assert status == 2
@@ -68,14 +56,6 @@ def test_holds_that_are_too_short_to_settle_still_reach_their_targets(creeping, 
     y = creeping.simulate(2.0 * np.arange(1, 4), u[1:])
     assert reachable.sum() == 2
     np.testing.assert_allclose(y[reachable], np.array([0.3, 1.5])[reachable[:2]], atol=1e-9)
-
-
-def test_c_is_stepped_at_the_given_interval(creeping, run, refused, tmp_path):
-    line = "export c creep.json --out firmware"
-    assert "give the seconds between samples" in refused(line)
-    status, _, _ = run(f"{line.replace(' c ', ' c:memory=16 ')} --interval 0.5")
-    assert status == 0
-    assert "interval of 0.5 s" in (tmp_path / "firmware" / "minorloop.h").read_text()
 
 
 def spoilt(name, change):
@@ -108,10 +88,3 @@ def test_pauses_without_samples_show_creep_if_both_ends_are_read(creeping, answe
     assert found["law"] == "spectrum"
     assert found["left_out_nrmse"] < 0.005
     assert "no input is held" in refused(spoilt("last.csv", lambda rows: rows[place == 9]))
-
-
-def test_c_of_an_oscillator_is_refused(refused):
-    plant = Oscillator(1.0, 1.0, 1.0, BoucWen(1.0, 1.0, 1.0))
-    modelfile.save(plant, "vibrating.json")
-    line = "export c vibrating.json --out firmware --interval 0.1"
-    assert "the file has an oscillator" in refused(line)

@@ -30,12 +30,6 @@ def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
             _common.as_rows(text, total)
 
 
-@pytest.mark.parametrize("text", ["", "5", "a:b", "1:2:3", "1.5:3", "1-3"])
-def test_refuses_wrong_rows_and_gives_an_example(text):
-    with pytest.raises(ParameterError, match=r"two whole numbers A:B, such as 200:7000"):
-        _common.as_rows(text, 9)
-
-
 @pytest.mark.parametrize(
     ("parse", "text", "value"),
     [(_common.whole, "-3", -3), (_common.number, "1e-3", 1e-3), (_common.number, "inf", math.inf)],
@@ -132,20 +126,3 @@ def test_a_table_is_written_and_read_back():
     assert Path("new.csv").read_text(encoding="utf-8").splitlines()[0] == '"a, b [µm]",n'
     with pytest.raises(OutputError, match="exists already"):
         _common.write_csv(Path("new.csv"), {"a": [1]}, force=False)
-
-
-@pytest.mark.parametrize("value", ["-3", "0", "nan", "inf"])
-@pytest.mark.parametrize(
-    "line",
-    [
-        "invert model.json targets.csv --target length --hold",
-        "drive model.json targets.csv --target length --actuator twin:ipmc --store s --every",
-        "drive model.json targets.csv --target length --actuator twin:ipmc --store s --hold",
-        "export fmu model.json --out c.fmu --interval",
-        "plan decaying --low -1 --high 1 --input u --hold",
-    ],
-)
-def test_seconds_that_are_not_positive_are_refused(refused, line, value):
-    option = line.split()[-1]
-    said = refused(f"{line} {value}")
-    assert said == f"error: {option} is {value}; give a positive number of seconds\n"

@@ -1,12 +1,8 @@
-import json
 import re
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-import minorloop.positioning
-import minorloop.positioning_report
 from minorloop import modelfile
 from minorloop.positioning import run_positioning
 
@@ -53,36 +49,6 @@ def test_the_report_opens_offline(run):
     assert len(sources) == 4
     assert all(source.startswith("data:image/svg+xml;base64,") for source in sources)
     assert not re.search(r"https?://|@import|url\(|<script|<link", page)
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("--seed -1", "seed is -1; give a whole number of at least 0"),
-        ("--seed 1.5", "'--seed': '1.5' is not a whole number"),
-        ("--seed x", "'x' is not a whole number"),
-        ("--noise -1", "noise is -1.0 1/m; give 0 to 7.5"),
-        ("--noise loud", "'loud' is not a number"),
-        ("--out good.csv", "good.csv is a file; give the name of a folder"),
-        ("--out good.csv/inside", "cannot be written"),
-        ("--out .", "is not empty"),
-    ],
-)
-def test_refuses_wrong_options(options, says, refused):
-    assert says in refused(f"demo {options}")
-
-
-def test_data_and_numbers_are_kept_if_the_report_cannot_be_drawn(run, monkeypatch):
-    def fail(result):
-        raise RuntimeError("no fonts")
-
-    monkeypatch.setattr(minorloop.positioning_report, "positioning_report", fail)
-    status, out, err = run("demo --out result --json")
-    assert status == 2
-    assert err.startswith("error: result/report.html was not written")
-    assert json.loads(out)["measurements"] == 56
-    assert modelfile.load("result/model.json").bands == 10
-    assert Path("result/staircase.csv").exists()
 
 
 def test_make_removes_only_what_the_demo_writes():

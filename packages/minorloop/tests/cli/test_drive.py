@@ -42,66 +42,12 @@ def test_a_plan_of_inputs_is_what_run_takes(run, answer):
     np.testing.assert_allclose(points["voltage [V]"], [-1.2, *MODEL.invert([2.0, -3.0]).u])
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (("2\n-3", "2\n-30"), "the target at index 1 is -30 and the actuator reaches"),
-        (("1/m", "1/cm"), "is in 1/cm and the model in 1/m"),
-    ],
-)
-def test_targets_that_cannot_be_are_refused_before_anything_is_applied(change, says, refused):
-    table = Path("wanted.csv")
-    table.write_text(table.read_text().replace(*change))
-    assert says in refused(DRIVE)
-    assert not Path("d.sqlite").exists()
-
-
-def test_a_record_in_place_of_the_model_is_refused(refused):
-    said = refused(DRIVE.replace("strip.json", "wanted.csv"))
-    assert "wanted.csv is a table, not a model file; give one that identify --save has" in said
-
-
 def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):
     laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
     status, out, _ = run(f"{laser} --convert laser:30,15,0,0.1 --corrections 2")
     assert status == 0
     assert "in curvature [1/m]" in out
     assert answer("resume --store d.sqlite")["output"] == "curvature [1/m]"
-
-
-def test_readings_are_converted_by_a_table_that_the_store_keeps(run, answer):
-    table = Path("table.csv")
-    table.write_text("curvature [1/m],curvature [1/km]\n-20,-20000\n20,20000\n")
-    modelfile.save(MODEL, "km.json", input="voltage [V]", output="curvature [1/km]")
-    Path("wanted.csv").write_text("curvature [1/km]\n2\n-3\n")
-    line = DRIVE.replace("strip.json", "km.json")
-    status, _, err = run(f"{line} --convert table:table.csv")
-    assert "more than the model in saturation" in err  # it is a model for 1/m
-    assert status == 2
-    table.unlink()
-    columns = answer("runs export --store d.sqlite")["columns"]
-    assert columns["curvature [1/km]"][0] < -5000
-    assert "more than the model in saturation" in run("resume --store d.sqlite")[2]
-
-
-def test_a_linear_conversion_gives_the_output_of_the_model(run):
-    line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
-    linear = f"{line} --convert linear:-9.5,285,name=curvature,unit=1/m"
-    assert "in curvature [1/m]" in run(linear)[1]
-
-
-@pytest.mark.parametrize(
-    ("option", "said"),
-    [
-        ("--convert linear:0,3", "the coefficients are (3.0, 0.0), a constant"),
-    ],
-)
-def test_options_that_cannot_be_are_refused_by_their_names(option, said, refused):
-    assert said in refused(f"{DRIVE.replace('--hold 60', '')} {option}")
-
-
-def test_a_model_of_another_actuator_is_refused(refused):
-    assert "identify a model in um" in refused(DRIVE.replace("ipmc", "fibre"))
 
 
 def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target(run, answer):
@@ -144,14 +90,3 @@ def test_a_model_with_creep_delivers_its_targets_in_time(creeping, run, answer):
     shown = json.loads(run("resume --store d.sqlite --json")[1])
     assert shown["mode"] == "finished"
     assert [one["tries"] for one in shown["targets"]] == [3, 3]
-
-
-def test_what_cannot_be_delivered_in_time_is_refused(creeping, refused):
-    line = "drive creep.json wanted.csv --target curvature --actuator twin:ipmc --store d.sqlite"
-    assert "--corrections cannot be combined with --every" in refused(
-        f"{line} --every 10 --corrections 2"
-    )
-    assert "one interval (--every) or more" in refused(f"{line} --every 10 --hold 5")
-    modelfile.save(creeping.plane, "plane.json", input="voltage [V]", output="curvature [1/m]")
-    plain = line.replace("creep.json", "plane.json")
-    assert "identify one with creep (--law viscosity)" in refused(f"{plain} --every 10")

@@ -88,22 +88,6 @@ def test_without_times_invert_settles_at_the_targets(cascade, model, run):
     np.testing.assert_array_equal(u, model.invert(targets).u)
 
 
-def test_c_carries_the_dynamics_at_an_interval(cascade, run, refused, tmp_path):
-    assert "give the seconds between samples (interval, --interval)" in refused(
-        "export c dynamic.json --out c"
-    )
-    assert "--interval is 0; give a positive number" in refused(
-        "export c dynamic.json --out c --interval 0"
-    )
-    status, out, _ = run("export c dynamic.json --out c --interval 0.01")
-    assert status == 0
-    assert "not in the C" not in out
-    assert "a linear part of order 2 after it" in (tmp_path / "c" / "minorloop.h").read_text()
-    assert "has dynamics of its own; leave the linear part out" in refused(
-        "export c:linear=dynamic.json dynamic.json --out d --interval 0.01"
-    )
-
-
 def test_c_says_that_creep_is_missing(model, run):
     creeping = Cascade(model, Linear.lags(0.05), creep=Creep([3.0], [0.1], 0.9))
     modelfile.save(creeping, "creeping.json", **UNITS)

@@ -38,22 +38,37 @@ def test_an_error_is_also_one_json_object(line, kind, says, failed):
     assert says in error["message"]
 
 
+def compiler_stopped():
+    """The error that numba raises when it is interrupted."""
+    error = RuntimeError("no compiled object yet")
+    error.__context__ = KeyboardInterrupt()
+    return error
+
+
 @pytest.mark.parametrize(
-    ("error", "status", "kind"),
+    ("error", "status", "kind", "says"),
     [
-        (SafetyError("the source may be on"), 3, "SafetyError"),
-        (KeyboardInterrupt(), 130, "Interrupted"),
-        (MemoryError(), 2, "MemoryError"),
-        (OSError(5, "Input/output error"), 2, "OSError"),
+        (SafetyError("the source may be on"), 3, "SafetyError", "error: the source may be on"),
+        (KeyboardInterrupt(), 130, "Interrupted", "interrupted\n"),
+        (compiler_stopped(), 130, "Interrupted", "interrupted\n"),
+        (MemoryError(), 2, "MemoryError", "error: there is not enough memory"),
+        (OSError(5, "Input/output error"), 2, "OSError", "error: something could not be read or"),
+        (BrokenPipeError(), 1, None, ""),
     ],
 )
-def test_the_exit_status_is_the_same_as_without_json(error, status, kind, failed, monkeypatch):
+def test_any_error_gives_a_status_and_no_traceback(error, status, kind, says, run, monkeypatch):
     def fail(path):
         raise error
 
     monkeypatch.setattr(modelfile, "read", fail)
-    done, found = failed("simulate model.json good.csv --input voltage")
-    assert (done, found["kind"]) == (status, kind)
+    line = "simulate model.json good.csv --input voltage"
+    done, out, err = run(line)
+    assert (done, out) == (status, "")
+    assert err.startswith(says)
+    assert err.count("\n") == bool(says)
+    done, out, _ = run(f"{line} --json")
+    assert done == status
+    assert kind is None or json.loads(out)["error"]["kind"] == kind
 
 
 def test_a_result_that_is_printed_stays_the_only_object(run, monkeypatch):
@@ -67,7 +82,3 @@ def test_a_result_that_is_printed_stays_the_only_object(run, monkeypatch):
     status, out, err = run("simulate model.json good.csv --input voltage --json")
     assert (status, err) == (2, "error: the report cannot be written\n")
     assert "error" not in json.loads(out)
-
-
-def test_a_mistyped_verb_leads_to_the_right_one(refused):
-    assert refused("identfy").endswith("Did you mean 'identify'?\n")

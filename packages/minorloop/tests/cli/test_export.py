@@ -1,9 +1,6 @@
 import json
 
-import pytest
-
 from minorloop import modelfile
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 
 LINE = "export c model.json --out firmware"
 
@@ -54,40 +51,6 @@ def test_a_linear_part_is_read_from_a_file(run, tmp_path):
     assert run(line("linear=lag.json,first=linear"))[0] == 0
     text = (tmp_path / "firmware" / "minorloop.h").read_text()
     assert "a linear part of order 1 before it" in text
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("{", "is not a linear part"),
-        ('{"numerator": [1]}', "missing required field `denominator`"),
-        ('{"numerator": [1], "denominator": [1], "gain": 2}', "unknown field `gain`"),
-        ('{"numerator": [1], "denominator": [1, 0.5]}', "continuous"),
-    ],
-)
-def test_refuses_unusable_linear_parts(refused, tmp_path, content, message):
-    (tmp_path / "lag.json").write_text(content)
-    assert message in refused(line("linear=lag.json"))
-    assert not (tmp_path / "firmware").exists()
-
-
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ("export rust model.json --out x", "no export 'rust'; give one of c, fmu"),
-        (line("largest=-5"), "largest is -5 bytes"),
-        (line("largest=100"), "needs 1955 bytes, 595 of tables"),
-        (line("linear=nothing.json"), "there is no file"),
-        (f"{LINE} --interval 3", "an interval does nothing"),
-        (line("first=linear"), "first does nothing without linear"),
-        ("export fmu:float32=yes model.json --out a.fmu", "export fmu has no 'float32'"),
-        ("export c:memory=8 plays.json --out a", "memory does nothing for a PrandtlIsh"),
-    ],
-)
-def test_refusals(refused, command, message):
-    plays = PrandtlIshlinskii([0.0, 0.5], [1.0, 1.0])
-    modelfile.save(plays, "plays.json", input="voltage [V]", output="length [um]")
-    assert message in refused(command)
 
 
 def test_force_replaces_files(run, refused, tmp_path):

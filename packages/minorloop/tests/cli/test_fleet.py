@@ -28,17 +28,3 @@ def test_the_exit_status_is_1_if_nothing_is_identified(run, tmp_path):
     assert "0 of 2 specimens identified" in out
     assert "models" not in out
     assert re.fullmatch("1 of 2 specimens, last [ab]\n", said)
-
-
-def test_refusals(refused, tmp_path):
-    assert "no law of a fleet 'viscosity'" in refused("fleet m.csv --out f --law viscosity")
-    assert "does not exist; give a table" in refused("fleet manifest.csv --out fleet")
-    (tmp_path / "m.csv").write_text("specimen,file\na,good.csv\n")
-    assert "has no input" in refused("fleet m.csv --out fleet")
-    line = "fleet m.csv --out fleet --input voltage --output length"
-    assert "there is no Dask scheduler at" in refused(f"{line} --workers tcp://127.0.0.1:1")
-    assert "limit is -1.0 s; give a positive time" in refused(f"{line} --limit -1")
-    assert "workers is 0" in refused(f"{line} --workers 0")
-    assert "smoothness is 'much'" in refused(f"{line} --prior smooth:strength=much")
-    assert "give one of 'bipolar'" in refused(f"{line} --law relay=foo")
-    assert not (tmp_path / "fleet").exists()

@@ -1,5 +1,4 @@
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 from minorloop import modelfile
 from minorloop.connect import connect
 from minorloop.lab import sines
-from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import run as carry_out
 from minorloop.lab.store import Setup, Store
@@ -74,68 +72,6 @@ def test_a_plan_is_printed_as_json(answer):
     assert found["sines"][3]["discarded"] == 20
     assert found["sines"][0]["offset"] == 0.1
     assert found["sines"][2]["samples"] == 33
-
-
-def test_a_simulated_bench_measures_sines(run, refused, monkeypatch):
-    pytest.importorskip("pyvisa_sim", reason="needs pyvisa and pyvisa-sim: minorloop[instruments]")
-    simulated = Path(__file__).parent.parent / "lab/drivers/bench.yaml"
-    Path("bench.yaml").write_bytes(simulated.read_bytes())
-    bench = {
-        "library": "bench.yaml@sim",
-        "source": {
-            "resource": "ASRL1::INSTR",
-            "set": "VOLT {:.9f}",
-            "safe": ["VOLT 0.000000000", "OUTP OFF"],
-            "confirm": "VOLT?",
-        },
-        "meter": {"resource": "ASRL2::INSTR"},
-        "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2},
-        "output": {"name": "tip", "unit": "mm"},
-        "tick": 0.05,
-        "timeout": 0.1,
-    }
-    monkeypatch.setattr(Bench, "answer_time", lambda bench: 0.0)
-    monkeypatch.setattr(sines, "FEWEST_SAMPLES", 4)
-    Path("bench.json").write_text(json.dumps(bench))
-    Path("s.csv").write_text(
-        "frequency [Hz],voltage amplitude [V],voltage offset [V],voltage preamble [V],"
-        "preamble hold [s],discarded periods,measured periods,samples per period\n"
-        "5,1,0,-1.2,0.05,0,2,4\n"
-    )
-    status, out, _ = run("run --actuator visa:bench.json --plan s.csv --store b.sqlite")
-    assert status == 0
-    assert "1 of 1 sines measured" in out
-    # Its meter always reads the same.
-    assert "the output does not oscillate at 5 Hz" in refused("frequency b.sqlite")
-
-
-@pytest.mark.parametrize(
-    ("line", "says"),
-    [
-        (f"{PLAN},measured=2.5", "measured periods are 2.5; give a whole number"),
-        (PLAN.replace("=40", "=8"), "samples per period are 8"),
-        (f"{PLAN},tick=0.1", "a tick of 0.1 s is too slow for 1 Hz"),
-        (f"{PLAN} --low -1", "--low is not for a plan of sines"),
-        (
-            PLAN.replace("0.7,1", "0.7;1"),
-            "amplitudes is '0.7;1'; give F1,F2,..., numbers separated",
-        ),
-        (PLAN.replace(",preamble=-1.2", ""), "plan sines needs preamble"),
-        (f"{PLAN},cycles=3", "plan sines has no 'cycles'; it has frequencies"),
-        (f"{RUN} --holds tolerance=1", "tolerance is for plans of holds"),
-        ("frequency none.csv", "none.csv does not exist"),
-        ("frequency good.csv --input voltage", "output (--output) is missing"),
-        ("frequency good.csv --input voltage --output length", "good.csv has no column 'freq"),
-    ],
-)
-def test_bad_input_is_one_sentence(line, says, refused):
-    assert says in refused(line)
-
-
-def test_an_amplitude_beyond_the_limits_leaves_no_store(run, refused):
-    run(f'{PLAN.replace("0.7,1", "1.5")} --hold 5 --input "voltage [V]" --save sines.csv --force')
-    assert "sine 1 (0.2 Hz): voltage -1.5 V is beyond the limits" in refused(RUN)
-    assert not Path("s.sqlite").exists()
 
 
 def test_a_store_of_sines_is_used_for_sines_only(store, refused, run):

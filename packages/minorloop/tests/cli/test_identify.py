@@ -8,7 +8,6 @@ import pytest
 import minorloop.identification
 import minorloop.report
 from minorloop import __version__, modelfile
-from minorloop.errors import OutputError
 from minorloop.identification import plane_result
 from minorloop.identification.pipeline import Options
 from minorloop.lab.records import Record
@@ -78,53 +77,6 @@ def test_the_rank_of_a_large_plane_is_not_computed(monkeypatch, run):
     assert json.loads(run(f"{IDENTIFY} --json")[1])["rank"] is None
 
 
-def test_a_file_that_cannot_be_used_is_refused(refused):
-    Path("bad.csv").write_text("voltage,length\n1,2\nabc,3\n")
-    said = refused("identify bad.csv --input voltage --output length --save new.json")
-    assert "'abc' in row 3" in said
-    assert not Path("new.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("--law levels=0", "levels is 0; give a whole number"),
-        ("--law levels=many", "levels is 'many'"),
-        ("--law lag=soon", "lag is 'soon'"),
-        ("--record rows=5", "such as 200:7000"),
-        ("--record rows=9:3", "holds no row; give A:B with A below B"),
-        ("--holdout some", "'some' is not a number"),
-        ("--prior smooth:strength=much", "smoothness is 'much'"),
-        ("--law lag=-1", 'lag is -1; give "auto" or whole samples from 0 to 399'),
-        ("--holdout 2", "holdout is 2.0; give a share from 0 to 0.9"),
-        ("--prior smooth:strength=-1", "smoothness is -1"),
-        ("--law spacing=odd", "spacing is 'odd'; give one of 'uniform', 'adaptive'"),
-        (
-            "--record start=odd",
-            "start is 'odd'; give one of 'negative', 'positive', 'demagnetised'",
-        ),
-        ("--output voltage", "both 'voltage [V]'; give two columns"),
-        (
-            "--record start_of_curve=positive",
-            "without curves; give curves (--record curves=COLUMN)",
-        ),
-        ("--prior gaussian:mean=odd", "mean is 'odd'; give one of 'zero', 'ridge'"),
-        ("--save missing/new.json", "the folder missing does not exist; make it first"),
-        ("--save model.json", "model.json exists already"),
-        ("--save new.json --report ./new.json", "is given for two results"),
-        ("--save good.csv --force", "good.csv is an input and is not replaced"),
-        ("--law odd:levels=3", "there is no law 'odd'; give one of plane, dynamics"),
-        ("--law level=3", "the law plane has no 'level'; it has levels, relay"),
-        ("--prior odd", "there is no prior 'odd'; give one of auto, gaussian, smooth"),
-        ("--record between=band", "--record has no 'between'; it has curves"),
-    ],
-)
-def test_what_cannot_be_used_is_refused_and_nothing_written(options, says, refused):
-    before = {path: path.read_bytes() for path in Path().iterdir()}
-    assert says in refused(f"{IDENTIFY} {options}")
-    assert {path: path.read_bytes() for path in Path().iterdir()} == before
-
-
 @pytest.mark.parametrize("as_json", ["", "--json"])
 def test_a_report_that_cannot_be_drawn_costs_neither_model_nor_numbers(as_json, run, monkeypatch):
     def fail(*args, **options):
@@ -140,18 +92,6 @@ def test_a_report_that_cannot_be_drawn_costs_neither_model_nor_numbers(as_json, 
         assert json.loads(out)["unknowns"] == 37
     else:
         assert "best delayed polynomial" in out
-
-
-def test_a_model_that_cannot_be_saved_costs_neither_report_nor_numbers(run, monkeypatch):
-    def fail(*args, **options):
-        raise OutputError("new.json cannot be written: No space left on device")
-
-    monkeypatch.setattr(modelfile, "save", fail)
-    status, out, err = run(f"{IDENTIFY} --save new.json --report new.html")
-    assert status == 2
-    assert err == "error: new.json cannot be written: No space left on device\n"
-    assert "best delayed polynomial" in out
-    assert "<img" in Path("new.html").read_text()
 
 
 def stuck():
@@ -243,19 +183,6 @@ def test_a_model_is_made_from_a_data_sheet(run, answer):
     found = answer(line)
     assert (found["coercivity"], found["field"]) == (12.8, 217)
     assert found["warnings"] == list(known.warnings)
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("--law sheet:0,0.5,1", "coercivity is 0; give a positive number"),
-        ("--law sheet:1,x,2", "--law sheet is '1,x,2'; give sheet:HC,BR,BMAX"),
-        ("--law sheet:1,0.5,1,levels=5", "--law sheet has no 'levels'; it has field"),
-        ("", "Missing argument 'file'; see minorloop identify --help"),
-    ],
-)
-def test_refuses_what_is_no_data_sheet(options, says, refused):
-    assert says in refused(f"identify {options}")
 
 
 def test_a_ridge_is_the_mean_of_the_prior(run):

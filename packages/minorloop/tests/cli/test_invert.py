@@ -5,9 +5,6 @@ import pytest
 
 from minorloop import modelfile
 from minorloop.lab.columns import read_columns
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
-from minorloop.operators.relays import RelayModel
 
 INVERT = "invert model.json targets.csv --target length"
 WANTED = [0.3, 1.5, -2.0]
@@ -62,22 +59,6 @@ def test_only_the_first_of_many_are_shown(run):
     out = run("invert model.json many.csv --target length --clip")[1]
     assert out.count("│ out of reach │") == 20
     assert "100 of 100 targets are out of reach" in out
-
-
-@pytest.mark.parametrize(
-    ("other", "says"),
-    [
-        (lambda model: Preisach(model.levels, -model.weights), "not monotone"),
-        (lambda model: RelayModel([0, 1], [[1, 0], [1, 1]]), "no exact inverse; identify a"),
-        (lambda model: PrandtlIshlinskii([1.0, 2.0], [1.0, 1.0]), "add a play of radius 0"),
-    ],
-)
-@pytest.mark.parametrize("clip", ["", "--clip"])
-def test_refuses_models_without_an_inverse(other, says, clip, refused, model):
-    modelfile.save(other(model), "other.json")
-    line = f"invert other.json targets.csv --target length {clip} --save in.csv"
-    assert says in refused(line)
-    assert not Path("in.csv").exists()
 
 
 def test_the_table_of_inputs_contains_the_warnings_of_the_model(run, model):

@@ -25,19 +25,6 @@ def test_says_its_version(run):
     assert run("--version") == (0, f"minorloop {__version__}\n", "")
 
 
-@pytest.mark.parametrize(
-    ("line", "says"),
-    [
-        ("fly", "No such command 'fly'; see minorloop --help"),
-        ("--bogus", "No such option: --bogus; see minorloop --help"),
-        ("identify", "Missing argument 'file'; see minorloop identify --help"),
-        ("identify good.csv --output length", "input (--input) is missing; name a column"),
-    ],
-)
-def test_refuses_wrong_command_lines_in_one_line(line, says, refused):
-    assert says in refused(line)
-
-
 def test_errors_are_short_and_without_control_characters(refused):
     Path("odd.csv").write_text("a\x1b[31m,b\n1,2\n", encoding="utf-8")
     said = refused("simulate model.json odd.csv --input voltage")
@@ -46,34 +33,6 @@ def test_errors_are_short_and_without_control_characters(refused):
     Path("wide.csv").write_text("x" * 100_000 + ",b\n1,2\n")
     assert len(refused("simulate model.json wide.csv --input voltage")) < 1000
     assert len(refused(f"simulate model.json good.csv --input {'v' * 100_000}")) < 1000
-
-
-def compiler_stopped():
-    """The error that numba raises when it is interrupted."""
-    error = RuntimeError("no compiled object yet")
-    error.__context__ = KeyboardInterrupt()
-    return error
-
-
-@pytest.mark.parametrize(
-    ("error", "status", "says"),
-    [
-        (KeyboardInterrupt(), 130, "interrupted\n"),
-        (compiler_stopped(), 130, "interrupted\n"),
-        (MemoryError(), 2, "error: there is not enough memory"),
-        (OSError(5, "Input/output error"), 2, "error: something could not be read or written"),
-        (BrokenPipeError(), 1, ""),
-    ],
-)
-def test_general_errors_give_no_traceback(error, status, says, monkeypatch, run):
-    def fail(path):
-        raise error
-
-    monkeypatch.setattr(modelfile, "read", fail)
-    done, out, err = run("simulate model.json good.csv --input voltage")
-    assert (done, out) == (status, "")
-    assert err.startswith(says)
-    assert err.count("\n") == bool(says)
 
 
 class _Interrupting:

@@ -50,35 +50,3 @@ def test_identify_finds_the_plant_and_simulate_moves_it(record, rows, run, answe
     np.testing.assert_array_equal(moved, modelfile.load("m.json").simulate(*rows[:, :2].T))
     run("simulate m.json record.csv --time time --record between=held --save held.csv")
     assert (np.loadtxt("held.csv", delimiter=",", skiprows=1)[:, 2] != moved).any()
-
-
-def test_what_cannot_be_used_is_refused(record, refused):
-    line = f"identify record.csv {COLUMNS} --law vibration:rough="
-    assert "give unknown, or a model file" in refused(f"{line}unknow")
-    assert "the law vibration has no 'levels'" in refused(f"{line}unknown,levels=4")
-    assert "not a whole number of periods of 200" in refused(f"{line}unknown,period=200")
-    assert "between is 'flat'" in refused(f"{line}unknown,between=flat")
-    assert "--time is missing; --law vibration needs" in refused(
-        f"{line.replace('--time time', '--time none')}unknown"
-    )
-    with open("record.csv") as file:
-        text = file.read().replace("displacement [m]", "displacement [mm]")
-    with open("mm.csv", "w") as file:
-        file.write(text)
-    assert "displacement is in mm" in refused(line.replace("record", "mm") + "unknown")
-    assert "give unknown, or a model file" in refused(line.replace("record", "mm") + "unknow")
-
-
-def test_an_oscillator_is_not_inverted_and_needs_times(record, refused):
-    assert "needs times" in refused("simulate rough.json record.csv --input force")
-    line = "invert rough.json record.csv --target displacement"
-    assert "an oscillator, whose output depends" in refused(line)
-    line = "simulate rough.json record.csv --input force --time time"
-    assert "begins at rest" in refused(f"{line} --record start=positive")
-    assert "grows without bound" in refused(unstable(line))
-
-
-def unstable(line):
-    """The same line with a model whose damping is negative."""
-    modelfile.save(Oscillator(1.0, -500.0, 1.0, ROUGH.operator), "unstable.json")
-    return line.replace("rough", "unstable")

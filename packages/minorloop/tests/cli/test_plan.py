@@ -45,21 +45,3 @@ def test_large_plans_are_not_ranked(monkeypatch, run, answer):
     assert found["rank"] is None
     assert len(found["inputs"]) == 11
     assert "more" in run("plan reversal --low 0 --high 1 --levels 9")[1]
-
-
-@pytest.mark.parametrize(
-    ("line", "says"),
-    [
-        ("plan spiral --low 0 --high 1", "no plan 'spiral'; give one of decaying, reversal"),
-        ("plan decaying --low 1 --high 0", "levels from 1.0 to 0.0; give finite low < high"),
-        ("plan decaying --low zero --high 1", "'--low': 'zero' is not a number"),
-        ("plan decaying --high 1", "Missing option '--low'"),
-        (f"{PLAN} --levels 99999", "levels are 99999 bands"),
-        (f"{PLAN} --levels 1e3", "'1e3' is not a whole number"),
-        (f"{PLAN} --input 'hold [s]'", "the header of hold times; give another name"),
-        (f"{PLAN} --input 'u\x1b[2J [V]'", "--input is 'u\\x1b[2J [V]', which has the character"),
-        (f"{PLAN} --save good.csv", "or --force to replace it"),
-    ],
-)
-def test_refuses_impossible_plans(line, says, refused):
-    assert says in refused(line)

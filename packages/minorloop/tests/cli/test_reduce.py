@@ -53,57 +53,9 @@ def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model)
     assert "is no standard deviation of 'y [um]'" in refused(f"{line} --record sd=other")
 
 
-def test_calibrations_agree(answer):
-    write("table.csv", "distance [mm],deflection [mm]", [[18, 2], [22, -2]])
-    named = "name=x,unit=um"
-    ways = ("linear:-1,20", "polynomial:20,-1", "table:table.csv")
-    lines = [f"{LINE} --convert {way},{named}" for way in ways]
-    found = [answer(line)["points"]["x [um]"] for line in (*lines[:2], f"{lines[2]} --flip both")]
-    np.testing.assert_allclose(found[0], found[1])
-    np.testing.assert_allclose(found[0], -np.array(found[2]))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("--convert laser:20", "give laser:D0,H0[,SD,SD], numbers separated by commas"),
-        ("--convert laser:20,-15", "h0 is -15 mm; give a positive height"),
-        ("--convert linear:2,3,nam=x", "has no 'nam'; it has name, unit, calibration_sd"),
-        ("--convert laser:20,15,unit=mm", "gives curvature [1/m]; leave unit out"),
-        ("--convert polynomial:1,x", "give polynomial:C0,C1,..."),
-        ("--holds range=3", "range is '3'; give LOW:HIGH, such as 10:30"),
-        ("--flip up", "there is no side to flip 'up'; give one of output, input, both"),
-        (
-            "--convert laser:20,1.05 --holds range=18.9:21.1,shortest=11",
-            "0 holds of 11 s or more found",
-        ),
-        ("--convert laser:2000,15", "none of the 8 holds has a usable output"),
-        (
-            "--time voltage",
-            "time (--time) are both 'voltage [V]'; give two columns",
-        ),
-        ("--output nothing", "has no column 'nothing', it has 'time [s]', 'voltage [V]'"),
-    ],
-)
-def test_what_cannot_be_used_is_one_sentence(refused, options, message):
-    line = LINE if "--output" not in options else LINE.replace(" --output distance", "")
-    assert message in refused(f"{line} {options}")
-
-
 def test_a_second_clock_is_named_and_a_duration_is_not(answer):
     header, *rows = Path("log.csv").read_text().splitlines()
     two = [f"{header},t2 [s],held [s]", *(f"{row},{k},{-k}" for k, row in enumerate(rows))]
     Path("two.csv").write_text("\n".join(two) + "\n")
     said = " ".join(answer(LINE.replace("log.csv", "two.csv"))["notes"])
     assert "is the time; 't2 [s]' could be too: name it with time= (--time)" in said
-
-
-def test_a_drift_of_the_sensor_is_refused_and_subtracted(refused, answer):
-    t = 0.1 * np.arange(2000)
-    u = np.repeat([*LEVELS, *LEVELS[::-1], *LEVELS[:4]], 100)
-    d = u + 0.003 * t + 1e-3 * np.random.default_rng(1000).normal(size=t.size)
-    write("log.csv", "time [s],voltage [V],distance [mm]", np.column_stack([t, u, d]))
-    assert "none of the 18 holds settled: the sensor drifts" in refused(LINE)
-    found = answer(f"{LINE} --holds subtract_drift=yes")
-    assert found["settled"] == 18
-    assert "the sensor drifts by 10.8 +- " in found["notes"][0]

@@ -91,10 +91,3 @@ def test_where_most_holds_were_extrapolated_it_says_how_long_they_should_be(run,
     assert "holds that would settle" in run("runs show --store runs.sqlite")[1]
     run(f"{RUN} --store short.sqlite")
     assert answer("runs show --store short.sqlite")["enough_hold_s"] is None
-
-
-@pytest.mark.parametrize("line", ["runs list", "runs export", "runs show --json"])
-def test_only_show_follows_a_run(line, run):
-    status, _, err = run(f"{line} --follow --store runs.sqlite")
-    assert status == 2
-    assert "--follow is for show, without --json" in err

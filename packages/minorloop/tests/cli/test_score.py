@@ -112,27 +112,3 @@ def test_a_report_shows_what_is_printed(run):
     page = Path("r.html").read_text()
     for text in ("model.json on other.csv", "How good it is", "Curve by curve", "data:image/svg"):
         assert text in page
-
-
-@pytest.mark.parametrize(
-    ("line", "says"),
-    [
-        ("score model.json other.csv --output width", "has no column 'width'"),
-        ("score model.json other.csv --record skip=240", "skip is 240"),
-        ("score model.json other.csv --record between=band", "is for oscillators"),
-        ("score model.json other.csv --record start_of_curve=positive", "without curves"),
-        ("score model.json other.csv --report other.csv", "other.csv is an input"),
-        ("score model.json empty.csv", "no row is left to be scored"),
-        ("score late.json other.csv", "name the column of time (--time)"),
-    ],
-)
-def test_what_cannot_be_scored_is_refused(line, says, refused, model):
-    from minorloop.dynamics.cascade import Cascade
-    from minorloop.dynamics.linear import Linear
-
-    Path("empty.csv").write_text("voltage,length\n0.1,\n0.2,\n")
-    cascade = Cascade(model, Linear.lags(1.0))
-    modelfile.save(cascade, "late.json", input="voltage", output="length")
-    if "late" in line:
-        Path("other.csv").write_text("voltage,length\n0.1,1\n0.2,2\n")
-    assert says in refused(line)

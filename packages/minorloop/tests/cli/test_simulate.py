@@ -45,23 +45,6 @@ def test_an_output_named_as_the_input_keeps_a_column_of_its_own(run, refused, mo
     assert Path("out.csv").read_text().splitlines()[0] == "x [V],predicted x [V]"
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (lambda text: text[:200], "damaged, or is not JSON"),
-        (lambda text: text.replace('"version": 1', '"version": 9'), "install a newer one"),
-    ],
-)
-def test_damaged_models_are_refused(change, says, refused):
-    text = Path("model.json").read_text()
-    assert change(text) != text
-    Path("bad.json").write_text(change(text))
-    said = refused("simulate bad.json good.csv --input voltage")
-    assert "bad.json" in said
-    assert says in said
-    assert refused("invert bad.json targets.csv --target length") == said
-
-
 def test_another_prefix_is_converted_and_another_unit_refused(answer, refused, model):
     Path("other.csv").write_text("voltage [mV]\n300\n")
     assert answer("simulate model.json other.csv")["y"] == model.simulate([0.3]).tolist()
@@ -124,17 +107,3 @@ def test_times_may_begin_anew_with_each_curve_and_not_within_one(answer, refused
     assert header.startswith("time [s],curve,voltage [V],")
     assert first.startswith("0.0,a,0.0,")
     assert "notes" not in answer(f"{line} --record curves=curve,start_of_curve=negative")
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("--record start_of_curve=positive", "without curves"),
-        ("--record curves=voltage,start_of_curve=odd", "start_of_curve) is 'odd'"),
-        ("--record curves=voltage", "changes from row to row"),
-        ("--record curves=nope", "has no column 'nope'"),
-    ],
-)
-def test_refuses_unusable_curves(options, says, refused):
-    Path("back.csv").write_text("voltage\n1\n2\n1\n2\n")
-    assert says in refused(f"simulate model.json back.csv {options}")

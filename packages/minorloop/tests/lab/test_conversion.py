@@ -1,3 +1,4 @@
+import json
 from itertools import pairwise
 
 import numpy as np
@@ -6,7 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable, LaserCurvature, linear
+from minorloop.lab.conversion import (
+    CalibrationPolynomial,
+    CalibrationTable,
+    LaserCurvature,
+    as_json,
+    from_json,
+    from_text,
+    linear,
+)
 from minorloop.lab.curvature import displacement_from_curvature
 from minorloop.lab.records import Quantity
 
@@ -111,3 +120,27 @@ def test_a_conversion_only_rises_or_falls_between_its_turns(conversion):
     for low, high in pairwise([-2.0, *turns, 2.0]):
         steps = np.diff(conversion.convert(np.linspace(low, high, 30)))
         assert (steps >= 0).all() or (steps <= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("laser:20,15,0.02,0.05", LaserCurvature(20.0, 15.0, 0.02, 0.05)),
+        ("linear:-1,20,name=x,unit=um", CalibrationPolynomial("x", "um", 0.0, (20.0, -1.0))),
+        ("polynomial:20,-1,calibration_sd=2", CalibrationPolynomial(None, None, 2.0, (20.0, -1.0))),
+        ("table:table.csv,unit=1", CalibrationTable("force", "1", 0.0, (18, 22), (2, -2))),
+    ],
+)
+def test_a_conversion_is_read_from_a_text_and_kept_as_json(text, same, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "table.csv").write_text("distance [mm],force [N]\n18,2\n22,-2\n")
+    found = from_text(text, READING)
+    (tmp_path / "table.csv").unlink()
+    again = from_json(json.loads(json.dumps(as_json(found))))
+    x = [18.0, 19.5, 22.0]
+    for one in (found, again):
+        np.testing.assert_array_equal(one.convert(x), same.convert(x))
+        np.testing.assert_array_equal(one.sd(x), same.sd(x))
+        assert one.quantity(READING) == same.quantity(READING)
+    with pytest.raises(ParameterError, match="is not a conversion"):
+        from_json({"laser": "20,15"})

@@ -1,0 +1,248 @@
+"""What verbs refuse: one line on stderr, exit status 2, and no file is written."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import MODEL, write
+from minorloop import modelfile
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.differential import BoucWen
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
+
+UNITS = {"input": "voltage [V]", "output": "length [um]"}
+STRIP = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
+PLANE = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))), diagonal="reversible")
+FORCE = BoucWen(7e4, 500.0, 1300.0)
+MODELS = {
+    "late": Cascade(MODEL, Linear.lags(0.05, 0.02)),
+    "creep": AfterEffect(PLANE, times=[5.0], creep=[0.4 * np.tril(np.ones((4, 4)))]),
+    "rough": Oscillator(3.0, 5.0, 3e4, FORCE),
+    "unstable": Oscillator(1.0, -500.0, 1.0, FORCE),
+    "plays": PrandtlIshlinskii([0.0, 0.5], [1.0, 1.0]),
+    "gap": PrandtlIshlinskii([1.0, 2.0], [1.0, 1.0]),
+    "falling": Preisach(MODEL.levels, -MODEL.weights),
+    "relays": RelayModel([0, 1], [[1, 0], [1, 1]]),
+}
+TEXTS = {
+    "bad.csv": "voltage,length\n1,2\nabc,3\n",
+    "back.csv": "voltage\n1\n2\n1\n2\n",
+    "empty.csv": "voltage,length\n0.1,\n0.2,\n",
+    "far.csv": "time [s],length [um]\n0,6\n0.01,6\n0.02,6\n",
+    "curvatures.csv": "curvature [1/m]\n2\n-30\n",
+    "plan.csv": "voltage [V],hold [s]\n-1.2,30\n",
+    "fast.csv": "voltage [V],hold [s]\n-2,30\n",
+    "fleet.csv": "specimen,file\na,good.csv\n",
+    "cut.json": '{"format": "minorloop mo',
+    "broken.json": "{",
+    "part.json": '{"numerator": [1]}',
+    "more.json": '{"numerator": [1], "denominator": [1], "gain": 2}',
+    "slow.json": '{"numerator": [1], "denominator": [1, 0.5]}',
+}
+
+
+@pytest.fixture(autouse=True)
+def _files(_somewhere):
+    for name, model in MODELS.items():
+        units = {} if isinstance(model, Oscillator) else UNITS
+        modelfile.save(model, f"{name}.json", **units)
+    modelfile.save(STRIP, "strip.json", input="voltage [V]", output="curvature [1/m]")
+    for name, text in TEXTS.items():
+        Path(name).write_text(text)
+    t, u = 0.1 * np.arange(800), np.repeat([-1, -0.4, 0.3, 1, 0.2, -0.6, 0.5, -0.1], 100)
+    write("log.csv", "time [s],voltage [V],distance [mm]", np.column_stack([t, u, 20 - u]))
+    t, u = np.arange(60) / 750, np.sin(np.arange(60.0))
+    write("moved.csv", "time [s],force [N],displacement [m]", np.column_stack([t, u, 1e-6 * u]))
+    write("mm.csv", "time [s],force [N],displacement [mm]", np.column_stack([t, u, 1e-3 * u]))
+
+
+FORCES = "moved.csv --input force --time time"
+IDENTIFY = "identify good.csv --input voltage --output length"
+MOVED = "identify moved.csv --input force --output displacement"
+INVERT = "invert model.json targets.csv --target length"
+DRIVE = "drive strip.json curvatures.csv --target curvature --actuator twin:ipmc --store a.sqlite"
+TIMED = DRIVE.replace("strip", "creep").replace("curvatures.csv --target curvature", "targets.csv "
+"--target length")  # fmt: skip
+RUN = "run --actuator twin:ipmc --plan plan.csv --store a.sqlite"
+ADAPTIVE = "run --actuator twin:ipmc --store a.sqlite --plan adaptive:hold=100,"
+PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4"
+SINES = "plan sines:frequencies=0.2,1,amplitudes=0.7,1,preamble=-1.2"
+REDUCE = "reduce log.csv --input voltage --output distance"
+SCORE = "score model.json good.csv"
+EXPORT = "model.json --out x"
+FLEET = "fleet fleet.csv --out x --input voltage --output length"
+SECONDS = "give a positive number of seconds"
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("fly", "No such command 'fly'; see minorloop --help"),
+        ("--bogus", "No such option: --bogus; see minorloop --help"),
+        ("identfy", "Did you mean 'identify'?"),
+        ("identify", "Missing argument 'file'; see minorloop identify --help"),
+        ("identify good.csv --output length", "input (--input) is missing; name a column"),
+        ("identify bad.csv --input voltage --output length", "'abc' in row 3"),
+        ("identify nosuch.sqlite", "nosuch.sqlite does not exist"),
+        (f"{IDENTIFY} --law levels=0", "levels is 0; give a whole number"),
+        (f"{IDENTIFY} --law levels=many", "levels is 'many'"),
+        (f"{IDENTIFY} --law lag=soon", "lag is 'soon'"),
+        (f"{IDENTIFY} --law 'lag=3 rows'", "lag is '3 rows'; give it in one of s, ms"),
+        (f"{IDENTIFY} --time none --law lag=25ms", "name its column (--time)"),
+        (f"{IDENTIFY} --law lag=-1", 'lag is -1; give "auto" or whole samples from 0 to 399'),
+        (f"{IDENTIFY} --law spacing=odd", "spacing is 'odd'; give one of 'uniform', 'adaptive'"),
+        (f"{IDENTIFY} --law odd:levels=3", "there is no law 'odd'; give one of plane, dynamics"),
+        (f"{IDENTIFY} --law level=3", "the law plane has no 'level'; it has levels, relay"),
+        (f"{IDENTIFY} --law dynamics", "name the column of time"),
+        (f"{IDENTIFY} --record rows=5", "give two whole numbers A:B, such as 200:7000"),
+        (f"{IDENTIFY} --record rows=9:3", "holds no row; give A:B with A below B"),
+        (f"{IDENTIFY} --record start=odd", "start is 'odd'; give one of 'negative', 'positive'"),
+        (f"{IDENTIFY} --record start_of_curve=positive", "give curves (--record curves=COLUMN)"),
+        (f"{IDENTIFY} --record between=band", "--record has no 'between'; it has curves"),
+        (f"{IDENTIFY} --holdout some", "'some' is not a number"),
+        (f"{IDENTIFY} --holdout 2", "holdout is 2.0; give a share from 0 to 0.9"),
+        (f"{IDENTIFY} --prior odd", "there is no prior 'odd'; give one of auto, gaussian, smooth"),
+        (f"{IDENTIFY} --prior smooth:strength=much", "smoothness is 'much'"),
+        (f"{IDENTIFY} --prior smooth:strength=-1", "smoothness is -1"),
+        (f"{IDENTIFY} --prior gaussian:mean=odd", "mean is 'odd'; give one of 'zero', 'ridge'"),
+        (f"{IDENTIFY} --output voltage", "both 'voltage [V]'; give two columns"),
+        (f"{IDENTIFY} --save missing/x.json", "the folder missing does not exist; make it first"),
+        (f"{IDENTIFY} --save model.json", "model.json exists already"),
+        (f"{IDENTIFY} --save x.json --report ./x.json", "is given for two results"),
+        (f"{IDENTIFY} --save good.csv --force", "good.csv is an input and is not replaced"),
+        ("identify --law sheet:0,0.5,1", "coercivity is 0; give a positive number"),
+        ("identify --law sheet:1,x,2", "--law sheet is '1,x,2'; give sheet:HC,BR,BMAX"),
+        ("identify --law sheet:1,0.5,1,levels=5", "--law sheet has no 'levels'; it has field"),
+        (f"{MOVED} --law viscosity --time none", "--time is missing; --law viscosity needs"),
+        (f"{MOVED} --law viscosity:creep=slow", "creep is 'slow'"),
+        (f"{MOVED} --law viscosity:rate=yes", "one rate; record the same loops"),
+        (f"{MOVED} --law viscosity --holdout 0.3", "laws of time are scored on parts left out"),
+        (f"{MOVED} --law viscosity:signed=yes", "the law viscosity has no 'signed'"),
+        (f"{MOVED} --law vibration:rough=unknow", "give unknown, or a model file"),
+        (f"{MOVED} --law vibration:rough=model.json", "give one with a rough oscillator"),
+        (f"{MOVED} --law vibration:period=200", "not a whole number of periods of 200"),
+        (f"{MOVED} --law vibration:between=flat", "between is 'flat'"),
+        (f"{MOVED.replace('moved', 'mm')} --law vibration", "displacement is in mm"),
+        ("simulate cut.json good.csv", "cut.json is damaged, or is not JSON"),
+        ("simulate late.json good.csv", "name the column of good.csv with --time"),
+        ("simulate rough.json moved.csv --input force", "needs times"),
+        (f"simulate unstable.json {FORCES}", "grows without bound"),
+        (
+            "simulate rough.json moved.csv --input force --time time --record start=positive",
+            "begins at rest",
+        ),
+        ("simulate model.json back.csv --record start_of_curve=positive", "without curves"),
+        ("simulate model.json back.csv --record curves=voltage", "changes from row to row"),
+        ("simulate model.json back.csv --record curves=nope", "has no column 'nope'"),
+        ("simulate model.json good.csv --record skip=2", "--record has no 'skip'; it has curves"),
+        (f"{SCORE} --output width", "has no column 'width'"),
+        (f"{SCORE} --record skip=400", "skip is 400"),
+        (f"{SCORE} --record between=band", "is for oscillators"),
+        (f"{SCORE} --report good.csv", "good.csv is an input"),
+        ("score model.json empty.csv", "no row is left to be scored"),
+        ("score late.json good.csv", "name the column of time (--time)"),
+        ("invert rough.json moved.csv --target displacement", "an oscillator, whose output"),
+        ("invert falling.json targets.csv --target length --clip", "not monotone"),
+        ("invert relays.json targets.csv --target length", "no exact inverse; identify a"),
+        ("invert gap.json targets.csv --target length", "add a play of radius 0"),
+        ("invert late.json far.csv --target length --time time", "rests at"),
+        (f"{INVERT} --time time --hold 3", "--hold and --time cannot be combined"),
+        (f"{INVERT} --hold nan", f"--hold is nan; {SECONDS}"),
+        ("plan spiral --low 0 --high 1", "no plan 'spiral'; give one of decaying, reversal"),
+        ("plan decaying --low 1 --high 0", "levels from 1.0 to 0.0; give finite low < high"),
+        ("plan decaying --low zero --high 1", "'--low': 'zero' is not a number"),
+        ("plan decaying --high 1", "Missing option '--low'"),
+        (f"{PLAN} --levels 99999", "levels are 99999 bands"),
+        (f"{PLAN} --levels 1e3", "'1e3' is not a whole number"),
+        (f"{PLAN} --input 'hold [s]'", "the header of hold times; give another name"),
+        (f"{PLAN} --input 'u\x1b[2J [V]'", "--input is 'u\\x1b[2J [V]', which has the character"),
+        (f"{PLAN} --save good.csv", "or --force to replace it"),
+        (f"{PLAN} --hold 0", f"--hold is 0; {SECONDS}"),
+        (f"{SINES},measured=2.5", "measured periods are 2.5; give a whole number"),
+        (f"{SINES},samples=8", "samples per period are 8"),
+        (f"{SINES},tick=0.1", "a tick of 0.1 s is too slow for 1 Hz"),
+        (f"{SINES},cycles=3", "plan sines has no 'cycles'; it has frequencies"),
+        (f"{SINES} --low -1", "--low is not for a plan of sines"),
+        (SINES.replace("0.7,1", "0.7;1"), "amplitudes is '0.7;1'; give F1,F2,..., numbers"),
+        (SINES.replace(",preamble=-1.2", ""), "plan sines needs preamble"),
+        (f"{RUN} --convert odd:3", "give laser, linear, polynomial or table"),
+        (RUN.replace("ipmc", "moon"), "nothing at address 'twin:moon'"),
+        (RUN.replace("ipmc", "fibre"), "voltage -1.2 V is beyond the limits"),
+        (RUN.replace("plan.csv", "fast.csv"), "voltage -2 V is beyond the limits"),
+        (f"{RUN} --holds interval=-3", "sample interval is -3"),
+        (f"{RUN} --holds hold=3", "--holds has no 'hold'; it has tolerance, shortest, interval"),
+        (f"{ADAPTIVE}holds=2", "holds is 2; give a whole number from 3 to 1000"),
+        (f"{ADAPTIVE}holds=5,hours=1", "give a budget in holds or in hours, one of them"),
+        (f"{ADAPTIVE}hours=0.01", "0.01 h are 0 holds of 100 s"),
+        (f"{ADAPTIVE}hours=0.2", "give 0.278 h or more"),
+        (f"{ADAPTIVE}low=-2", "voltage -2 V is beyond the limits"),
+        (f"{ADAPTIVE}levels=0", "0 bands; give a whole number"),
+        ("resume --store good.csv", "it is not an experiment store, or damaged; run makes a"),
+        ("runs list --store .", "there is no experiment store in ."),
+        ("runs sing --store a", "there is no action 'sing'"),
+        ("runs list --store a --save b", "--save is for export"),
+        ("runs export --store a --follow", "--follow is for show, without --json"),
+        (DRIVE, "the target at index 1 is -30 and the actuator reaches"),
+        (DRIVE.replace("strip.json", "good.csv"), "good.csv is a table, not a model file; give"),
+        (DRIVE.replace("ipmc", "fibre"), "identify a model in um, or convert the readings"),
+        (DRIVE.replace("curvatures.csv --target curvature", "far.csv --target length"), "is in um"),
+        (f"{DRIVE} --convert linear:0,3", "the coefficients are (3.0, 0.0), a constant"),
+        (f"{DRIVE} --every 10", "identify one with creep (--law viscosity)"),
+        (f"{TIMED} --every 10 --corrections 2", "--corrections cannot be combined with --every"),
+        (f"{TIMED} --every inf", f"--every is inf; {SECONDS}"),
+        (f"{REDUCE} --convert laser:20", "give laser:D0,H0[,SD,SD], numbers separated by commas"),
+        (f"{REDUCE} --convert laser:20,-15", "h0 is -15 mm; give a positive height"),
+        (f"{REDUCE} --convert linear:2,nam=x", "has no 'nam'; it has name, unit, calibration_sd"),
+        (f"{REDUCE} --convert laser:20,15,unit=mm", "gives curvature [1/m]; leave unit out"),
+        (f"{REDUCE} --convert polynomial:1,x", "give polynomial:C0,C1,..."),
+        (f"{REDUCE} --convert laser:2000,15", "none of the 8 holds has a usable output"),
+        (f"{REDUCE} --flip up", "there is no side to flip 'up'; give one of output, input, both"),
+        (f"{REDUCE} --holds range=3", "range is '3'; give LOW:HIGH, such as 10:30"),
+        (f"{REDUCE} --holds shortest=11", "0 holds of 11 s or more found"),
+        (f"{REDUCE} --time voltage", "time (--time) are both 'voltage [V]'; give two columns"),
+        (f"{REDUCE} --output no", "has no column 'no', it has 'time [s]', 'voltage [V]'"),
+        ("frequency none.csv", "none.csv does not exist"),
+        ("frequency good.csv --input voltage", "output (--output) is missing"),
+        ("frequency good.csv --input voltage --output length", "good.csv has no column 'freq"),
+        ("export rust model.json --out x", "no export 'rust'; give one of c, fmu"),
+        (f"export c:largest=-5 {EXPORT}", "largest is -5 bytes"),
+        (f"export c:largest=100 {EXPORT}", "needs 1955 bytes, 595 of tables"),
+        (f"export c:linear=nothing.json {EXPORT}", "there is no file"),
+        (f"export c:linear=broken.json {EXPORT}", "is not a linear part"),
+        (f"export c:linear=part.json {EXPORT}", "missing required field `denominator`"),
+        (f"export c:linear=more.json {EXPORT}", "unknown field `gain`"),
+        (f"export c:linear=slow.json {EXPORT}", "continuous"),
+        (f"export c:first=linear {EXPORT}", "first does nothing without linear"),
+        (f"export c {EXPORT} --interval 3", "an interval does nothing"),
+        (f"export fmu:float32=yes {EXPORT}.fmu", "export fmu has no 'float32'"),
+        ("export c:memory=8 plays.json --out x", "memory does nothing for a PrandtlIsh"),
+        ("export c:linear=late.json late.json --out x", "leave the linear part out"),
+        ("export c rough.json --out x --interval 0.1", "the file has an oscillator"),
+        ("export c creep.json --out x", "give the seconds between samples (interval, --interval)"),
+        ("export c late.json --out x", "give the seconds between samples (interval, --interval)"),
+        ("export c late.json --out x --interval 0", f"--interval is 0; {SECONDS}"),
+        ("fleet nothing.csv --out x", "does not exist; give a table"),
+        ("fleet fleet.csv --out x", "has no input"),
+        (f"{FLEET} --workers tcp://127.0.0.1:1", "there is no Dask scheduler at"),
+        (f"{FLEET} --workers 0", "workers is 0"),
+        (f"{FLEET} --limit -1", "limit is -1.0 s; give a positive time"),
+        (f"{FLEET} --law relay=foo", "give one of 'bipolar'"),
+        (f"{FLEET} --law viscosity", "there is no law of a fleet 'viscosity'"),
+        (f"{FLEET} --prior smooth:strength=much", "smoothness is 'much'"),
+        ("demo --seed -1", "seed is -1; give a whole number of at least 0"),
+        ("demo --noise -1", "noise is -1.0 1/m; give 0 to 7.5"),
+        ("demo --out good.csv", "good.csv is a file; give the name of a folder"),
+        ("demo --out good.csv/inside", "cannot be written"),
+        ("demo --out .", "is not empty"),
+    ],
+)
+def test_a_refusal_is_one_sentence_and_writes_nothing(line, says, refused):
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    assert says in refused(line)
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
