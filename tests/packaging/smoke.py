@@ -96,7 +96,7 @@ if __name__ == "__main__":
     local = {"n_workers": 1, "processes": False, "protocol": "tcp://"}
     with LocalCluster(dashboard_address=None, **local) as cluster:
         address = cluster.scheduler_address
-        summary = identify_fleet(specimens, folder / "far", address=address, levels=4, prior="none")
+        summary = identify_fleet(specimens, folder / "far", workers=address, levels=4, prior="none")
     assert len(summary.identified) == 1, summary.failures
 """,
     "instruments": """

@@ -62,7 +62,7 @@ def test_a_cluster_needs_no_shared_files_and_ends_what_hangs(cluster, tmp_path):
     summary = identify_fleet(
         specimens,
         tmp_path / "out",
-        address=cluster.scheduler_address,
+        workers=cluster.scheduler_address,
         limit=5,
         say=said.append,
         **OPTIONS,
@@ -110,7 +110,7 @@ def test_results_are_kept_when_a_cluster_is_lost_and_the_rest_follows_later(
     address = cluster.scheduler_address
     end = ends.get(what, "no worker at tcp.* answers within 5 s")
     with pytest.raises(FleetError, match=end + ".*2 of 3 specimens are done and kept"):
-        go_on(address=address, patience=5.0, say=said.append)
+        go_on(workers=address, patience=5.0, say=said.append)
     waiting = f"no worker at {address} answers; waiting" in said
     assert waiting == (what != "scheduler")
     (tmp_path / "wait.closed").unlink()
@@ -140,7 +140,7 @@ def test_specimens_of_a_silent_worker_go_to_the_others(cluster, tmp_path):
     summary = identify_fleet(
         specimens,
         tmp_path / "out",
-        address=cluster.scheduler_address,
+        workers=cluster.scheduler_address,
         watch=watch,
         say=say,
         **OPTIONS,
@@ -165,7 +165,7 @@ def test_a_result_that_its_worker_takes_away_is_computed_again(cluster, tmp_path
     summary = identify_fleet(
         write_fleet(tmp_path, ["a", "b"]),
         tmp_path / "out",
-        address=cluster.scheduler_address,
+        workers=cluster.scheduler_address,
         **OPTIONS,
     )
     assert lost
@@ -181,7 +181,7 @@ def test_a_scheduler_without_workers_is_reported_and_given_up(tmp_path, monkeypa
             identify_fleet(
                 write_fleet(tmp_path, ["a"]),
                 tmp_path / "out",
-                address=address,
+                workers=address,
                 patience=3.0,
                 say=said.append,
                 **OPTIONS,
@@ -193,8 +193,8 @@ def test_refuses_addresses_without_a_scheduler(tmp_path):
     pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
     specimens = write_fleet(tmp_path, ["a"])
     with pytest.raises(ParameterError, match="no Dask scheduler at"):
-        identify_fleet(specimens, tmp_path / "out", address="tcp://127.0.0.1:1", **OPTIONS)
+        identify_fleet(specimens, tmp_path / "out", workers="tcp://127.0.0.1:1", **OPTIONS)
     for address in ("nonsense", "nonsense://x", "tcp://127.0.0.1"):
         with pytest.raises(ParameterError, match="give that of a Dask scheduler"):
-            identify_fleet(specimens, tmp_path / "out", address=address, **OPTIONS)
+            identify_fleet(specimens, tmp_path / "out", workers=address, **OPTIONS)
     assert not (tmp_path / "out").exists()

@@ -210,7 +210,6 @@ def test_a_folder_is_continued_with_the_same_options_only(six, tmp_path, here):
     ("options", "message"),
     [
         ({"workers": 0}, "workers is 0"),
-        ({"workers": 2, "address": "tcp://127.0.0.1:1"}, "give one of them"),
         ({"colour": 1}, "'colour' is not an option of a fleet"),
         ({"levels": np.arange(3)}, "numbers, words and lists"),
         ({"relay": "foo"}, "relay is 'foo'"),
@@ -235,4 +234,4 @@ def test_refuses_no_specimens_and_names_the_extra(six, tmp_path, monkeypatch):
         identify_fleet([], tmp_path / "out")
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"minorloop\[fleet\]"):
-        identify_fleet(six, tmp_path / "out", address="tcp://127.0.0.1:1", **OPTIONS)
+        identify_fleet(six, tmp_path / "out", workers="tcp://127.0.0.1:1", **OPTIONS)

@@ -93,15 +93,13 @@ def run(
     settings = {name: value for name, value in reader.settings.items() if value is not None}
     options = plane_options(law_value(law), prior)
     specimens = read_manifest(manifest, input=input, output=output)
-    cluster = workers is not None and ":" in workers
     with _common.working(
         f"identifying {counted(len(specimens), 'specimen')}", logged=not as_json
     ) as now:
         summary = identify_fleet(
             specimens,
             out,
-            workers=None if cluster or workers is None else _common.whole(workers),
-            address=workers if cluster else None,
+            workers=int(workers) if workers and workers.isdecimal() else workers,
             limit=limit,
             retry_failed=retry_failed,
             patience=patience,

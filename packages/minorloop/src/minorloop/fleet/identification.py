@@ -49,8 +49,7 @@ def identify_fleet(
     specimens: Sequence[Specimen],
     folder: PathLike,
     *,
-    workers: int | None = None,
-    address: str | None = None,
+    workers: int | str | None = None,
     limit: float = LIMIT,
     retry_failed: bool = False,
     patience: float = 60.0,
@@ -71,12 +70,10 @@ def identify_fleet(
         Folder for the results: new, empty, or of the same fleet, which then continues. Results of
         specimens whose record, columns and model file are unchanged are kept, failures too; the
         others are identified. If that fails, the model of an earlier start is removed.
-    workers : int, optional
-        Local processes; as many as there are cores if not given.
-    address : str, optional
-        Address of the scheduler of a Dask cluster to use instead, such as
-        ``tcp://10.0.0.1:8786``. Records are read here and sent to the workers, which return
-        models; they need this package and no shared folder.
+    workers : int or str, optional
+        Local processes; as many as there are cores if not given. Or the address of the scheduler of
+        a Dask cluster, such as ``tcp://10.0.0.1:8786``. Records are read here and sent to its
+        workers, which return models; they need this package and no shared folder.
     limit : float
         Seconds after which the fit of a specimen, or the reading of its record, is given up;
         ``inf`` for no limit.
@@ -95,7 +92,7 @@ def identify_fleet(
     Raises
     ------
     MissingExtraError
-        If an address is given and Dask is not installed.
+        If workers are those of a cluster and Dask is not installed.
     ParameterError
         If there is no specimen, an option is not one that `minorloop.identify` takes, or there
         is no scheduler at the address.
@@ -104,15 +101,15 @@ def identify_fleet(
     OutputError
         If the folder holds something else, another fleet, or cannot be written to.
     """
-    _check(specimens, workers, address, limit, patience, options)
+    _check(specimens, workers, limit, patience, options)
     try_options(options)
     say = say or (lambda sentence: None)
     backend: Cluster | LocalWorkers
-    if address is None:
+    if isinstance(workers, str):
+        backend = Cluster(workers, patience, identify_one, limit, say)
+    else:
         count = min(workers or os.cpu_count() or 1, len(specimens))
         backend = LocalWorkers(count, identify_one, limit, say)
-    else:
-        backend = Cluster(address, patience, identify_one, limit, say)
     known: dict[str, Outcome] = {}
     with closing(backend):
         place = open_folder(Path(folder), specimens, options)
@@ -251,21 +248,15 @@ class _Jobs:
 
 def _check(
     specimens: Sequence[Specimen],
-    workers: int | None,
-    address: str | None,
+    workers: int | str | None,
     limit: float,
     patience: float,
     options: Mapping[str, Any],
 ) -> None:
     if not specimens:
         raise ParameterError("there is no specimen; list some in the manifest")
-    if workers is not None:
+    if workers is not None and not isinstance(workers, str):
         as_whole("workers", workers, 1, 1024)
-    if workers is not None and address is not None:
-        raise ParameterError(
-            f"workers is {workers} and address is {address}; give one of them, because a cluster "
-            "has its own workers"
-        )
     if not limit > 0:
         raise ParameterError(f"limit is {limit!r} s; give a positive time, or inf for none")
     if not 0 < patience < float("inf"):

@@ -28,7 +28,6 @@ def read(
     curves: str | None = None,
     groups: str | None = None,
     sd: Named = AUTO,
-    rows: slice = slice(None),
     progress: Callable[[str], None] | None = None,
 ) -> Record:
     """Read a record to be identified, with what each row has beside input and output.
@@ -49,8 +48,6 @@ def read(
     sd : str, optional
         Column of the standard deviation of the output. ``"auto"``: the column ``sd`` in the unit of
         the output, if there is one, or those of a store. None: outputs count alike.
-    rows : slice
-        Rows that are used, counted from 0.
     progress : callable, optional
         Called with the share that has been read, as text.
 
@@ -64,7 +61,7 @@ def read(
     RecordError
         If the file, a column or the times cannot be used.
     ParameterError
-        If a column is missing, is given twice or belongs to no table, or there are no such rows.
+        If a column is missing, is given twice or belongs to no table.
     """
     if not isinstance(path, str | os.PathLike):
         raise ParameterError(f"path is {path!r}; give the name of a file")
@@ -75,24 +72,22 @@ def read(
                 f"{path} is an experiment store, which has one input and one output; "
                 "leave input, output, time, sd, curves and groups out"
             )
-        log = _points(path, weighted=sd == AUTO)
-    else:
-        if input is None or output is None:
-            if not os.path.exists(path):
-                raise RecordError(f"{path} does not exist; give a CSV file or an experiment store")
-            missing = "input" if input is None else "output"
-            raise ParameterError(f"{missing} (--{missing}) is missing; name a column of {path}")
-        log = read_log(
-            path,
-            input=input,
-            output=output,
-            time=time,
-            curves=curves,
-            groups=groups,
-            sd=sd,
-            progress=progress,
-        )
-    return log if rows == slice(None) else log.only(rows.start, rows.stop)
+        return _points(path, weighted=sd == AUTO)
+    if input is None or output is None:
+        if not os.path.exists(path):
+            raise RecordError(f"{path} does not exist; give a CSV file or an experiment store")
+        missing = "input" if input is None else "output"
+        raise ParameterError(f"{missing} (--{missing}) is missing; name a column of {path}")
+    return read_log(
+        path,
+        input=input,
+        output=output,
+        time=time,
+        curves=curves,
+        groups=groups,
+        sd=sd,
+        progress=progress,
+    )
 
 
 def is_adaptive(store: Store) -> bool:
