@@ -1,8 +1,11 @@
-"""Choose options by the error on left-out parts of the record.
+"""Errors on left-out parts of a record: to choose options by, and to validate a fit with.
 
-Each candidate is fitted to the record without one part, and scored on that part: groups where there
-are some, contiguous parts otherwise, because neighbouring samples of a record are alike. The
-structure and the lag are compared on a coarse plane, where a fit takes milliseconds.
+A part is a group of rows where there are some, a contiguous part otherwise, because neighbouring
+samples of a record are alike. Each candidate is fitted without one part, and scored on that part.
+The structure and the lag are compared on a coarse plane, where a fit takes milliseconds. For
+validation the final structure is fitted, and smoothness or hyperparameters are chosen anew. Errors
+on groups contain what the residuals of one fit do not: differences between curves, days or
+specimens.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,18 +13,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minorloop.arrays import IntArray, Levels
-from minorloop.errors import counted
+from minorloop.arrays import FloatArray, IntArray, Levels
+from minorloop.errors import ParameterError, counted
 from minorloop.identification import fitting
 from minorloop.identification.baseline import percent
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import PlaneSpec
-from minorloop.identification.fitting import FitRecord, are_few, coarser_spec
+from minorloop.identification.fitting import FitRecord, FittedPlane, are_few, coarser_spec
 from minorloop.identification.least_squares import Problem
 from minorloop.identification.residuals import find_startup
 
 PARTS = 5
 """Contiguous parts of a record without groups; more groups than that are put together."""
+FOLDS = 10
+"""Fits without a part of the groups for validation, at most."""
+FEWEST_GROUPS = 3
+"""Groups below which their scatter is not estimated."""
 _SEGMENTS = 5
 """Contiguous segments of each part, for the lag and the levels, which need no extrapolation."""
 LEVELS = 25
@@ -86,6 +93,66 @@ def parts_of(record: FitRecord, groups: IntArray | None, segments: int = 1) -> I
         return fold
     fold[rows] = np.searchsorted(names, groups[rows]) % min(names.size, PARTS)
     return fold
+
+
+def check_several_groups(groups: IntArray) -> IntArray:
+    """Return the numbers of the groups of the fitted rows, two or more.
+
+    Raises a `ParameterError` if all rows are of one group.
+    """
+    names = np.unique(groups)
+    if names.size < 2:
+        raise ParameterError(
+            "all fitted rows are of one group, so none can be left out; give two groups or more, "
+            "or leave groups (--record groups=COLUMN) out"
+        )
+    return names
+
+
+def folds(groups: IntArray, rows: IntArray) -> IntArray:
+    """(T,) number of the fold of each row, of which those of the groups of some rows are fitted.
+
+    Raises a `ParameterError` if these rows are of one group.
+    """
+    names = check_several_groups(groups[rows])
+    return np.searchsorted(names, groups) % min(names.size, FOLDS)
+
+
+def validate(
+    record: FitRecord,
+    found: FittedPlane,
+    lag: int,
+    groups: IntArray,
+    say: Callable[[str], None] = lambda stage: None,
+) -> FloatArray:
+    """(T,) outputs of each group, predicted without it; NaN where a row was not fitted.
+
+    Raises a `ParameterError` if all fitted rows are of one group.
+
+    Parameters
+    ----------
+    record : FitRecord
+        The record.
+    found : FittedPlane
+        The fit to all groups.
+    lag : int
+        Its lag.
+    groups : (T,) array of int
+        Number of the group of each row.
+    say : callable
+        Called with what is done next.
+    """
+    rows = replace(record, fitted=found.fitted).rows(lag)
+    fold, regression = folds(groups, rows), found.regression
+    predicted = np.full(record.u.size, np.nan)
+    names = np.unique(fold[rows])
+    for count, k in enumerate(names, 1):
+        say(f"leaving out groups, fit {count} of {names.size}")
+        x = found.without(fold[regression.rows] == k, record.signed)
+        y = record.curves.simulate(regression.matrix.spec.model(x), record.u, lag)
+        left = rows[fold[rows] == k]
+        predicted[left] = y[left]
+    return predicted
 
 
 def without_startup(spec: PlaneSpec, record: FitRecord) -> FitRecord:

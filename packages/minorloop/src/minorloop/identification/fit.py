@@ -11,7 +11,7 @@ import numpy.typing as npt
 from minorloop.arrays import IntArray, Levels, check_option
 from minorloop.errors import counted
 from minorloop.identification import record_checks as checks
-from minorloop.identification.choosing import LEVELS, Chosen, choose
+from minorloop.identification.choosing import LEVELS, Chosen, check_several_groups, choose, validate
 from minorloop.identification.curves import as_curves, as_groups, check_group_sizes
 from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
@@ -22,7 +22,6 @@ from minorloop.identification.jumps import (
     narrow_bands,
     with_jumps,
 )
-from minorloop.identification.leave_out import check_several_groups, validate
 from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import fit_prepared
 from minorloop.identification.prior import Gaussian, Prior, Smooth

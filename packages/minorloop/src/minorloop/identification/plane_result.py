@@ -16,11 +16,10 @@ from minorloop.identification.accuracy import CurveAccuracy, by_curve
 from minorloop.identification.band_model import BandModel, within_cells
 from minorloop.identification.bands import BAND, PER_DEVIATION, Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, percent, polynomial_nrmse
-from minorloop.identification.choosing import Choice
+from minorloop.identification.choosing import FEWEST_GROUPS, Choice, folds
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.jumps import Jump
-from minorloop.identification.leave_out import FEWEST_GROUPS, folds
 from minorloop.identification.model_error import FEWEST, ModelError, contiguous_parts, learn
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.preparation import RecordAdvice
