@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.dynamics.linear import Linear
+from minorloop.identification import arx as identification_arx
 from minorloop.identification.arx import arx
 
 LAGS = Linear.lags(27.0, 6.0)
@@ -58,9 +59,10 @@ def test_a_known_plant_is_found_within_five_percent_despite_noise(noisy):
     assert np.abs(errors).max() <= 1e-3
 
 
-def test_deviations_are_those_over_many_records():
-    few = {"highest_order": 2, "longest_dead_time": 0}
-    fits = [arx(*step(noise=1e-3, seed=seed), **few) for seed in range(30)]
+def test_deviations_are_those_over_many_records(monkeypatch):
+    monkeypatch.setattr(identification_arx, "HIGHEST_ORDER", 2)
+    monkeypatch.setattr(identification_arx, "LONGEST_DEAD_TIME", 0)
+    fits = [arx(*step(noise=1e-3, seed=seed)) for seed in range(30)]
     fits = [fit for fit in fits if fit.model.order == 2]
     spread = np.std([fit.model.time_constants for fit in fits], axis=0)
     told = np.mean([fit.time_constant_deviations for fit in fits], axis=0)
@@ -81,10 +83,3 @@ def test_oscillation_is_found_where_there_is_one():
     fit = arx(*step(plant, hold=200))
     assert fit.candidate.kind == "oscillatory"
     np.testing.assert_allclose(np.sort(fit.continuous.poles), np.sort(plant.poles), rtol=1e-5)
-
-
-def test_a_reading_at_the_beginning_is_one_sample_of_dead_time():
-    t, u, y = step()
-    fit = arx(t, np.append(u[1:], u[-1]), y, reading="begin")
-    np.testing.assert_allclose(fit.model.time_constants, [27.0, 6.0], rtol=1e-5)
-    assert fit.model.delay == 0

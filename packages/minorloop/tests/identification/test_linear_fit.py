@@ -5,6 +5,7 @@ import pytest
 
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
+from minorloop.identification import arx as identification_arx
 from minorloop.identification.arx import arx, step_response
 from minorloop.identification.linear_fit import StepResponse
 
@@ -22,9 +23,11 @@ def fit():
     return arx(*record(), second=record(seed=7))
 
 
-def test_the_band_of_the_step_response_is_the_scatter_over_many_records():
+def test_the_band_of_the_step_response_is_the_scatter_over_many_records(monkeypatch):
+    monkeypatch.setattr(identification_arx, "HIGHEST_ORDER", 2)
+    monkeypatch.setattr(identification_arx, "LONGEST_DEAD_TIME", 0)
     t = np.array([5.0, 20.0, 60.0, 150.0])
-    fits = [arx(*record(seed=seed), highest_order=2, longest_dead_time=0) for seed in range(40)]
+    fits = [arx(*record(seed=seed)) for seed in range(40)]
     spread = np.std([one.model.step_response(t) for one in fits], axis=0)
     predicted = np.mean([one.step_deviation(t) for one in fits], axis=0)
     np.testing.assert_allclose(predicted, spread, rtol=0.5)

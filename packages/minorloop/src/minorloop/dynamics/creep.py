@@ -146,7 +146,6 @@ def fit_creep(
     x: npt.ArrayLike,
     y: npt.ArrayLike,
     *,
-    before: float | None = None,
     shortest: float | None = None,
     longest: float | None = None,
     times: npt.ArrayLike | None = None,
@@ -159,11 +158,9 @@ def fit_creep(
         Strictly increasing times in seconds.
     x : (T,) array_like
         Output without creep, up to gain and offset, such as that of an operator; held between
-        samples.
+        samples. The output had settled at the first.
     y : (T,) array_like
         Measured outputs; NaN where nothing was measured.
-    before : float, optional
-        Value of x at which the output had settled before; the first of ``x`` if not given.
     shortest, longest : float, optional
         Limits of the time constants in seconds; twice the median interval and the longest hold if
         not given.
@@ -190,11 +187,12 @@ def fit_creep(
         raise SignalError(
             f"t has shape {clock.shape} and y {outputs.shape}; give one output for each time"
         )
-    held = float(values[0]) if before is None else as_finite("before", before)
-    if np.ptp(np.append(values, held)) == 0:
-        raise SignalError(f"x is {held:g} throughout; record at least one step and the hold after")
+    if np.ptp(values) == 0:
+        raise SignalError(
+            f"x is {values[0]:g} throughout; record at least one step and the hold after"
+        )
     taus = _grid(clock, values, shortest, longest) if times is None else frozen(times)
-    slow = _lagging(clock, values, held, taus)
+    slow = _lagging(clock, values, float(values[0]), taus)
     free = np.column_stack([values, np.ones(values.size)])
     known = np.isfinite(outputs)
     slow, free, measured = slow[known], free[known], outputs[known]

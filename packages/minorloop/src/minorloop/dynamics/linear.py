@@ -79,28 +79,25 @@ class Linear(ByValue, Drawn):
         zeros: npt.ArrayLike = (),
         *,
         dc_gain: float = 1.0,
-        interval: float | None = None,
         delay: float = 0.0,
     ) -> Linear:
-        """Return a system with these poles and zeros.
+        """Return a continuous system with these poles and zeros.
 
         Parameters
         ----------
         poles : sequence of complex
-            In 1/s, or in the z-plane.
+            In 1/s.
         zeros : sequence of complex
-            In the same plane.
+            In 1/s.
         dc_gain : float
             Settled output per input.
-        interval : float, optional
-            Seconds between samples; continuous without it.
         delay : float
             Dead time, in seconds.
         """
         poles, zeros = np.atleast_1d(poles), np.atleast_1d(zeros)
         numerator, denominator = _polynomial("zeros", zeros), _polynomial("poles", poles)
-        unit = cls(numerator, denominator, interval, delay)
-        return cls(numerator * dc_gain / unit._finite_dc_gain, denominator, interval, delay)
+        unit = cls(numerator, denominator, delay=delay)
+        return cls(numerator * dc_gain / unit._finite_dc_gain, denominator, delay=delay)
 
     @classmethod
     def lags(cls, *times: float, dc_gain: float = 1.0, delay: float = 0.0) -> Linear:

@@ -5,23 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_whole
+from minorloop.arrays import FloatArray
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import output_error
 from minorloop.identification.linear_fit import Kind, LinearFit, StepResponse, TriedEquation
 from minorloop.identification.output_error import Coefficients, Stretch, Structure
-from minorloop.identification.steps import (
-    Arrays,
-    Reading,
-    Sampled,
-    as_sampled,
-    steps_in,
-    whole,
-)
+from minorloop.identification.steps import Arrays, as_sampled, steps_in, whole
 from minorloop.threads import one_thread
 
-HIGHEST_ORDER = 4
+HIGHEST_ORDER, LONGEST_DEAD_TIME = 4, 2
+"""Largest number of poles, and dead time in samples, that are tried."""
 _NEARLY = 1.05
 _ALMOST_EXACT = 1e-5
 """Ratio and difference of simulation errors, over the range, up to which they count as equal."""
@@ -40,35 +34,26 @@ def arx(
     y: npt.ArrayLike,
     *,
     second: Arrays | None = None,
-    highest_order: int = HIGHEST_ORDER,
-    longest_dead_time: int = 2,
-    reading: Reading = "end",
 ) -> LinearFit:
     """Identify linear dynamics from a record that begins at rest.
 
-    Difference equations A(q) y = B(q) u with up to ``highest_order`` coefficients in A, no
-    more in B, and each dead time are fitted by least squares, then refined so that their
-    simulated output comes nearest to the measured one, because least squares alone is biased by
-    noise. Of the equations within 5 % of the least simulation error on the second record, that
-    with the least Bayesian information criterion is chosen; without a second record, the least
-    criterion decides. Unstable equations are excluded. Those with negative or complex poles must
-    simulate better by 5 % than all others.
+    Difference equations A(q) y = B(q) u with up to four coefficients in A, no more in B, and a dead
+    time of up to two samples are fitted by least squares, then refined so that their simulated
+    output comes nearest to the measured one, because least squares alone is biased by noise. Of the
+    equations within 5 % of the least simulation error on the second record, that with the least
+    Bayesian information criterion is chosen; without a second record, the least criterion decides.
+    Unstable equations are excluded. Those with negative or complex poles must simulate better by 5
+    % than all others.
 
     Parameters
     ----------
     t : (T,) array_like
         Evenly spaced times in seconds.
     u, y : (T,) array_like
-        Input and output. The record begins with a hold at whose end the plant is at rest.
+        Input and output; y[k] is read at the end of the interval with input u[k]. The record begins
+        with a hold at whose end the plant is at rest.
     second : tuple of t, u, y, optional
         Another record to choose by. Its gain is fitted again, because hysteresis changes it.
-    highest_order : int
-        Largest number of poles, 1 to 4.
-    longest_dead_time : int
-        In samples.
-    reading : {"end", "begin"}
-        Whether y[k] was read at the end of the interval with input u[k], as an `Actuator`
-        records it, or when u[k] was set.
 
     Raises
     ------
@@ -76,28 +61,24 @@ def arx(
         If the shapes differ, the samples are not even or too few, nothing changes, or no
         stable equation fits.
     ParameterError
-        If an option is out of its range, or the second record has another interval.
+        If the second record has another interval.
 
     References
     ----------
     Ljung, System Identification, 2nd edition, 1999, sections 4.2, 7.3 and 16.4. Sohn and
     colleagues, SWNT-reinforced polyaniline fibres, eq. 4: ARX from one step.
     """
-    record, *others = _records((t, u, y), second, reading)
-    structures = _structures(highest_order, longest_dead_time)
-    return _identified([whole(record)], [whole(one) for one in others], record.interval, structures)
+    record, *others = (as_sampled(one) for one in ((t, u, y), second) if one is not None)
+    for other in others:
+        if abs(record.interval - other.interval) > 1e-3 * record.interval:
+            raise ParameterError(
+                f"the records are sampled every {record.interval:g} s and every {other.interval:g} "
+                "s; give both at one interval"
+            )
+    return _identified([whole(record)], [whole(one) for one in others], record.interval)
 
 
-def step_response(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    *,
-    second: Arrays | None = None,
-    highest_order: int = HIGHEST_ORDER,
-    longest_dead_time: int = 2,
-    reading: Reading = "end",
-) -> StepResponse:
+def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepResponse:
     """Identify the unit step response, separately for rising and falling output.
 
     The record is cut into its steps; each is scaled by its own settled change, and all of one
@@ -109,10 +90,6 @@ def step_response(
         Evenly spaced times in seconds.
     u, y : (T,) array_like
         Input in holds, and output. At the end of each hold the plant is at rest.
-    second : tuple of t, u, y, optional
-        Another record of holds, to choose by.
-    highest_order, longest_dead_time, reading
-        As in `arx`.
 
     Returns
     -------
@@ -121,35 +98,35 @@ def step_response(
 
     Raises
     ------
-    SignalError, ParameterError
-        As `arx`; the first also if no step moves the output.
+    SignalError
+        As `arx`; also if no step moves the output.
     """
-    record, *more = _records((t, u, y), second, reading)
-    structures = _structures(highest_order, longest_dead_time)
-    steps, scored = steps_in(record), [step for one in more for step in steps_in(one)]
+    record = as_sampled((t, u, y))
+    steps = steps_in(record)
     if not steps:
         raise SignalError("no step moves the output; record one with a hold before and after it")
     fits: dict[bool, LinearFit] = {}
     for rising in {step.rising for step in steps}:
-        own, others = (
-            [step.stretch for step in each if step.rising == rising] for each in (steps, scored)
-        )
-        fits[rising] = _identified(own, others, record.interval, structures)
+        own = [step.stretch for step in steps if step.rising == rising]
+        fits[rising] = _identified(own, (), record.interval)
     return StepResponse(fits.get(True), fits.get(False))
 
 
 def _identified(
-    stretches: Sequence[Stretch],
-    second: Sequence[Stretch],
-    interval: float,
-    structures: Sequence[Structure],
+    stretches: Sequence[Stretch], second: Sequence[Stretch], interval: float
 ) -> LinearFit:
+    structures = [
+        Structure(na, nb, 1 + dead)
+        for na in range(1, HIGHEST_ORDER + 1)
+        for nb in range(1, na + 1)
+        for dead in range(LONGEST_DEAD_TIME + 1)
+    ]
     samples = sum(one.y.size for one in stretches)
     needed = _SAMPLES_EACH * structures[-1].parameters
     if samples < needed:
         raise SignalError(
             f"{samples} samples for up to {structures[-1].parameters} coefficients; give at least "
-            f"{needed}, or a lower highest_order"
+            f"{needed}"
         )
     if max(float(np.ptp(one.y)) for one in stretches) == 0:
         raise SignalError("the output never changes; there is nothing to identify")
@@ -242,26 +219,3 @@ def _as_linear(found: Coefficients, interval: float) -> Linear:
     numerator[1 : 1 + found.b.size] = found.b
     denominator: FloatArray = np.concatenate([[1.0], found.a])
     return Linear(numerator, denominator, interval, (found.delay - 1) * interval)
-
-
-def _structures(highest_order: int, longest_dead_time: int) -> list[Structure]:
-    highest = as_whole("highest_order", highest_order, 1, HIGHEST_ORDER)
-    longest = as_whole("longest_dead_time", longest_dead_time, 0, 1000)
-    return [
-        Structure(na, nb, 1 + dead)
-        for na in range(1, highest + 1)
-        for nb in range(1, na + 1)
-        for dead in range(longest + 1)
-    ]
-
-
-def _records(record: Arrays, second: Arrays | None, reading: Reading) -> list[Sampled]:
-    """Return one or two records, which have the same interval."""
-    found = [as_sampled(one, reading) for one in (record, second) if one is not None]
-    one, other = found[0].interval, found[-1].interval
-    if abs(one - other) > 1e-3 * one:
-        raise ParameterError(
-            f"the records are sampled every {one:g} s and every {other:g} s; give both at one "
-            "interval"
-        )
-    return found

@@ -66,7 +66,7 @@ class DynamicRecord:
     def of(cls, record: Record, holdout: float) -> DynamicRecord:
         """Return a checked record without left-out pieces."""
         inputs, outputs, coded = record.checked
-        interval = as_sampled((record.t, inputs, np.zeros(inputs.size)), "end").interval
+        interval = as_sampled((record.t, inputs, np.zeros(inputs.size))).interval
         skipped = checks.as_skip(record.skip, np.arange(inputs.size))
         fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
         if np.count_nonzero(fitted) < _FEWEST:

@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_whole
+from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import Drawn
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
 from minorloop.operators.operator import Operator
 from minorloop.report import Picture, Report, Table
 
+_SAMPLES = 4096
+"""Samples of a period of a describing function; its error decreases with their square."""
 HARMONICS = 10
 """Highest harmonic of the distortion."""
 _SHOWN = (
@@ -290,14 +292,7 @@ def response_of(
     )
 
 
-def describing_function(
-    model: Operator,
-    amplitude: float,
-    bias: float = 0.0,
-    *,
-    start: Any = "negative",
-    samples: int = 4096,
-) -> complex:
+def describing_function(model: Operator, amplitude: float, bias: float = 0.0) -> complex:
     """Gain of the fundamental component of an operator for a periodic sine.
 
     Parameters
@@ -308,10 +303,6 @@ def describing_function(
         Amplitude of the input, in its unit.
     bias : float
         Mean of the input.
-    start : start state of the operator
-        Memory before the sine.
-    samples : int
-        Samples per period; the error decreases with their square.
 
     Raises
     ------
@@ -324,10 +315,10 @@ def describing_function(
     """
     if as_finite("amplitude", amplitude) <= 0:
         raise ParameterError(f"amplitude is {amplitude:g}; give a positive number")
-    phase = 2 * np.pi * np.arange(1, 2 * as_whole("samples", samples, 40) + 1) / samples
+    phase = 2 * np.pi * np.arange(1, 2 * _SAMPLES + 1) / _SAMPLES
     u = as_finite("bias", bias) + amplitude * np.sin(phase)
-    w = model.simulate(u, start)[-samples:]
-    return complex(fundamental(w, 1) / fundamental(u[-samples:], 1))
+    w = model.simulate(u)[-_SAMPLES:]
+    return complex(fundamental(w, 1) / fundamental(u[-_SAMPLES:], 1))
 
 
 def fundamental(x: FloatArray, periods: int, harmonic: int = 1) -> complex:

@@ -71,14 +71,12 @@ def frequency_response(
     preamble: Preamble,
     settling: float,
     operator: Operator | None = None,
-    periods: int = 2,
-    samples: int = 240,
 ) -> FrequencyResponse:
     """Measure gains of the fundamental component.
 
-    At each frequency and amplitude the plant gets the preamble, the bias, and then a sine about
-    the bias. After ``settling`` seconds and at least three whole periods, ``periods`` more are
-    measured. The operator gets the same input as the plant.
+    At each frequency and amplitude the plant gets the preamble, the bias, and then a sine about the
+    bias. After ``settling`` seconds and at least three whole periods, two more are measured. The
+    operator gets the same input as the plant.
 
     Parameters
     ----------
@@ -95,10 +93,6 @@ def frequency_response(
         Seconds before the measured periods; five of the slowest time constants are enough.
     operator : Operator, optional
         Model of the hysteresis that comes before the dynamics.
-    periods : int
-        Measured periods, at least 2.
-    samples : int
-        Samples per period, at least 20.
 
     Raises
     ------
@@ -107,18 +101,15 @@ def frequency_response(
     SignalError
         If the record is too short, or the input does not oscillate.
     """
-    known = {"hold": preamble.hold, "settling": settling, "offset": preamble.bias}
+    before: dict[str, Any] = {
+        "preamble": preamble.input,
+        "hold": preamble.hold,
+        "offset": preamble.bias,
+    }
     rows = [
         [
             measured_periods(_driven(drive, sine), operator)
-            for sine in grid(
-                frequencies,
-                amplitude,
-                preamble=preamble.input,
-                measured=periods,
-                samples=samples,
-                **known,
-            )
+            for sine in grid(frequencies, amplitude, settling=settling, **before)
         ]
         for amplitude in np.atleast_1d(amplitudes)
     ]

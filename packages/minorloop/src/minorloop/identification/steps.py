@@ -1,18 +1,15 @@
 """Records that begin at rest, and the single steps in a record of holds."""
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_waveform, check_option, check_scale
+from minorloop.arrays import FloatArray, as_waveform, check_scale
 from minorloop.errors import SignalError
 from minorloop.identification.output_error import Stretch
 
-Reading: TypeAlias = Literal["end", "begin"]
-"""Whether an output was read at the end of the interval with its input, as an `Actuator` records
-it, or when its input was set."""
 Arrays: TypeAlias = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
 """t, u and y, (T,) each."""
 
@@ -48,13 +45,14 @@ class Step:
     """Input 0 and then 1; output less its rest, over its settled change."""
 
 
-def as_sampled(record: Arrays, reading: Reading) -> Sampled:
+def as_sampled(record: Arrays) -> Sampled:
     """Check a record and convert it to the convention of `Sampled`.
+
+    An output is read at the end of the interval with its input, as an `Actuator` records it.
 
     Raises a `SignalError` if the shapes differ, the samples are not evenly spaced, the input never
     changes, or a number is beyond 1e150.
     """
-    check_option("reading", reading, ("end", "begin"))
     t, u = as_waveform(record[0], record[1])
     _, y = as_waveform(record[0], record[2], name="y")
     for name, values in (("input", u), ("output", y)):
@@ -67,8 +65,7 @@ def as_sampled(record: Arrays, reading: Reading) -> Sampled:
             f"t increases by {steps[worst]:g} s at index {worst + 1} and by {interval:g} s "
             "elsewhere; sample evenly, or interpolate"
         )
-    if reading == "end":
-        u = np.append(u[1:], u[-1])
+    u = np.append(u[1:], u[-1])
     if np.ptp(u) == 0:
         raise SignalError(
             f"the input is {u[0]:g} throughout; include the hold before the step, which shows the "
