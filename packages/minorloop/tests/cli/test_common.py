@@ -7,27 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.cli import _common
-from minorloop.errors import OutputError, ParameterError
+from minorloop.errors import OutputError
 from minorloop.lab.conversion import read_column
 from minorloop.report import Report
 
 ends = st.none() | st.integers(-20, 20)
-
-
-@given(st.integers(1, 15), ends, ends)
-def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
-    text = ":".join("" if end is None else str(end) for end in (first, last))
-    wanted = range(total)[slice(first, last)]
-    inside = all(end is None or -total <= end <= total for end in (first, last))
-    if inside and len(wanted):
-        assert range(total)[_common.as_rows(text, total)] == wanted
-    else:
-        with pytest.raises(ParameterError, match="rows is"):
-            _common.as_rows(text, total)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from minorloop.errors import OutputError, RecordError
+from minorloop.errors import OutputError, ParameterError, RecordError
 from minorloop.lab.columns import read_columns
 from minorloop.lab.logs import read_log
 from minorloop.lab.records import Quantity, Record
@@ -176,3 +176,18 @@ def test_it_is_drawn_and_shown_in_a_notebook():
     assert "<b>Record</b><table><tr><th>samples</th><td>3</td></tr>" in shown
     assert "<th>a</th><td>1 to 2</td>" in shown
     assert 'src="data:image/png;base64,' in shown
+
+
+ends = st.none() | st.integers(-20, 20)
+
+
+@given(st.integers(1, 15), ends, ends)
+def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
+    record = Record(np.arange(float(total)), np.zeros(total))
+    wanted = range(total)[slice(first, last)]
+    inside = all(end is None or -total <= end <= total for end in (first, last))
+    if inside and len(wanted):
+        assert record.only(first, last).cut().u.tolist() == list(wanted)
+    else:
+        with pytest.raises(ParameterError, match="give two numbers from 0"):
+            record.only(first, last)

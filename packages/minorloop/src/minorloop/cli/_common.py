@@ -27,7 +27,6 @@ from minorloop.errors import (
 
 if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
-    from minorloop.lab.records import Record
     from minorloop.report import Report as Drawn
 
 
@@ -51,21 +50,19 @@ whole, number = _parser(int, "a whole number"), _parser(float, "a number")
 """Parsers of options."""
 
 
-def whole_option(help: str, *, panel: str | None = None) -> Any:
-    """Return an option for a whole number, whose help is in the panel of that title."""
-    return typer.Option(parser=whole, metavar="N", help=help, rich_help_panel=panel)
+def whole_option(help: str) -> Any:
+    """Return an option for a whole number."""
+    return typer.Option(parser=whole, metavar="N", help=help)
 
 
-def number_option(help: str, *, panel: str | None = None) -> Any:
-    """Return an option for a number, whose help is in the panel of that title."""
-    return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
+def number_option(help: str) -> Any:
+    """Return an option for a number."""
+    return typer.Option(parser=number, metavar="X", help=help)
 
 
-def seconds_option(help: str, *, panel: str | None = None) -> Any:
+def seconds_option(help: str) -> Any:
     """Return an option for a positive number of seconds; others are refused wherever it counts."""
-    return typer.Option(
-        parser=number, metavar="X", help=help, rich_help_panel=panel, callback=_positive
-    )
+    return typer.Option(parser=number, metavar="X", help=help, callback=_positive)
 
 
 def _positive(param: typer.CallbackParam, value: float | None) -> float | None:
@@ -311,32 +308,6 @@ def connected(address: str, **options: Any) -> Iterator[Actuator]:
         yield plant
 
 
-def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], None]) -> Record:
-    """Return the record of a table or an experiment store, with the columns of `minorloop.read`.
-
-    Time and standard deviations are found if they are None, and not read if they are ``none``.
-    """
-    from minorloop.lab.columns import read_headers
-    from minorloop.lab.store import is_store
-
-    if columns["input"] and columns["output"] and not is_store(file):
-        read_headers(file)  # a refused file does not wait for the imports
-    from minorloop.identification import read
-
-    found = {name: named(columns.get(name)) for name in ("time", "sd")}
-    return read(file, **{**columns, **found}, progress=_reading(file, now))
-
-
-def read_log(
-    file: Path, input: str, output: str, time: str | None, now: Callable[[str], None]
-) -> Record:
-    """Return a log; its column of time, found by its name or unit if not given, must be usable."""
-    from minorloop.lab.logs import read_log
-
-    columns: dict[str, Any] = {"input": input, "output": output, "time": named(time), "sd": None}
-    return read_log(file, **columns, strict=True, progress=_reading(file, now))
-
-
 def named(column: str | None) -> str | None:
     """Return a column, "auto" if it is not given, or None for ``none``."""
     from minorloop.lab.logs import AUTO
@@ -344,30 +315,9 @@ def named(column: str | None) -> str | None:
     return AUTO if column is None else None if column == NONE else column
 
 
-def _reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
+def reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
+    """Return what shows the share of a file that has been read."""
     return lambda share: now(f"reading {file.name}: {share}")
-
-
-def as_rows(text: str | None, total: int) -> slice:
-    """Return the rows ``A:B``, from A up to but not including B, counted from 0."""
-    if text is None:
-        return slice(0, total)
-    parts = text.split(":")
-    try:
-        first, last = (int(part) if part.strip() else None for part in parts)
-    except ValueError:
-        raise ParameterError(
-            f"rows is {text!r}; give two whole numbers A:B, such as 200:7000"
-        ) from None
-    for end in (first, last):
-        if end is not None and not -total <= end <= total:
-            raise ParameterError(
-                f"rows is {text!r}, and the file has {total} rows; give A:B from 0 to {total}"
-            )
-    rows = slice(*slice(first, last).indices(total))
-    if rows.stop <= rows.start:
-        raise ParameterError(f"rows is {text!r}, which holds no row; give A:B with A below B")
-    return rows
 
 
 def write_csv(path: Path, columns: Mapping[str, Any], *, force: bool) -> None:

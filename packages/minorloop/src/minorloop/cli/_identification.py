@@ -97,18 +97,28 @@ class RecordReader:
         time: str | None,
         now: Callable[[str], None],
     ) -> Record:
-        """Return the record of a table or an experiment store."""
-        columns = {"input": input, "output": output, "time": time, "curves": self.curves}
-        columns |= {"groups": self.groups, "sd": self.sd}
-        try:
-            noise = None if self.sd is None else float(self.sd)
-            columns["sd"] = None if noise is None else _common.NONE
-        except ValueError:
-            noise = None
-        record = _common.read_record(file, columns, now)
+        """Return the record of a table or an experiment store; time and sd are found if None."""
+        from minorloop.lab.columns import read_headers
+        from minorloop.lab.store import is_store
+
+        if input and output and not is_store(file):
+            read_headers(file)  # a refused file does not wait for the imports
+        from minorloop.identification import read
+
+        sd = None if self.sd is None else plain(self.sd)
+        noise = sd if isinstance(sd, int | float) else None
+        record = read(
+            file,
+            input=input,
+            output=output,
+            time=_common.named(time),
+            curves=self.curves,
+            groups=self.groups,
+            sd=_common.named(self.sd) if noise is None else None,
+            progress=_common.reading(file, now),
+        )
         if self.rows is not None:
-            part = _common.as_rows(self.rows, len(record))
-            record = record.only(part.start, part.stop)
+            record = record.only(*_ends(self.rows))
         if noise is not None:
             record = record.replace(sd=noise)
         return record.replace(**self.settings)
@@ -117,6 +127,17 @@ class RecordReader:
     def settings(self) -> dict[str, Any]:
         """What `Record.replace` takes."""
         return {name: getattr(self, name) for name in ("start", "start_of_curve", "skip")}
+
+
+def _ends(text: str) -> tuple[int | None, int | None]:
+    """Return the rows ``A:B``, from A up to but not including B, counted from 0."""
+    try:
+        first, last = (int(part) if part.strip() else None for part in text.split(":"))
+    except ValueError:
+        raise ParameterError(
+            f"rows is {text!r}; give two whole numbers A:B, such as 200:7000"
+        ) from None
+    return first, last
 
 
 def law_value(texts: Sequence[str] | None) -> TextValue:

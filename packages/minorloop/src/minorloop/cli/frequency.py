@@ -66,7 +66,7 @@ def run(
             time=_common.named(time),
             frequency=frequency,
             periods=periods,
-            progress=now,
+            progress=_common.reading(file, now),
         )
     if known is not None:
         _common.print_warnings(known.warnings)

@@ -59,6 +59,7 @@ def run(
 ) -> None:
     """Reduce a raw log to settled points: one for each hold of the input."""
     from minorloop.lab.conversion import from_text
+    from minorloop.lab.logs import read_log
     from minorloop.lab.reduction import reduce
     from minorloop.report import reduction_report
 
@@ -69,7 +70,15 @@ def run(
     keys = dict(parsed(holds).options)
     limits = _limits(keys.pop("range", None))
     with _common.working(f"reading {file.name}") as now:
-        record = _common.read_log(file, input, output, time, now)
+        record = read_log(
+            file,
+            input=input,
+            output=output,
+            time=_common.named(time),
+            sd=None,
+            strict=True,
+            progress=_common.reading(file, now),
+        )
         now(f"reducing {len(record)} samples")
         reduction = called(
             reduce,
