@@ -60,11 +60,6 @@ def test_what_is_expected_of_a_hold_comes_true(fit):
     assert spread[1] / spread[0] == pytest.approx(1 - found.gain, abs=0.15)
 
 
-def test_stops_where_the_next_hold_gains_too_little():
-    few = design(LEVELS, 100, least_gain=0.05)
-    assert 3 <= few.size < 40
-
-
 def test_a_plane_too_fine_for_dense_matrices_is_refused(fit, monkeypatch):
     monkeypatch.setattr("minorloop.identification.design.MOST_DENSE_CELLS", 54)
     with pytest.raises(ParameterError, match="56 unknowns; give at most 64 levels"):

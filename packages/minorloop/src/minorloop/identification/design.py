@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Levels, as_finite, as_levels, as_whole, writable
+from minorloop.arrays import FloatArray, Levels, as_levels, as_whole, writable
 from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec
@@ -29,7 +29,6 @@ from minorloop.identification.prior import Hyperparameters
 from minorloop.identification.prior_fit import posterior_after
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import relay_outputs
-from minorloop.operators.preisach import Diagonal
 from minorloop.threads import one_thread
 
 if TYPE_CHECKING:
@@ -66,8 +65,6 @@ def next_input(
     identification: Identification,
     memory: Memory,
     *,
-    low: float | None = None,
-    high: float | None = None,
     step: float = np.inf,
 ) -> NextInput:
     """Find the best input to measure next.
@@ -78,16 +75,14 @@ def next_input(
         Identification of the measurements so far, with the prior.
     memory : Memory
         Memory of the actuator now; its last entry is the present input.
-    low, high : float, optional
-        Range allowed; that of the levels if not given.
     step : float
         Largest allowed change from the present input.
 
     Raises
     ------
     ParameterError
-        If the model was identified without the prior or has more than 64 levels, or no input is
-        allowed.
+        If the model was identified without the prior or has more than 64 levels, or ``step`` is not
+        positive.
     """
     if not hasattr(identification, "posterior"):
         raise ParameterError(
@@ -105,22 +100,12 @@ def next_input(
             f"next_input needs dense matrices, and the plane has {identification.unknowns} "
             "unknowns; give at most 64 levels"
         )
-    candidates = _allowed(identification.matrix.spec.levels, memory, low, high, step)
+    candidates = _allowed(identification.matrix.spec.levels, memory, step)
     with one_thread():
         return _best(identification.posterior, memory, candidates)
 
 
-def design(
-    levels: npt.ArrayLike,
-    holds: int,
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    step: float = np.inf,
-    least_gain: float = 0.0,
-    diagonal: Diagonal = "reversible",
-    hyperparameters: Hyperparameters | None = None,
-) -> FloatArray:
+def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatArray:
     """Design inputs before anything is measured, the most informative first.
 
     Parameters
@@ -129,15 +114,8 @@ def design(
         Thresholds of the model that will be identified.
     holds : int
         Number of inputs, 3 to 1000.
-    low, high, step
-        As in `next_input`; the first input is ``low``.
-    least_gain : float
-        Stop when the next hold is expected to reduce the standard deviation by less than this
-        share.
-    diagonal : {"uniform", "reversible"}
-        As in `Preisach`.
-    hyperparameters : Hyperparameters, optional
-        Expected properties of the actuator.
+    step : float
+        As in `next_input`; the first input is the lowest level.
 
     Returns
     -------
@@ -148,44 +126,24 @@ def design(
     ParameterError
         If an option is out of its range.
     """
-    spec = PlaneSpec(as_levels(levels), diagonal=diagonal)
+    spec, h = PlaneSpec(as_levels(levels), diagonal="reversible"), Hyperparameters()
     count = as_whole("holds", holds, 3, MOST_HOLDS)
-    if not 0 <= as_finite("least_gain", least_gain) < 1:
-        raise ParameterError(f"least_gain is {least_gain}; give a share from 0 to 1")
-    h = hyperparameters or Hyperparameters()
-    inputs = [float(spec.levels[0]) if low is None else as_finite("low", low)]
+    inputs = [float(spec.levels[0])]
     with one_thread():
         while len(inputs) < count:
             u = np.array(inputs)
             dense = regressors(spec, u, np.ones(u.size, dtype=np.bool_), "negative")
             memory = Memory.after(inputs, low=spec.levels[0], high=spec.levels[-1])
-            allowed = _allowed(spec.levels, memory, low, high, step)
-            found = _best(posterior_after(spec, h, dense), memory, allowed)
-            if found.gain < least_gain:
-                break
-            inputs.append(found.u)
+            allowed = _allowed(spec.levels, memory, step)
+            inputs.append(_best(posterior_after(spec, h, dense), memory, allowed).u)
     return np.array(inputs)
 
 
-def _allowed(
-    levels: Levels,
-    memory: Memory,
-    low: float | None,
-    high: float | None,
-    step: float,
-) -> FloatArray:
+def _allowed(levels: Levels, memory: Memory, step: float) -> FloatArray:
     """Candidates for the next input."""
-    bottom, top = float(levels[0]), float(levels[-1])
-    least = bottom if low is None else max(as_finite("low", low), bottom)
-    most = top if high is None else min(as_finite("high", high), top)
     if isinstance(step, bool) or not isinstance(step, int | float | np.number) or not step > 0:
         raise ParameterError(f"step is {step!r}; give the largest change allowed, above 0")
-    least, most = max(least, memory.u - step), min(most, memory.u + step)
-    if not least < most:
-        raise ParameterError(
-            f"no input is allowed: from {memory.u:g} by at most {step:g}, within the levels "
-            f"[{bottom:g}, {top:g}]; widen the range or the step"
-        )
+    least, most = max(float(levels[0]), memory.u - step), min(float(levels[-1]), memory.u + step)
     return np.linspace(least, most, CANDIDATES)
 
 

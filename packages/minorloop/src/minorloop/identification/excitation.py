@@ -13,8 +13,6 @@ from minorloop.errors import SignalError, counted
 from minorloop.figures import Drawn
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.diagnosis import rank_and_condition
-from minorloop.operators.memory import Start
-from minorloop.operators.preisach import Diagonal
 
 
 def staircase(levels: npt.ArrayLike) -> FloatArray:
@@ -97,13 +95,7 @@ class ExcitationReport(Drawn):
         )
 
 
-def report(
-    u: npt.ArrayLike,
-    levels: npt.ArrayLike,
-    *,
-    diagonal: Diagonal = "uniform",
-    start: Start = "negative",
-) -> ExcitationReport:
+def report(u: npt.ArrayLike, levels: npt.ArrayLike) -> ExcitationReport:
     """Return rank, condition and excited cells of an input, before it is applied.
 
     Raises a `SignalError` if ``u`` is not one finite sequence.
@@ -114,13 +106,11 @@ def report(
         Inputs; each is measured.
     levels : (L + 1,) array_like
         Thresholds of the plane to be identified.
-    diagonal, start
-        As in `Preisach` and `identify`.
     """
     inputs = as_samples(u, name="u")
     if inputs.ndim != 1:
         raise SignalError(f"u has shape {inputs.shape}; give one sequence, (T,)")
-    spec = PlaneSpec(as_levels(levels), diagonal=diagonal)
-    matrix = DesignMatrix(spec, inputs, np.ones(inputs.size, dtype=np.bool_), start)
+    spec = PlaneSpec(as_levels(levels))
+    matrix = DesignMatrix(spec, inputs, np.ones(inputs.size, dtype=np.bool_), "negative")
     rank, condition = rank_and_condition(matrix)
     return ExcitationReport(inputs.size, spec.unknowns, rank, condition, matrix.excited)

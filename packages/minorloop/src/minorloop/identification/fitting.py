@@ -271,11 +271,9 @@ def fit_smooth(
     record: FitRecord,
     lag: int,
     smoothness: float | Literal["auto"],
-    labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with smoothness."""
-    options = FitOptions(Smooth(smoothness))
-    return _smooth(record.regression(spec, lag, labels), record, options)
+    return _smooth(record.regression(spec, lag), record, FitOptions(Smooth(smoothness)))
 
 
 def _smooth(

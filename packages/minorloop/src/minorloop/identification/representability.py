@@ -18,6 +18,9 @@ from minorloop.arrays import FloatArray, as_samples
 from minorloop.errors import SignalError
 from minorloop.operators.memory import Memory
 
+_SAME = 1e-6
+"""Inputs closer than this share of their range count as equal."""
+
 
 @dataclass(frozen=True)
 class Representability:
@@ -44,9 +47,7 @@ class Representability:
         )
 
 
-def representability(
-    u: npt.ArrayLike, y: npt.ArrayLike, *, resolution: float = 1e-6
-) -> Representability:
+def representability(u: npt.ArrayLike, y: npt.ArrayLike) -> Representability:
     """Compare the outputs of a record wherever it repeats a memory or a branch.
 
     Parameters
@@ -55,8 +56,6 @@ def representability(
         Inputs, starting at the lowest one (negative saturation).
     y : (T,) array_like
         Settled outputs; NaN where nothing was measured.
-    resolution : float
-        Inputs closer than this share of their range count as equal.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def representability(
         raise SignalError(f"u has shape {inputs.shape} and y {outputs.shape}; give two of (T,)")
     if np.count_nonzero(np.isfinite(outputs)) < 2:
         raise SignalError("fewer than two outputs are finite; there is nothing to compare")
-    step = max(resolution * np.ptp(inputs), np.finfo(float).tiny)
+    step = max(_SAME * np.ptp(inputs), np.finfo(float).tiny)
     same_memory, same_branch = _groups(np.round(inputs / step) * step, outputs)
     span = float(np.nanmax(outputs) - np.nanmin(outputs)) or 1.0
     measured = int(np.count_nonzero(np.isfinite(outputs)))

@@ -13,8 +13,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, Levels, as_levels, as_samples
 from minorloop.errors import SignalError
 from minorloop.operators.memory import Memory
-from minorloop.operators.plane import Relay
-from minorloop.operators.preisach import Diagonal, Preisach
+from minorloop.operators.preisach import Preisach
 
 _TOLERANCE = 1e-9
 """Distance from a level, over the range, up to which an input is on it: far above rounding,
@@ -63,14 +62,7 @@ def reversal_values(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -
     return np.where(np.tri(grid.size) > 0, values, np.nan)
 
 
-def identify_reversal_curves(
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    levels: npt.ArrayLike,
-    *,
-    relay: Relay = "bipolar",
-    diagonal: Diagonal = "uniform",
-) -> Preisach:
+def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> Preisach:
     """Model that passes through every measured reversal value.
 
     Parameters
@@ -79,8 +71,6 @@ def identify_reversal_curves(
         Record of the inputs of `minorloop.excitation.reversal_curves`.
     levels : (L + 1,) array_like
         Thresholds.
-    relay, diagonal
-        As in `Preisach`.
 
     Raises
     ------
@@ -97,7 +87,7 @@ def identify_reversal_curves(
             f"{grid[a]:g} at {grid[b]:g}; measure excitation.reversal_curves(levels) in full, or "
             "use identify, which needs no complete mesh"
         )
-    return Preisach.from_reversal_values(grid, values, relay=relay, diagonal=diagonal)
+    return Preisach.from_reversal_values(grid, values)
 
 
 def _place(grid: Levels, extrema: tuple[float, ...]) -> tuple[int, int] | None:
