@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -141,3 +143,93 @@ def test_rows_that_are_not_used_are_not_scored():
     assert found.y.size == 100
     assert found.accuracy.samples == 40
     np.testing.assert_array_equal(found.prediction, PLANE.simulate(U[50:150]))
+
+
+NUMBERS = np.repeat([4, 7, 9], 80)
+NOISE = 0.05 * np.random.default_rng(1001).normal(size=240)
+DRAWN = np.concatenate([[0.3], np.random.default_rng(1002).uniform(-1, 1, 239)])
+CLEAN = np.concatenate([PLANE.simulate(DRAWN[k == NUMBERS], "positive") for k in (4, 7, 9)])
+
+
+def numbered(y=CLEAN + NOISE, **settings):
+    """Return a record of three curves that begin in positive saturation."""
+    return Record(DRAWN, y, curves=NUMBERS, start_of_curve="positive", **settings)
+
+
+def test_errors_are_those_of_the_outputs():
+    found = score(PLANE, numbered(skip=2))
+    kept = np.arange(240) % 80 >= 2
+    error, y, span = -NOISE[kept], (CLEAN + NOISE)[kept], np.ptp((CLEAN + NOISE)[kept])
+    assert found.scored.tolist() == kept.tolist()
+    np.testing.assert_allclose(found.error[kept], error, atol=1e-12)
+    figures = found.figures
+    assert figures["nrmse"] == pytest.approx(np.sqrt(np.mean(error**2)) / span)
+    assert figures["worst"] == pytest.approx(error[np.argmax(np.abs(error))] / span)
+    assert figures["relative_rms"] == pytest.approx(np.sqrt(np.mean(error**2) / np.mean(y**2)))
+    gain, offset = np.polyfit(CLEAN[kept], y, 1)
+    assert figures["gain"] == pytest.approx(gain)
+    left = y - offset - gain * CLEAN[kept]
+    assert figures["nrmse_without_offset_and_gain"] == pytest.approx(np.std(left) / span)
+    for one, name in zip(figures["curves"], (4, 7, 9), strict=True):
+        own = np.sqrt(np.mean(NOISE[kept & (name == NUMBERS)] ** 2)) / span
+        assert (one["name"], one["accuracy"]["nrmse"]) == (f"{name}", pytest.approx(own))
+
+
+@pytest.mark.parametrize(
+    ("law", "settings"),
+    [
+        (ml.Plane(5), {"curves": None, "start_of_curve": None}),
+        (ml.Plane(5, lag=2), {"curves": None, "start_of_curve": None, "skip": 3}),
+        (ml.Plane(5), {"start": "demagnetised", "curves": None, "start_of_curve": None}),
+        (ml.Plane(5), {}),
+    ],
+)
+def test_the_error_on_its_own_record_is_that_of_the_fit(law, settings):
+    record = numbered().replace(**settings)
+    fit = ml.identify(record, law)
+    found = score(fit, record)
+    assert found.nrmse == pytest.approx(fit.nrmse, rel=1e-9)
+    assert found.scored.sum() == fit.samples
+
+
+def test_groups_have_their_errors():
+    moved = CLEAN + NOISE + (NUMBERS == 7)
+    found = score(PLANE, numbered(moved, groups=NUMBERS)).curve_accuracy
+    assert [one.name for one in found] == ["4", "7", "9"]
+    assert [one.accuracy.rmse for one in found] == pytest.approx([0, 1, 0], abs=0.1)
+
+
+def test_another_start_that_fits_is_named():
+    u = np.concatenate([[0.2], 0.5 * np.sin(np.arange(60))])
+    found = score(PLANE, Record(u, PLANE.simulate(u, "positive")))
+    assert "(--record start=positive)" in str(found.advice)
+    assert found.starts["positive"] < 1e-9
+
+
+def test_the_error_that_the_file_promises_is_compared():
+    promise = Provenance(scores={"nrmse_holdout": 0.001})
+    known = ModelFile(PLANE, Quantity("u"), Quantity("y"), 0, promise)
+    found = score(known, numbered(CLEAN + 10 * NOISE))
+    assert found.figures["nrmse_promised"] == 0.001
+    assert "times the 0.100% that the model had" in str(found.advice)
+
+
+@pytest.mark.parametrize("start", ["negative", "positive", "as-left"])
+@pytest.mark.parametrize("kind", ["plays", "cascade", "after-effect", "oscillator"])
+def test_each_curve_begins_with_its_start(kind, start):
+    model, timed = MODELS[kind], kind != "plays"
+    if (kind, start) == ("oscillator", "positive"):
+        pytest.skip("it begins at rest")
+    label, t = np.repeat([3, 5, 3], (20, 7, 30)), np.arange(57.0)
+    u = np.random.default_rng(1000).uniform(-1, 1, 57)
+    known = ModelFile(model, Quantity("u"), Quantity("y"), 0 if timed else 2, Provenance())
+    record = Record(u, np.full(57, np.nan), t, curves=label, start_of_curve=start)
+    found = simulate(known, record.with_memory_reset() if start != "as-left" else record).y
+    ends = [0, 57] if start == "as-left" else [0, 20, 27, 57]
+    begin = () if start == "as-left" or kind == "oscillator" else (start,)
+    for first, last in pairwise(ends):
+        part = slice(first, last)
+        late = np.concatenate([[u[first]] * 2, u[part]])[:-2]
+        inputs = (t[part] - t[first], u[part]) if timed else (late,)
+        wanted = model.simulate(*inputs, *begin)
+        np.testing.assert_allclose(found[part], wanted, rtol=1e-10, atol=1e-10)

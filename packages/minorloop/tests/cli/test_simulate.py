@@ -1,17 +1,9 @@
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from minorloop import modelfile
-from minorloop.dynamics.cascade import Cascade
-from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.oscillator import Oscillator
-from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.differential import BoucWen
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
 
 SIMULATE = "simulate model.json good.csv --input voltage"
 
@@ -50,48 +42,6 @@ def test_another_prefix_is_converted_and_another_unit_refused(answer, refused, m
     assert answer("simulate model.json other.csv")["y"] == model.simulate([0.3]).tolist()
     Path("other.csv").write_text("voltage [A]\n300\n")
     assert "is in A and the model in V" in refused("simulate model.json other.csv")
-
-
-MODELS = {
-    "plane": Preisach(np.linspace(-1, 1, 4), np.tril(np.arange(1.0, 10.0).reshape(3, 3))),
-    "plays": PrandtlIshlinskii([0.0, 0.3], [1.0, 2.0]),
-    "cascade": Cascade(PrandtlIshlinskii([0.1, 0.3], [1.0, 2.0]), Linear.lags(3.0)),
-    "creep": AfterEffect(
-        Preisach(np.linspace(-1, 1, 4), np.tril(np.ones((3, 3)))),
-        times=[5.0],
-        creep=[np.tril(np.ones((3, 3)))],
-    ),
-    "oscillator": Oscillator(1.0, 0.5, 20.0, BoucWen(5.0, 1.0, 0.3, 1.0)),
-}
-
-
-@pytest.mark.parametrize(
-    ("kind", "start"),
-    [
-        (kind, start)
-        for kind in MODELS
-        for start in ("negative", "positive", "as-left")
-        if (kind, start) != ("oscillator", "positive")  # which begins at rest
-    ],
-)
-def test_each_curve_begins_with_its_start(kind, start, answer):
-    model, timed = MODELS[kind], kind in ("cascade", "creep", "oscillator")
-    modelfile.save(model, "m.json", lag=0 if timed else 2, input="u", output="y")
-    label = np.repeat([3, 5, 3], (20, 7, 30))
-    t, u = np.arange(57.0), np.random.default_rng(1000).uniform(-1, 1, 57)
-    np.savetxt("c.csv", np.column_stack([t, label, u]), "%.17g", ",", header="t,c,u", comments="")
-    line = f"simulate m.json c.csv --record curves=c,start_of_curve={start} --time t"
-    ends = [0, 57] if start == "as-left" else [0, 20, 27, 57]
-    found, options = answer(line)["y"], () if kind == "oscillator" else (start,)
-    for first, last in pairwise(ends):
-        part = slice(first, last)
-        begin = () if start == "as-left" else options
-        if timed:
-            wanted = model.simulate(t[part] - t[first], u[part], *begin)
-        else:
-            late = np.concatenate([[u[first]] * 2, u[part]])[:-2]
-            wanted = model.simulate(late, *begin)
-        np.testing.assert_allclose(found[part], wanted, rtol=1e-10, atol=1e-10)
 
 
 def test_times_may_begin_anew_with_each_curve_and_not_within_one(answer, refused):
