@@ -25,7 +25,8 @@ DEVICES |= {f"simulated_{name}" for name in ("board", "head", "pipe", "tracker")
 """Examples that need a device, or are one; the tests of drivers use them."""
 EXAMPLES = sorted(each for each in (ROOT / "examples").glob("*.py") if each.stem not in DEVICES)
 OPTIONAL = {"control", "cv2", "distributed", "fmpy", "jax", "openpyxl", "pandas", "sklearn"}
-LONG = [ROOT / "docs" / f"{name}.md" for name in ("how-to/dynamics", "how-to/fit", "head/inspect")]
+LONG = ("how-to/dynamics", "how-to/fit", "how-to/simulators", "head/inspect")
+LONG = [DOCS / f"{name}.md" for name in LONG]
 """Pages that take longest: their blocks are carried out with the whole tests, and parsed in all."""
 TRIED = [
     pytest.param(page, marks=[pytest.mark.whole] if page in LONG else [])

@@ -22,6 +22,7 @@ def outcome(width, *, found=True, false=0, scan="", depth=math.nan):
     return CrackOutcome(1, width, found, (1.0, 1.0), *errors, false, scan, depth)
 
 
+@pytest.mark.whole
 def test_a_crack_is_found_and_measured_and_marks_are_not_taken_for_one():
     found = score_cracks(1014, True, scan=True)
     assert found.found

@@ -137,6 +137,7 @@ def test_each_end_has_its_sentence():
     assert f"did not come to rest with the tool at the point in {PATIENCE:g} s" in ended("", None)
 
 
+@pytest.mark.whole
 def test_a_touch_from_the_console_says_how_far_from_the_picked_point_it_is():
     pilot = Pilot(DirectCamera()).steering(2)
     pilot.until(lambda s: s.seen.spots, pose=right(27.0, -12.0))
