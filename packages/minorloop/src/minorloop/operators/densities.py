@@ -60,42 +60,6 @@ class _Density:
 
 
 @dataclass(frozen=True)
-class UniformDensity(_Density):
-    """A constant density on the triangle low <= beta <= alpha <= high.
-
-    It is ``2 mass / (high - low)^2`` there and zero elsewhere. Its loops are parabolic.
-
-    Raises
-    ------
-    ParameterError
-        If ``low`` is not below ``high``, or a number is not finite.
-
-    References
-    ----------
-    Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1: loops of Rayleigh's law.
-    """
-
-    low: float
-    high: float
-    """``low`` and ``high``: least threshold down and greatest threshold up, in the unit of the
-    input."""
-    mass: float = 1.0
-    """Integral over the triangle, in the unit of the output."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.low < self.high:
-            raise ParameterError(f"thresholds from {self.low:g} to {self.high:g}; give low < high")
-
-    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Return the density at thresholds of equal or broadcastable shapes."""
-        alpha, beta = np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
-        inside = (beta >= self.low) & (alpha <= self.high)
-        value = 2 * self.mass / (self.high - self.low) ** 2
-        return _half_plane(alpha, beta, np.where(inside, value, 0.0))
-
-
-@dataclass(frozen=True)
 class _Factored(_Density):
     """A product of one function in both thresholds: up above the centre, and down below it."""
 
