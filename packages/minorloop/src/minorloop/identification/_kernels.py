@@ -230,6 +230,15 @@ def take_lower(entries, begin, places, ridge, out):
 
 
 @njit(cache=True, nogil=True)
+def add_rows(first, columns, values, rows, place, out):
+    """Add rows of a sparse matrix to ``out``; ``place`` is that of each column, -1 for none."""
+    for k in range(rows.size):
+        for p in range(first[rows[k]], first[rows[k] + 1]):
+            if place[columns[p]] >= 0:
+                out[k, place[columns[p]]] += values[p]
+
+
+@njit(cache=True, nogil=True)
 def descend(x, gradient, z, bounded, sweeps):
     """Coordinate descent on 1/2 z'Xz, X symmetric with unit diagonal: a first guess."""
     size = z.size

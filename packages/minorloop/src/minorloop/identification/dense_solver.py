@@ -56,8 +56,9 @@ _LEAST_UPDATED = 500
 _UPDATED = 0.25
 """Changed unknowns, over those factorised, up to which it is. Each costs a triangular solution; a
 third of them all cost as much as the factorisation."""
-_FACTORISED = 5100
-"""Free unknowns up to which a factorisation is cheaper."""
+_FACTORISED, _FACTORISED_SMOOTH = 5100, 3500
+"""Free unknowns up to which a factorisation is cheaper; the second with a penalty and bounds, where
+the solution need not be refined."""
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
 """Relative residual and most steps of the conjugate gradients, by trial. A few hundred steps
 are usual. They need not be exact, as the next iteration corrects them."""
@@ -193,9 +194,10 @@ class Quadratic:
         self._add_penalty(picked, picked, out)
 
     def _add_penalty(self, rows: IntArray, columns: IntArray, out: FloatArray) -> None:
-        if self.penalty is not None:
-            entries = self.penalty[rows][:, columns].tocoo()
-            out[entries.row, entries.col] += entries.data
+        if (penalty := self.penalty) is not None:
+            place = np.full(penalty.shape[0], -1)
+            place[columns] = np.arange(columns.size)
+            _kernels.add_rows(penalty.indptr, penalty.indices, penalty.data, rows, place, out)
 
 
 @dataclass(frozen=True)
@@ -253,6 +255,11 @@ class _DensePivoting(Pivoting):
     scaling: Preconditioner | None = None
     updated: tuple[float, UpdatedFactor] | None = None
 
+    @property
+    def most_factorised(self) -> int:
+        smooth = self.quadratic.penalty is not None and self.bounded.any()
+        return min(_FACTORISED, _FACTORISED_SMOOTH) if smooth else _FACTORISED
+
     def first_guess(self) -> FloatArray:
         z = np.zeros(self.bounded.size)
         _kernels.descend(self.quadratic.gram.all, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
@@ -260,7 +267,7 @@ class _DensePivoting(Pivoting):
 
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
         picked = np.flatnonzero(free)
-        if picked.size > _FACTORISED:
+        if picked.size > self.most_factorised:
             return self._conjugate_gradients(downhill, free, ridge)
         if self.updated is not None and self.updated[0] == ridge:
             block = partial(self.quadratic.block, ridge)
@@ -303,7 +310,7 @@ class _DensePivoting(Pivoting):
         """Factor of the free part; the last one if it is of the same unknowns."""
         if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
             return self.scaling
-        if picked.size > _FACTORISED:
+        if picked.size > self.most_factorised:
             if self.bounded[picked].any():
                 return None
             return Preconditioner(picked, np.sqrt(self.quadratic.diagonal[picked] + _LEAST_RIDGE))
