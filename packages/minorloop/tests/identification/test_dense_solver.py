@@ -55,6 +55,15 @@ def test_rows_of_the_gram_matrix_are_found_where_they_are_needed(strength, monke
     assert other.kkt <= 1e-10
 
 
+def test_unknowns_that_become_free_a_few_at_a_time_reach_the_same_optimum(monkeypatch):
+    problem = a_problem(14, 500)
+    usual = problem.fit(0.0)
+    monkeypatch.setattr(active_set, "_FEW", 2)
+    other = problem.fit(0.0)
+    assert objective(problem, other.x) == pytest.approx(objective(problem, usual.x), rel=1e-9)
+    assert other.kkt <= 1e-10
+
+
 def test_the_whole_gram_matrix_is_computed_where_most_of_it_is_needed(monkeypatch):
     problem = a_problem(14, 500)
     usual = problem.fit(1e-4)

@@ -114,3 +114,15 @@ def test_many_samples_are_fitted_by_their_normal_equations(strength, monkeypatch
     np.testing.assert_allclose(other.x, usual.x, atol=1e-8)
     assert other.kkt < 1e-9
     assert problem.fit("auto").smoothness in least_squares.CANDIDATES
+
+
+def test_a_guess_divides_the_weights_of_a_coarser_plane():
+    problem, coarse = a_problem(13, 500), a_problem(13, 500).coarser()
+    within = problem.matrix.spec.sums(coarse.matrix.spec)
+    used = []
+    for strength in (0.0, 1e-4):
+        guess = least_squares._System(problem, np.ones(500))._coarse_guess(strength)
+        sums = np.bincount(within, guess)
+        np.testing.assert_allclose(sums, coarse.fit(strength).x, atol=1e-9 * sums.max())
+        used.append(np.count_nonzero(guess) / np.count_nonzero(sums))
+    assert used[0] < 0.75 * used[1]

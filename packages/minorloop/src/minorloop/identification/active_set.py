@@ -32,6 +32,9 @@ ACCEPTABLE = 1e-6
 
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 40, 3, 4
+_JOINS, _FEW = 0.1, 100
+"""Most unknowns that become free together, over those that are, and in any case. A few thousand at
+once, most of which leave again, make dense factors large."""
 _QUICK = 0.01
 """Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
 used again."""
@@ -91,6 +94,7 @@ class Pivoting(ABC):
     """
 
     least_ridge = _LEAST_RIDGE
+    joins = _JOINS
     quick = _QUICK
     enough = TOLERANCE
 
@@ -157,7 +161,10 @@ class Pivoting(ABC):
     def _pivot(
         self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
     ) -> tuple[tuple[FloatArray, BoolArray], bool, int]:
-        """Minimise with a ridge about z, exchanging all unknowns that are on the wrong side."""
+        """Minimise with a ridge about z, exchanging unknowns that are on the wrong side.
+
+        Of those at their bounds, the ones of the steepest descent are exchanged first.
+        """
         fewest, patience = free.size + 1, _PATIENCE
         x = z
         for pivots in range(1, _PIVOTS + 1):
@@ -177,6 +184,10 @@ class Pivoting(ABC):
                 break
             else:
                 patience -= 1
+            joins = np.flatnonzero(wrong & ~free)
+            most = max(self.joins * np.count_nonzero(free), _FEW)
+            if joins.size > most:
+                wrong[joins[np.argpartition(slack[joins], int(most))[int(most) :]]] = False
             free = free ^ wrong
         return (x, free), False, _PIVOTS
 
@@ -192,7 +203,7 @@ class Pivoting(ABC):
 
 class _SparsePivoting(Pivoting):
     system: EverettSystem
-    quick, enough = 0.0, 1e-11
+    joins, quick, enough = np.inf, 0.0, 1e-11
     least_ridge = 1e-10
     """The accuracy of the factor: below it, conjugate gradients are many."""
 

@@ -257,6 +257,7 @@ class _DensePivoting(Pivoting):
 
     @property
     def most_factorised(self) -> int:
+        """Free unknowns up to which their normal equations are factorised."""
         smooth = self.quadratic.penalty is not None and self.bounded.any()
         return min(_FACTORISED, _FACTORISED_SMOOTH) if smooth else _FACTORISED
 

@@ -27,7 +27,6 @@ from minorloop.identification.design_matrix import (
     DesignMatrix,
     PlaneSpec,
     pack,
-    unpack,
 )
 from minorloop.identification.everett_system import quick_system
 from minorloop.identification.linear_algebra import scale_symmetric
@@ -299,6 +298,12 @@ class _System:
             return replace(unused, x=x)
         return FittedUnknowns(x, found.kkt, 0.0, found.kkt <= active_set.ACCEPTABLE)
 
+    def gradient(self, z: FloatArray, y: FloatArray | float | None = None) -> FloatArray:
+        """(n,) gradient of the cost without a penalty; of outputs ``y`` instead of its own."""
+        matrix, target = self.problem.matrix, self.y if y is None else y
+        residual = (matrix.forward(self.scale * z) - target) * self.weight
+        return np.asarray(self.scale * matrix.adjoint(residual))
+
     def _rows(self, apart: csr_array[Any] | None) -> Rows:
         """Rows of the problem: samples, then differences of neighbours if they are penalised."""
         matrix, scale, share = self.problem.matrix, self.scale, np.sqrt(self.weight)
@@ -319,16 +324,26 @@ class _System:
         return Rows(apply, transpose, np.append(share * self.y, np.zeros(apart.shape[0])))
 
     def _coarse_guess(self, strength: float) -> FloatArray:
-        """Solve on every other threshold, and divide each weight among the cells that it covers."""
+        """Solve on every other threshold, and divide each weight among the cells that it covers.
+
+        Without smoothness, only those of them are used in which the gradient is below its mean.
+        """
         problem = self.problem.coarser()
         coarse = _System(problem, self.weight).solve(strength)
         spec, wide = self.problem.matrix.spec, problem.matrix.spec
-        within = np.searchsorted(wide.levels, spec.levels[:-1], side="right") - 1
-        inside = np.ix_(within, within)
-        covering = np.tril(cell_areas(wide.levels)[inside])
-        share = cell_areas(spec.levels) / np.where(covering > 0, covering, 1.0)
-        fine = unpack(coarse.x[: wide.cells])[inside] * share
-        return np.concatenate([pack(fine), coarse.x[wide.cells :]])
+        within = spec.sums(wide)[: spec.cells]
+
+        def divide(share: FloatArray) -> FloatArray:
+            sums = np.bincount(within, share, wide.cells)
+            fine = (coarse.x[: wide.cells] / sums)[within] * share
+            return np.concatenate([fine, coarse.x[wide.cells :]])
+
+        area = pack(cell_areas(spec.levels))
+        if strength:
+            return divide(area)
+        slope = self.gradient(self._scaled(divide(area)))[: spec.cells]
+        mean = np.bincount(within, slope) / np.bincount(within)
+        return divide(area * (slope - mean[within] <= _ROUNDING * np.abs(slope)))
 
     def _unscaled(self, z: FloatArray, scale: FloatArray) -> FloatArray:
         spec = self.problem.matrix.spec
@@ -354,16 +369,11 @@ class _OnSamples(Quadratic):
 
     def gradient(self, z: FloatArray) -> FloatArray:
         """As of `Quadratic`."""
-        return self._through_samples(z, self.system.y)
+        return self._penalised(self.system.gradient(z), z)
 
     def product(self, z: FloatArray) -> FloatArray:
         """As of `Quadratic`."""
-        return self._through_samples(z, 0.0)
-
-    def _through_samples(self, z: FloatArray, y: FloatArray | float) -> FloatArray:
-        matrix, scale = self.system.problem.matrix, self.system.scale
-        residual = (matrix.forward(scale * z) - y) * self.system.weight
-        return self._penalised(scale * matrix.adjoint(residual), z)
+        return self._penalised(self.system.gradient(z, 0.0), z)
 
 
 def _unit(squares: FloatArray) -> FloatArray:
