@@ -56,7 +56,7 @@ import json
 import stat
 import warnings as _warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -81,13 +81,16 @@ from minorloop._modelschema import (
     plain,
     reason,
 )
-from minorloop.arrays import as_finite
+from minorloop.arrays import FloatArray, as_finite
 from minorloop.dynamics.cascade import Cascade, First
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
-from minorloop.errors import ModelFileError, NotInvertibleError, ParameterError
+from minorloop.errors import ModelFileError, NotInvertibleError, ParameterError, counted
 from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
+from minorloop.lab.conversion import read_column
+from minorloop.lab.logs import check_order, read_times
 from minorloop.lab.records import Quantity
+from minorloop.lab.timebase import TimeCheck
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
@@ -118,6 +121,28 @@ _TIME_CONSTANTS = 5.0
 
 class ModelWarning(UserWarning):
     """The model of a file is not to be trusted."""
+
+
+@dataclass(frozen=True, eq=False)
+class TargetInversion:
+    """Inputs for the targets in a file."""
+
+    targets: FloatArray
+    """Shape (n,). Outputs wanted, in the unit of the model."""
+    result: Any
+    """`Inversion` or `CascadeInversion`."""
+    columns: Mapping[str, Any]
+    """Columns of a table by header: times, inputs, targets, predicted outputs; or a plan."""
+    notes: list[str]
+    """What the times show, one sentence each."""
+    settles: bool = False
+    """Whether a model with time was inverted at rest."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the number of targets, the worst residual and how many are out of reach."""
+        worst = float(abs(self.result.residual).max())
+        missed = int((~self.result.reachable).sum())
+        return {"targets": self.targets.size, "worst_residual": worst, "unreachable": missed}
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,6 +290,66 @@ class ModelFile:
         if t is not None and isinstance(in_time, AfterEffect):
             return in_time.invert(t, targets, start, unreachable)
         return self.operator.invert(targets, start, unreachable)  # type: ignore[arg-type]
+
+    def invert_file(
+        self,
+        path: PathLike,
+        target: str,
+        *,
+        start: Start = "negative",
+        unreachable: Unreachable = "raise",
+        hold: float | None = None,
+        time: str | None = None,
+        progress: Callable[[str], None] = lambda stage: None,
+    ) -> TargetInversion:
+        """Return the inputs that bring the output to each target in a table.
+
+        Parameters
+        ----------
+        path : str or path
+            The table.
+        target : str
+            Column of the wanted outputs, in order.
+        start, unreachable
+            As of `invert`.
+        hold : float, optional
+            Seconds to hold each input: the columns are then a plan, saturation first, and a model
+            with after-effect reaches each target at the end of its hold.
+        time : str, optional
+            Column of the times at which a model with dynamics follows the targets. Without it, each
+            input is the one at which the output settles.
+        progress : callable
+            Called with what is done next, as text.
+
+        Raises
+        ------
+        ParameterError
+            If both a hold and times are given.
+        RecordError
+            If a column cannot be used, or times run backwards.
+        UnreachableError
+            If a target is out of reach.
+        """
+        if hold is not None and time is not None:
+            raise ParameterError(
+                "--hold and --time cannot be combined: a plan has holds, a trajectory has times; "
+                "leave one of them out"
+            )
+        targets = read_column(path, target, self.output.unit)
+        progress(f"inverting {targets.size} targets")
+        if hold is not None:
+            result, columns = self.inverse_plan(targets, hold, start, unreachable == "clip")  # type: ignore[arg-type]
+            return TargetInversion(targets, result, columns, _ahead(result))
+        times, notes = {}, []
+        if time is not None:
+            quantity, check = read_times(path, time)
+            check_order(path, time, check, strictly=self.has_time)
+            times, notes = {str(quantity): check.t}, _about_times(check)
+        found: Any = self.invert(targets, start, unreachable, t=next(iter(times.values()), None))
+        settles = self.operator is not self.model and not times
+        columns = self.inverse_columns(targets, found)
+        columns = {**times, **columns}  # type: ignore[dict-item]
+        return TargetInversion(targets, found, columns, [*notes, *_ahead(found)], settles)
 
     @property
     def _ends(self) -> tuple[float, float] | None:
@@ -611,3 +696,29 @@ def _complete(provenance: Provenance | Mapping[str, Any] | None) -> dict[str, An
         )
     )
     return complete
+
+
+def _about_times(check: TimeCheck) -> list[str]:
+    """Say what happens in gaps between targets, and what else the times show."""
+    said = [*check.of_steps, *check.others]
+    if not check.gaps.size:
+        return said
+    longest = max(check.t[check.gaps + 1] - check.t[check.gaps])
+    return [
+        f"{counted(check.gaps.size, 'gap')} in the times of the targets, the longest {longest:.4g} "
+        "s: the input of the row before is held there, and no target is followed",
+        *said,
+    ]
+
+
+def _ahead(result: Any) -> list[str]:
+    """Say by how much the inputs of a trajectory are ahead, and what they assume at its end."""
+    lead: float = getattr(result, "lead", 0.0)
+    if lead <= 0:
+        return []
+    moves = result.targets[-1] != result.targets[-2]
+    return [
+        f"the inputs are {lead:.3g} s ahead of the targets, as the output is late; after "
+        "the last target it is held"
+        + (", although the targets still move there: add rows to follow them on" if moves else "")
+    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
@@ -43,17 +43,14 @@ from minorloop.lab.conversion import read_column, unit_factor
 from minorloop.lab.gaps import known_memory, with_lost_rows
 from minorloop.lab.logs import check_order, read_times
 from minorloop.lab.records import Origin, Quantity, Record
-from minorloop.lab.timebase import TimeCheck
 from minorloop.modelfile import Identified, Model, ModelFile, Provenance, read
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.inversion import Unreachable
-from minorloop.operators.memory import Saturation, Start, StartOfCurve
+from minorloop.operators.memory import Saturation, StartOfCurve
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
 from minorloop.report import Picture, Report, Table
 
-__all__ = ["ModelScore", "Simulation", "TargetInversion", "invert_file", "read_inputs"]
-__all__ += ["score", "simulate"]
+__all__ = ["ModelScore", "Simulation", "read_inputs", "score", "simulate"]
 
 AnyModel: TypeAlias = str | PathLike[str] | ModelFile | Identified | Model
 """A model file, its content, the result of an identification, or a model."""
@@ -405,7 +402,10 @@ class ModelScore(Scored):
     def columns(self, time: Quantity) -> dict[str, list[Any]]:
         """Return the columns of a table of all rows by header; what is not known is empty.
 
-        ``time`` is the name of the times.
+        Parameters
+        ----------
+        time : Quantity
+            Name of the times.
         """
         known, t = self.simulation.model, self.simulation.t
         columns = {} if t is None else {str(time): t}
@@ -692,114 +692,3 @@ def read_inputs(
     if record.check is not None:
         check_order(path, str(time), record.check, strictly=known.has_time)
     return record.replace(start_of_curve=start_of_curve)
-
-
-@dataclass(frozen=True, eq=False)
-class TargetInversion:
-    """Inputs for the targets in a file."""
-
-    targets: FloatArray
-    """Shape (n,). Outputs wanted, in the unit of the model."""
-    result: Any
-    """`Inversion` or `CascadeInversion`."""
-    columns: Mapping[str, Any]
-    """Columns of a table by header: times, inputs, targets, predicted outputs; or a plan."""
-    notes: list[str]
-    """What the times show, one sentence each."""
-    settles: bool = False
-    """Whether a model with time was inverted at rest."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the number of targets, the worst residual and how many are out of reach."""
-        worst = float(abs(self.result.residual).max())
-        missed = int((~self.result.reachable).sum())
-        return {"targets": self.targets.size, "worst_residual": worst, "unreachable": missed}
-
-
-def invert_file(
-    known: ModelFile,
-    path: str | PathLike[str],
-    target: str,
-    *,
-    start: Start = "negative",
-    unreachable: Unreachable = "raise",
-    hold: float | None = None,
-    time: str | None = None,
-    progress: Callable[[str], None] = lambda stage: None,
-) -> TargetInversion:
-    """Return the inputs that bring the output to each target in a table.
-
-    Parameters
-    ----------
-    known : ModelFile
-        The model.
-    path : str or path
-        The table.
-    target : str
-        Column of the wanted outputs, in order.
-    start, unreachable
-        As of `ModelFile.invert`.
-    hold : float, optional
-        Seconds to hold each input: the columns are then a plan, saturation first, and a model with
-        after-effect reaches each target at the end of its hold.
-    time : str, optional
-        Column of the times at which a model with dynamics follows the targets. Without it, each
-        input is the one at which the output settles.
-    progress : callable
-        Called with what is done next, as text.
-
-    Raises
-    ------
-    ParameterError
-        If both a hold and times are given.
-    RecordError
-        If a column cannot be used, or times run backwards.
-    UnreachableError
-        If a target is out of reach.
-    """
-    if hold is not None and time is not None:
-        raise ParameterError(
-            "--hold and --time cannot be combined: a plan has holds, a trajectory has times; leave "
-            "one of them out"
-        )
-    targets = read_column(path, target, known.output.unit)
-    progress(f"inverting {targets.size} targets")
-    if hold is not None:
-        result, columns = known.inverse_plan(targets, hold, start, unreachable == "clip")  # type: ignore[arg-type]
-        return TargetInversion(targets, result, columns, _ahead(result))
-    times, notes = {}, []
-    if time is not None:
-        quantity, check = read_times(path, time)
-        check_order(path, time, check, strictly=known.has_time)
-        times, notes = {str(quantity): check.t}, _about_times(check)
-    found: Any = known.invert(targets, start, unreachable, t=next(iter(times.values()), None))
-    settles = known.operator is not known.model and not times
-    columns = known.inverse_columns(targets, found)
-    columns = {**times, **columns}  # type: ignore[dict-item]
-    return TargetInversion(targets, found, columns, [*notes, *_ahead(found)], settles)
-
-
-def _about_times(check: TimeCheck) -> list[str]:
-    """Say what happens in gaps between targets, and what else the times show."""
-    said = [*check.of_steps, *check.others]
-    if not check.gaps.size:
-        return said
-    longest = max(check.t[check.gaps + 1] - check.t[check.gaps])
-    return [
-        f"{counted(check.gaps.size, 'gap')} in the times of the targets, the longest {longest:.4g} "
-        "s: the input of the row before is held there, and no target is followed",
-        *said,
-    ]
-
-
-def _ahead(result: Any) -> list[str]:
-    """Say by how much the inputs of a trajectory are ahead, and what they assume at its end."""
-    lead: float = getattr(result, "lead", 0.0)
-    if lead <= 0:
-        return []
-    moves = result.targets[-1] != result.targets[-2]
-    return [
-        f"the inputs are {lead:.3g} s ahead of the targets, as the output is late; after "
-        "the last target it is held"
-        + (", although the targets still move there: add rows to follow them on" if moves else "")
-    ]

@@ -12,8 +12,7 @@ from minorloop.errors import UnreachableError, are
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
-    from minorloop.modelfile import ModelFile
-    from minorloop.scoring import TargetInversion
+    from minorloop.modelfile import ModelFile, TargetInversion
 
 NAME = "invert"
 EXAMPLE = "minorloop invert model.json targets.csv --target curvature --save inputs.csv"
@@ -47,14 +46,13 @@ def run(
     each input is the one at which the output settles.
     """
     _common.check_outputs([save], inputs=[model, file], force=force)
-    from minorloop import modelfile, scoring
+    from minorloop import modelfile
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         unreachable: Any = "clip" if clip else "raise"
         try:
-            found = scoring.invert_file(
-                known,
+            found = known.invert_file(
                 file,
                 target,
                 start=start,  # type: ignore[arg-type]
