@@ -85,11 +85,6 @@ class TestTexts:
         again = Plan.from_csv(tmp_path / "plan.csv", **kept)
         assert again.difference(plan) == ""
 
-    def test_a_hold_too_long_for_a_number_is_refused(self, tmp_path):
-        (tmp_path / "plan.csv").write_text("u,hold [min]\n1,1e308\n")
-        with pytest.raises((RecordError, ParameterError), match="inf"):
-            Plan.from_csv(tmp_path / "plan.csv")
-
     @pytest.mark.parametrize(
         "text",
         [
@@ -165,17 +160,13 @@ class TestFiles:
             ("u,hold [s]\n1,\n", "is empty in row 2"),
             ("u,hold [s]\n1,1\nx,1\n", "has the text 'x' in row 3"),
             ("u,hold [s]\ninf,1\n", "has 'inf' in row 2"),
+            ("u,hold [s]\n1,1\n1,-1\n", "longest hold 1 is -1; give a positive"),
+            ("u,hold [min]\n1,1e308\n", "longest hold 0 is inf"),
         ],
     )
     def test_a_file_that_is_no_plan(self, tmp_path, text, says):
-        with pytest.raises(RecordError, match=says):
+        with pytest.raises((RecordError, ParameterError), match=says):
             Plan.from_csv(self._file(tmp_path, text))
-
-    def test_numbers_out_of_range_in_a_file(self, tmp_path):
-        with pytest.raises(ParameterError, match="longest hold 1 is -1; give a positive"):
-            Plan.from_csv(self._file(tmp_path, "u,hold [s]\n1,1\n1,-1\n"))
-        with pytest.raises(RecordError, match="does not exist"):
-            Plan.from_csv(tmp_path / "none.csv")
 
     def test_nothing_is_replaced_unless_by_force(self, tmp_path):
         Plan([1.0], 10.0).to_csv(tmp_path / "plan.csv")
@@ -210,10 +201,6 @@ class TestRefusals:
     def test_says_what_is_wrong_and_what_to_do(self, changed, says):
         with pytest.raises(ParameterError, match=says):
             Plan(**{"inputs": [0.0, 1.0], "longest": 10.0, **changed})
-
-    def test_a_window_of_exactly_the_fewest_samples_will_do(self):
-        for interval in (0.05, 0.1, 0.3, 1 / 7):
-            assert Plan([0.0], 10.0, window=FEWEST * interval, sample_interval=interval)
 
 
 class TestSlowMeters:

@@ -234,12 +234,6 @@ def test_a_source_that_writes_few_digits_is_found():
         check_plan(actuator, PLAN)
 
 
-def test_another_unit_is_refused():
-    plan = planned([1.0], [0.5], "current [A]")
-    with pytest.raises(ParameterError, match="the plan is for 'current"):
-        check_plan(strip(), plan)
-
-
 def test_a_store_of_holds_has_no_sines(tmp_path):
     with created(tmp_path / "h.sqlite", strip(), Plan([0.5], 5.0)) as store:
         with pytest.raises(StoreError, match="settled points and no sines"):

@@ -36,12 +36,6 @@ def test_a_memory_survives_json(history):
     assert hash(Memory(memory.extrema)) == hash(memory)
 
 
-@given(values)
-def test_the_extrema_of_a_memory_produce_the_same_memory(history):
-    memory = Memory.after(history, low=-1, high=1)
-    assert Memory.after(memory.extrema, low=-1, high=1) == memory
-
-
 def test_demagnetised_is_next_to_the_middle():
     symmetric = np.tril(np.ones((8, 8)))
     model = Preisach(np.linspace(-1, 1, 9), symmetric, offset=3.0)

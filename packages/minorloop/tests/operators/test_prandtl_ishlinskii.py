@@ -59,16 +59,6 @@ def test_weighted_positions_add_up_to_the_output(case, u):
     np.testing.assert_allclose(model.simulate(u, start), expected, atol=1e-11)
 
 
-@given(started(), signals)
-def test_outputs_of_the_inverted_inputs_are_the_targets(case, targets):
-    model, start = case
-    result = model.invert(targets, start)
-    scale = max(np.ptp(targets), np.abs(targets - model.offset).max(), 1.0)
-    assert result.worst <= 1e-12 * scale
-    np.testing.assert_array_equal(result.y, model.simulate(result.u, start))
-    assert result.reachable.all()
-
-
 def test_inputs_are_those_of_the_plays_of_the_analytic_inverse():
     """Krejci and Kuhnen 2001: with radii sum W_i (r_i+1 - r_i) and cumulative weights 1 / W."""
     model = PrandtlIshlinskii([0.0, 1.0, 3.0], [2.0, 3.0, -1.0])

@@ -291,14 +291,6 @@ def limited(*channels):
     return LimitedSource(plant, channels, np.zeros(len(channels)), TICK, plant.clock), plant
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 0.41, -0.01, 1e308])
-def test_nothing_is_sent_beyond_a_limit(wrong):
-    one, plant = limited(TILT, TILT)
-    with pytest.raises(LimitError, match="beyond the limits"):
-        one.set([0.1, wrong])
-    assert plant.sent == []
-
-
 def test_a_change_is_refused_that_is_faster_than_the_rate_over_a_tick_or_since_the_last():
     one, plant = limited(PAN)
     with pytest.raises(LimitError, match=r"from 0 to 0.3 A in 0.04 s is faster than the limit 5 A"):
