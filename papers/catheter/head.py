@@ -22,7 +22,7 @@ from minorloop_head.control.controller import Controller
 from minorloop_head.control.head import HeadControl, head_control
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
 from minorloop_head.twins.wire import Wire
 from papers.catheter import inspection_servo
@@ -351,7 +351,7 @@ def _hard(controls: Mapping[str, HeadControl]) -> Iterator[Experiment]:
     """Yield little cooling, faulty sensors and impossible targets with every controller."""
     for name, control in controls.items():
         for kind in ("stuck", "lost"):
-            faults = [Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)]
+            faults = [SimulatedFault("pan", kind, FAULT_AT), SimulatedFault("tilt", kind, 2.0)]
             way = constant(40.0, 40.0)
             yield f"sensor {kind}", name, way, FAULT_SECONDS, {"faults": faults}
         pan, tilt = _nearly_all(control)

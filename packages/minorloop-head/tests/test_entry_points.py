@@ -13,7 +13,7 @@ from minorloop.modelfile import read
 from minorloop.operators.preisach import Preisach
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Surroundings, convection
 
 
@@ -35,7 +35,7 @@ def test_options_disturb_a_twin():
     still = connect("twin:wire").apply(0.35, 40.0, 40.0).y[-1]
     windy = connect("twin:wire", surroundings=Surroundings(convection=convection("flooded")))
     assert windy.apply(0.35, 40.0, 40.0).y[-1] < 0.1 * still
-    lost = connect("twin:head", faults=[Fault("tilt", "lost", 0.0)], delay=0.04)
+    lost = connect("twin:head", faults=[SimulatedFault("tilt", "lost", 0.0)], delay=0.04)
     assert np.isnan(lost.exchange([0.1, 0.1])[1])
     assert connect("twin:wire", ageing=1.0).apply(0.4, 80.0, 80.0).y[-1] < 56.0
     with pytest.raises(ParameterError, match="delay is -1"):

@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from minorloop_head.control.heating import identify_heating, moving_levels, wire_holds
     from minorloop_head.control.limits import WireLimits
     from minorloop_head.heated_wire import HeatedWire
-    from minorloop_head.twins.sensor import Fault
+    from minorloop_head.twins.sensor import SimulatedFault
     from minorloop_head.twins.surroundings import Course, Surroundings, convection
 
 __all__ = [
     "Course",
-    "Fault",
     "HeadControl",
     "HeatedWire",
+    "SimulatedFault",
     "Surroundings",
     "WireLimits",
     "convection",
@@ -35,7 +35,7 @@ _MODULES = {
     "control.head": ("HeadControl", "head_control"),
     "control.heating": ("identify_heating", "moving_levels", "wire_holds"),
     "control.limits": ("WireLimits",),
-    "twins.sensor": ("Fault",),
+    "twins.sensor": ("SimulatedFault",),
     "twins.surroundings": ("Course", "Surroundings", "convection"),
 }
 _MODULE = {name: module for module, names in _MODULES.items() for name in names}

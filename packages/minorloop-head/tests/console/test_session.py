@@ -14,7 +14,7 @@ from minorloop_head.console.sweep import STOPPED
 from minorloop_head.procedures.actuator_plant import NO_PROBE
 from minorloop_head.procedures.mark import tool_pixel
 from minorloop_head.procedures.scan import RasterScan
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.ultrasound.c_scan import EchoFind
 
 HOLE = {"phi": PIT[0], "z": PIT[1], "diameter": PIT[2], "evidence": 1.0}
@@ -234,7 +234,7 @@ def test_a_pose_that_is_too_old_holds():
 def test_a_lost_sensor_holds_within_200_ms():
     pilot = Pilot().steering(20)
     head = pilot.plant.head
-    fault = Fault("pan", "lost", head.clock)
+    fault = SimulatedFault("pan", "lost", head.clock)
     head._sensor = type(head._sensor)(head.outputs, 0.05, 0, [fault])
     pilot.drive(5, stick=(1.0, 0.0))
     assert pilot.session.state.mode == "HOLD"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from minorloop.errors import ParameterError
 from minorloop_head.control.head import HeadControl, head_control
 from minorloop_head.twins.head import Head
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.control.laws import LAWS
 from wires import EVERY_LAW, Run, identified, made_up
@@ -47,7 +47,13 @@ def test_a_circle_is_followed(period, most):
 @pytest.mark.parametrize("kind", ["stuck", "lost"])
 def test_no_fault_in_hot_surroundings_makes_a_wire_too_hot(name, kind):
     hot = Surroundings(ambient=40.0, convection=65.0)
-    run = Run(control(name), (50.0, 40.0), 10.0, surroundings=hot, faults=[Fault("pan", kind, 4.0)])
+    run = Run(
+        control(name),
+        (50.0, 40.0),
+        10.0,
+        surroundings=hot,
+        faults=[SimulatedFault("pan", kind, 4.0)],
+    )
     assert run.hottest.max() <= 150.0
     assert run.current.min() >= 0.0
     assert run.current.max() <= 0.4

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel
-from minorloop_head.twins.sensor import Fault, Sensor
+from minorloop_head.twins.sensor import Sensor, SimulatedFault
 
 TWO = (Channel("pan", "deg"), Channel("tilt", "deg"))
 
@@ -22,7 +22,10 @@ def readings(count, *, noise=0.0, faults=(), pieces=None, seed=1):
 
 @given(st.lists(st.integers(1, 900), min_size=1, max_size=8))
 def test_readings_do_not_depend_on_how_they_are_asked_for(pieces):
-    faults = (Fault("pan", "stuck", 5.0, 900.0), Fault("tilt", "lost", 3.0, 800.0))
+    faults = (
+        SimulatedFault("pan", "stuck", 5.0, 900.0),
+        SimulatedFault("tilt", "lost", 3.0, 800.0),
+    )
     options = {"noise": 0.3, "faults": faults}
     whole, _ = readings(sum(pieces), **options)
     parts, _ = readings(sum(pieces), pieces=pieces, **options)
@@ -40,7 +43,7 @@ def test_noise_is_gaussian_and_independent_between_channels():
 
 
 def test_a_stuck_sensor_repeats_its_last_reading_and_recovers():
-    y, truth = readings(20, noise=0.1, faults=[Fault("pan", "stuck", 6.0, 11.0)])
+    y, truth = readings(20, noise=0.1, faults=[SimulatedFault("pan", "stuck", 6.0, 11.0)])
     free, _ = readings(20, noise=0.1)
     assert np.all(y[5:10, 0] == free[4, 0])
     np.testing.assert_array_equal(y[:5], free[:5])
@@ -50,7 +53,7 @@ def test_a_stuck_sensor_repeats_its_last_reading_and_recovers():
 
 
 def test_a_lost_sensor_reads_nan_and_only_that_channel():
-    y, truth = readings(10, faults=[Fault("tilt", "lost", 4.0)])
+    y, truth = readings(10, faults=[SimulatedFault("tilt", "lost", 4.0)])
     np.testing.assert_array_equal(y[:, 0], truth[:, 0])
     assert np.all(np.isnan(y[3:, 1]))
     np.testing.assert_array_equal(y[:3, 1], truth[:3, 1])
@@ -67,11 +70,11 @@ def test_a_lost_sensor_reads_nan_and_only_that_channel():
 )
 def test_refuses_a_fault_that_is_none(options, complaint):
     with pytest.raises(ParameterError, match=complaint):
-        Fault(**options)
+        SimulatedFault(**options)
 
 
 def test_refuses_a_fault_of_no_channel_and_negative_noise():
     with pytest.raises(ParameterError, match="channel of the fault is 'roll'; give one of 'pan'"):
-        Sensor(TWO, 0.0, 0, [Fault("roll", "lost", 0.0)])
+        Sensor(TWO, 0.0, 0, [SimulatedFault("roll", "lost", 0.0)])
     with pytest.raises(ParameterError, match=r"noise is -0\.1"):
         Sensor(TWO, -0.1, 0, [])

@@ -11,7 +11,7 @@ from minorloop.errors import LimitError, ParameterError, SignalError
 from minorloop.lab.actuator import Actuator
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Course, Surroundings
 from minorloop_head.twins.wire import Wire
 
@@ -104,7 +104,7 @@ def test_a_restored_twin_repeats_exactly(kind, before, after, seed):
         "seed": seed,
         "delay": 0.1,
         "tick": 0.4,
-        "faults": [Fault(name, "stuck", 4.0, 6.0), Fault(name, "lost", 8.0, 9.0)],
+        "faults": [SimulatedFault(name, "stuck", 4.0, 6.0), SimulatedFault(name, "lost", 8.0, 9.0)],
     }
     twin = kind(**options)
     for u in wave(kind, before):
@@ -194,7 +194,7 @@ def test_refuses_times_that_are_none(kind, duration, interval, complaint):
         {"noise": -0.1},
         {"delay": 11.0},
         {"substeps": 0},
-        {"faults": [Fault("yaw", "lost", 0.0)]},
+        {"faults": [SimulatedFault("yaw", "lost", 0.0)]},
         {"faults": [3]},
         {"delay": 10.0, "substeps": 10**6},
     ],

@@ -6,7 +6,7 @@ from minorloop_head.geometry import Mount, Probe, wall_point
 from minorloop_head.sources import EchoSource
 from minorloop_head.twins import _echo_kernels as kernels
 from minorloop_head.twins.pipe import Bore, Crack, Dent, Pipe
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.ultrasound import Ultrasound, compile_echoes
 from minorloop_head.ultrasound.echoes import Pulse, matched
 from minorloop_head.ultrasound.field import CalibratedProbe
@@ -127,7 +127,10 @@ def test_cracks_and_dents_change_the_echo():
 
 
 def test_faults_freeze_or_lose_traces():
-    faults = (Fault("echo", "lost", 0.001, 0.002), Fault("echo", "stuck", 0.002, 0.003))
+    faults = (
+        SimulatedFault("echo", "lost", 0.001, 0.002),
+        SimulatedFault("echo", "stuck", 0.002, 0.003),
+    )
     sonar = probe_at(noise=0.1, faults=faults)
     good, lost, stuck, again = (sonar.shot().trace for _ in range(4))
     assert peak(lost) == 0

@@ -51,6 +51,7 @@ from minorloop.lab.actuator import Actuator as Actuator
 from minorloop.lab.actuator import Channel as Channel
 from minorloop.lab.curvature import curvature_from_displacement as curvature_from_displacement
 from minorloop.lab.curvature import displacement_from_curvature as displacement_from_curvature
+from minorloop.lab.faults import Fault as Fault
 from minorloop.lab.plan import Plan as Plan
 from minorloop.lab.records import Record as Record
 from minorloop.lab.reduction import reduce as reduce

@@ -40,6 +40,7 @@ from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.identification.screening import record_faults
 from minorloop.lab.columns import read_labels
 from minorloop.lab.conversion import read_column, unit_factor
+from minorloop.lab.faults import far_from_others
 from minorloop.lab.gaps import known_memory, with_lost_rows
 from minorloop.lab.logs import check_order, read_times
 from minorloop.lab.records import Origin, Quantity, Record
@@ -270,7 +271,7 @@ def _outside(score: ModelScore) -> Iterator[str]:
     """Name inputs beyond the levels, and readings at the end of the range of the sensor."""
     yield from score.simulation.of_levels
     faults = record_faults(score.u, score.y, score.curves, score.lag, searched=True)
-    yield from (one.text for one in faults if one.kind == "clipped")
+    yield from (str(one) for one in faults if one.kind == "clipped")
 
 
 def _causes(score: ModelScore) -> Iterator[str]:
@@ -329,11 +330,7 @@ def _causes(score: ModelScore) -> Iterator[str]:
     elif abs(found.drift) > _LEAST:
         yield f"the output drifts by {found.drift:+.2%} of range along the record"
     if found.outliers:
-        shown = ", ".join(map(str, found.outliers[:6]))
-        yield (
-            f"{counted(len(found.outliers), 'reading')} far from the model and from their "
-            f"neighbours, samples {shown}: empty these cells"
-        )
+        yield str(far_from_others(score.y, np.array(found.outliers)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,9 +15,9 @@ def test_a_lag_is_named_until_the_model_has_it(shape, lag):
     )
     (finding,) = record_faults(u, shifted, Curves.whole("negative"), 0)
     assert finding.kind == "lag"
-    assert ("--law lag=auto" in finding.text) == (lag > 0)
+    assert ("--law lag=auto" in finding.remedy) == (lag > 0)
     (finding,) = record_faults(u, shifted, Curves.whole("negative"), 0, searched=True)
-    assert "--law lag=auto" not in finding.text
+    assert "--law lag=auto" not in finding.remedy
     if lag > 0:
         assert kinds(u, shifted, lag) == []
 

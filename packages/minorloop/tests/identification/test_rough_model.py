@@ -6,8 +6,8 @@ from minorloop.identification.rough_model import (
     RoughRecord,
     chebyshev_sums,
     least_error,
-    spread,
 )
+from minorloop.lab.noise import spread
 
 WHOLE = Curves.whole("negative")
 

@@ -23,7 +23,7 @@ def test_an_outlier_is_named_with_its_sample(shape, ranges):
     (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
     assert (finding.kind, finding.samples) == ("outlier", (37,))
     assert f"sample 37 ({y[37]:.6g})" in finding.text
-    assert "empty these cells" in finding.text
+    assert "empty these cells" in finding.remedy
 
 
 def test_a_reading_beside_a_jump_is_no_outlier():
@@ -38,7 +38,7 @@ def test_codes_are_left_out_and_named(code):
     u, y = record()
     y[[5, 90]] = code
     found = identify(u, y, Plane(8), holdout=0.3)
-    assert [one.sample for one in found.codes] == [5, 90]
+    assert [one.samples for one in found.codes] == [(5, 90)]
     assert not found.fitted[[5, 90]].any()
     clean = y.copy()
     clean[[5, 90]] = np.nan
@@ -61,9 +61,8 @@ def test_a_sentinel_among_the_inputs_is_named(code):
     u, y = record()
     u = u.copy()
     u[50] = code
-    assert f"an input is a code of a logger, far from all others: sample 50 ({code:g})" in " ".join(
-        identify(u, y, Plane(8)).warnings
-    )
+    (warning,) = (text for text in identify(u, y, Plane(8)).warnings if "input is a code" in text)
+    assert f"sample 50 ({code:g}); give what was applied" in warning
 
 
 def test_inputs_that_often_go_to_the_end_of_a_converter_are_inputs():

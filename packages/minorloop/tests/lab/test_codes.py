@@ -8,7 +8,7 @@ from minorloop.lab.codes import codes
 def test_codes_far_from_all_readings_are_found(code):
     y = np.linspace(-1.0, 1.0, 100)
     y[[5, 90]] = code
-    assert [(found.sample, found.value) for found in codes(y)] == [(5, code), (90, code)]
+    assert [(found.samples, found.size) for found in codes(y)] == [((5, 90), code)]
 
 
 def test_a_code_among_other_readings_is_a_reading():
@@ -21,9 +21,9 @@ def test_a_code_among_other_readings_is_a_reading():
 def test_readings_absurdly_far_from_all_others_are_codes():
     y = np.sin(np.arange(3000.0))
     y[[7, 1500]] = 1e12, -2e4
-    assert [found.sample for found in codes(y)] == [7, 1500]
+    assert [found.samples for found in codes(y)] == [(7, 1500)]
     y[1500] = -5e3  # an outlier, which may be a measurement
-    assert [found.sample for found in codes(y)] == [7]
+    assert [found.samples for found in codes(y)] == [(7,)]
     y[100:110] = 1e12  # too many
     assert codes(y) == ()
     assert codes(np.append(np.zeros(50), 1e12)) == ()

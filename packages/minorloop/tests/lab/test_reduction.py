@@ -107,8 +107,10 @@ def test_readings_beyond_the_range_are_not_used(long):
     d = log.y
     limits = (float(np.quantile(d, 0.002)), 100.0)
     found = reduce(log, conversion=LASER, limits=limits)
-    assert "are beyond the range of the sensor" in found.notes[0]
-    assert "move the sensor or reduce the input" in found.notes[0]
+    (fault,) = found.faults
+    assert fault.kind == "range"
+    assert np.isnan(found.log.y[list(fault.samples)]).all()
+    assert "are beyond the range of the sensor" in fault.text
     np.testing.assert_allclose(found.record().y, truth, atol=0.03)
 
 
@@ -118,8 +120,9 @@ def test_codes_of_the_instrument_are_named_and_not_used(code, long):
     y = log.y.copy()
     y[90::150] = code
     found = reduce(Record(log.u, y, log.t, log.inputs, log.outputs), conversion=LASER)
-    count = np.count_nonzero(y == code)
-    assert f"{count} of {y.size} readings of distance [mm] are codes" in found.notes[0]
+    (fault,) = found.faults
+    assert (fault.kind, fault.size) == ("code", code)
+    assert fault.samples == tuple(range(90, y.size, 150))
     assert found.count("settled") == LEVELS.size
     np.testing.assert_allclose(found.record().y, truth, atol=0.03)
 
@@ -131,12 +134,13 @@ def test_spikes_are_counted_and_not_used(long):
     y = log.y.copy()
     y[at] += chance.choice([-1, 1], at.size) * chance.uniform(0.5, 5.0, at.size)
     found = reduce(Record(log.u, y, log.t, log.inputs, log.outputs), conversion=LASER)
-    count = int(found.notes[0].split()[0])
-    assert 0.9 * at.size <= count <= at.size
-    assert f"are far from the readings around them, first {y[at[0]]:g} at" in found.notes[0]
+    (fault,) = found.faults
+    assert fault.kind == "outlier"
+    assert set(fault.samples) <= set(at.tolist())
+    assert len(fault.samples) >= 0.9 * at.size
     assert found.count("settled") == LEVELS.size
     assert np.sqrt(np.mean((found.record().y - truth) ** 2)) <= 0.01
-    assert not any("readings around" in note for note in reduce(log, conversion=LASER).notes)
+    assert reduce(log, conversion=LASER).faults == ()
 
 
 def test_spikes_of_a_measured_input_are_no_extremes(long):
@@ -147,7 +151,8 @@ def test_spikes_of_a_measured_input_are_no_extremes(long):
     found = reduce(Record(u, log.y, log.t, "voltage [V]", "distance [mm]"), conversion=LASER)
     assert found.count("passed") == 0
     np.testing.assert_allclose(found.record().u, LEVELS, atol=1e-3)
-    assert "they count as errors of the measurement and not as the input" in found.notes[0]
+    assert "20 outliers of voltage [V]" in found.notes[0]
+    assert "not taken for the input" in found.notes[0]
 
 
 def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
@@ -172,8 +177,8 @@ def test_a_saturated_sensor_is_noticed(long):
     log, _ = long
     clipped = Record(log.u, np.maximum(log.y, 19.0), log.t, log.inputs, log.outputs)
     found = reduce(clipped, conversion=LASER)
-    assert "the sensor is saturated" in found.notes[0]
-    assert "are exactly 19, first at sample" in found.notes[0]
+    assert [fault.kind for fault in found.faults] == ["clipped"]
+    assert "the output is clipped at its lowest, 19: " in found.notes[0]
     assert 0 < np.isnan(found.record().y).sum() < LEVELS.size
 
 
@@ -194,8 +199,10 @@ def test_a_stuck_sensor_is_noticed_and_its_holds_are_left_out():
         "settled"
     ] * 7
     assert np.flatnonzero(np.isnan(found.record().y)).tolist() == [3, 4]
-    assert "the sensor is stuck: 210 of 1440 readings" in found.notes[0]
-    assert "from sample 410 to 619" in found.notes[0]
+    (fault,) = found.faults
+    assert (fault.kind, fault.samples) == ("stuck", tuple(range(410, 620)))
+    assert "from sample 410 to 619; others scatter" in found.notes[0]
+    assert Record(u, y).faults == (fault,)
 
 
 @pytest.mark.parametrize("what", ["empty", "saturated"])

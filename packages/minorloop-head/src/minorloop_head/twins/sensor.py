@@ -18,7 +18,7 @@ _BLOCK = 1024
 
 
 @dataclass(frozen=True)
-class Fault:
+class SimulatedFault:
     """A sensor that fails for a while.
 
     Raises
@@ -57,7 +57,7 @@ class Sensor:
         Standard deviation, in the unit of each channel.
     seed : int
         Seed of the noise.
-    faults : sequence of Fault
+    faults : sequence of SimulatedFault
         Times in which readings fail.
 
     Raises
@@ -67,17 +67,23 @@ class Sensor:
     """
 
     def __init__(
-        self, outputs: tuple[Channel, ...], noise: float, seed: int, faults: Sequence[Fault]
+        self,
+        outputs: tuple[Channel, ...],
+        noise: float,
+        seed: int,
+        faults: Sequence[SimulatedFault],
     ) -> None:
         self.noise, self.seed = as_finite("noise", noise), seed
         if self.noise < 0:
             raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
         if not isinstance(faults, Iterable):
-            raise ParameterError(f"faults is {faults!r}; give a list of Fault, empty for none")
+            raise ParameterError(
+                f"faults is {faults!r}; give a list of SimulatedFault, empty for none"
+            )
         self.faults = tuple(faults)
         names = [channel.name for channel in outputs]
         for fault in self.faults:
-            check_kind("a fault", fault, Fault)
+            check_kind("a fault", fault, SimulatedFault)
             check_option("channel of the fault", fault.channel, names)
         self._columns = [names.index(fault.channel) for fault in self.faults]
         self._count = len(names)
@@ -101,7 +107,7 @@ class Sensor:
         self.last = y[-1].copy()
         return y
 
-    def _failed(self, fault: Fault, column: int, y: FloatArray, first: int) -> float:
+    def _failed(self, fault: SimulatedFault, column: int, y: FloatArray, first: int) -> float:
         if fault.kind == "lost":
             return math.nan
         before = self.last[column] if first == 0 else y[first - 1, column]

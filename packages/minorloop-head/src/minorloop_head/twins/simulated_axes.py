@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 from minorloop.twins.checkpoints import Checkpoint, damaged
 from minorloop.twins.simulated_actuator import MAX_SAMPLES, MAX_STEPS, SimulatedPlant, check_count
-from minorloop_head.twins.sensor import Fault, Sensor
+from minorloop_head.twins.sensor import Sensor, SimulatedFault
 
 MOST_DELAY = 10.0
 """Longest delay of the measurement, in seconds."""
@@ -34,7 +34,7 @@ class SimulatedAxes(SimulatedPlant):
         Duration of one ``exchange``, in seconds.
     delay : float
         Delay of the readings, in seconds.
-    faults : sequence of Fault
+    faults : sequence of SimulatedFault
         Times in which readings are stuck or lost.
     substeps : int
         Divides every time step of the integration, 10 ms at most.
@@ -61,7 +61,7 @@ class SimulatedAxes(SimulatedPlant):
         *,
         tick: float = 0.04,
         delay: float = 0.0,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[SimulatedFault] = (),
         substeps: int = 1,
         log_truth: bool = False,
     ) -> None:

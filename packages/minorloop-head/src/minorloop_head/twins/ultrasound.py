@@ -26,7 +26,7 @@ from minorloop_head.twins.crack_echo import CrackBasis, basis_of_crack
 from minorloop_head.twins.mounted import Mounted
 from minorloop_head.twins.pipe import Bore, Crack, Pipe
 from minorloop_head.twins.pit_echo import PitBasis, basis_of
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 
 SAMPLE_INTERVAL = 10e-9  # s
 SAMPLES = 2048
@@ -77,7 +77,7 @@ class Ultrasound(Mounted):
         Standard deviation of the height of the wall, in metres.
     grain : float
         Amplitude of the echoes of grains under the wall, as a share of that of the wall.
-    faults : sequence of Fault
+    faults : sequence of SimulatedFault
         Times in which traces are ``lost`` (flat) or ``stuck`` (the last one), channel ``echo``.
     settle : float
         Spectra are computed again only if face or spot have moved farther than this, in metres;
@@ -111,7 +111,7 @@ class Ultrasound(Mounted):
         gain: float = 0.5,
         roughness: float = 0.5e-6,
         grain: float = 0.01,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[SimulatedFault] = (),
         settle: float = 4e-6,
     ) -> None:
         for name, value in (("noise", noise), ("roughness", roughness), ("grain", grain)):

@@ -22,7 +22,7 @@ from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel
 from minorloop.twins.checkpoints import check_within, damaged
 from minorloop_head.twins import _wire_kernels as _kernels
-from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.simulated_axes import SimulatedAxes
 from minorloop_head.twins.surroundings import MOST_LOAD, Surroundings
 
@@ -87,7 +87,7 @@ class HeatedWires(SimulatedAxes):
         surroundings: Surroundings | None = None,
         ageing: float = 0.0,
         drift: float = 0.0,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[SimulatedFault] = (),
         substeps: int = 1,
         log_truth: bool = False,
     ) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +14,7 @@ from minorloop.identification.baseline import lateness, percent, polynomial_nrms
 from minorloop.identification.dense_solver import UNSETTLED
 from minorloop.identification.residuals import PARTS, noise_in
 from minorloop.lab.codes import codes
+from minorloop.lab.faults import far_from_others
 
 Fit: TypeAlias = Any
 """An `Identification`, which has these rules and so cannot be imported."""
@@ -34,7 +35,6 @@ _CLOCKWISE, _SURE = -0.5, -4.0
 """Lateness of the output, and the same in its standard deviations, from which it comes before the
 input."""
 _ROUNDING = 1e-9
-_SHOWN = 6
 _RARE = 10
 """Samples for each input that may be a sentinel; more of them are inputs."""
 _WORST, _WRONG = 0.1, 0.05
@@ -58,49 +58,25 @@ _FALLS = (
 )
 
 
-def _listed(samples: Sequence[int], values: Any) -> str:
-    """Return samples with their values as text, the first six of many."""
-    pairs = zip(samples[:_SHOWN], values, strict=False)
-    shown = ", ".join(f"sample {sample} ({value:.6g})" for sample, value in pairs)
-    more = len(samples) - _SHOWN
-    return f"{shown} and {more} more" if more > 0 else shown
-
-
 def _findings(fit: Fit) -> Iterator[str]:
-    yield from (finding.text for finding in fit.findings)
+    yield from map(str, fit.findings)
 
 
 def _codes(fit: Fit) -> Iterator[str]:
-    if not fit.codes:
-        return
-    listed = _listed(*zip(*((code.sample, code.value) for code in fit.codes), strict=True))
-    one = len(fit.codes) == 1
-    yield (
-        f"{'a reading is a code' if one else f'{len(fit.codes)} readings are codes'} of the "
-        f"instrument and no measurement: {listed}; the model was fitted without "
-        f"{'it' if one else 'them'}, as if the {'cell' if one else 'cells'} were empty. Check the "
-        "range of the instrument and repeat"
-    )
+    yield from map(str, fit.codes)
 
 
 def _input_codes(fit: Fit) -> Iterator[str]:
     """Name sentinels among the inputs, which are fitted: memory depends on every input."""
-    found = codes(fit.u)
-    if found and len(found) <= max(fit.u.size // _RARE, 1):
-        listed = _listed(*zip(*((code.sample, code.value) for code in found), strict=True))
-        one = len(found) == 1
-        yield (
-            f"{'an input is a code' if one else f'{len(found)} inputs are codes'} of a logger, far "
-            f"from all others: {listed}; give what was applied, or cut these rows"
-        )
+    for fault in codes(fit.u, "input"):
+        if len(fault.samples) <= max(fit.u.size // _RARE, 1):
+            yield str(fault)
 
 
 def _outliers(fit: Fit) -> Iterator[str]:
-    for index in fit.suspects:
-        yield (
-            f"sample {index} (input {fit.u[index]:.6g}, output {fit.y[index]:.6g}) lies far "
-            "outside the band of a fit without it, and was not fitted; repeat it"
-        )
+    """Name the outliers that were not fitted."""
+    if fit.suspects:
+        yield str(far_from_others(fit.y, np.array(fit.suspects)))
 
 
 def _residual(fit: Fit) -> Iterator[str]:
@@ -116,15 +92,8 @@ def _residual(fit: Fit) -> Iterator[str]:
             f"without being fitted, skip={found.startup.rows} "
             f"(--record skip={found.startup.rows}), or give the start state that the record has"
         )
-    if samples := found.outliers:
-        one = len(samples) == 1
-        yield (
-            f"{counted(len(samples), 'reading')} {are(len(samples))} far from the model and from "
-            f"the readings around {'it' if one else 'them'}: "
-            f"{_listed(samples, fit.y[list(samples)])}; empty "
-            f"{'this cell, which then counts' if one else 'these cells, which then count'} as not "
-            "measured, and check the cable and the trigger of the sensor"
-        )
+    if found.outliers:
+        yield str(far_from_others(fit.y, np.array(found.outliers)))
     if found.step is not None and abs(found.step.size) > _LEAST_DRIFT:
         yield (
             f"from sample {found.step.sample} on the output is shifted by {found.step.size:+.2%} "

@@ -178,7 +178,7 @@ class Viscosity:
         parts = as_curves(used.curves, inputs.size, used.start, used.start_of_curve)
         skipped = checks.as_skip(used.skip, parts.positions(inputs.size))
         runs = None if used.groups is None else as_groups("groups", used.groups, inputs.size)
-        fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
+        fitted, _ = checks.split(outputs, 0.0, coded, skipped)
         known = np.where(fitted, outputs, np.nan)
         grid = checks.grid(inputs, known, self.levels, self.spacing)
         spec = PlaneSpec(grid, "unipolar", self.diagonal)

@@ -14,7 +14,7 @@ from minorloop.dynamics.linear import Linear
 from minorloop.errors import SignalError
 from minorloop.identification import record_checks as checks
 from minorloop.identification.steps import as_sampled
-from minorloop.lab.codes import Code
+from minorloop.lab.faults import Fault
 from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
@@ -56,7 +56,7 @@ class DynamicRecord:
     """``fitted`` and ``held_out``: shape (T,). Samples that are fitted and scored."""
     start: Any
     """Start state. Memory before the first sample."""
-    codes: tuple[Code, ...]
+    codes: tuple[Fault, ...]
     """Readings that are no measurements."""
     pieces: IntArray
     """Shape (T,). Number of the block of each sample in a left-out piece, by which structures are
@@ -68,7 +68,7 @@ class DynamicRecord:
         inputs, outputs, coded = record.checked
         interval = as_sampled((record.t, inputs, np.zeros(inputs.size))).interval
         skipped = checks.as_skip(record.skip, np.arange(inputs.size))
-        fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
+        fitted, held_out = checks.split(outputs, holdout, coded, skipped)
         if np.count_nonzero(fitted) < _FEWEST:
             raise SignalError(
                 f"{np.count_nonzero(fitted)} outputs are fitted, and dynamics need {_FEWEST}; "

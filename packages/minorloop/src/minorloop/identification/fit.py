@@ -108,7 +108,7 @@ class Plane:
         parts = as_curves(record.curves, inputs.size, record.start, record.start_of_curve)
         group = _as_groups(record.curves, record.groups, inputs.size)
         skipped = checks.as_skip(record.skip, parts.positions(inputs.size))
-        fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
+        fitted, held_out = checks.split(outputs, holdout, coded, skipped)
         if group is not None:
             check_several_groups(group[fitted])
         sensor, sd = checks.as_noise(record.sd, fitted)

@@ -5,9 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
-from minorloop.identification.rough_model import RecordFault, RoughRecord, one_of_each, spread
+from minorloop.identification.rough_model import RoughRecord, one_of_each
+from minorloop.lab import faults
+from minorloop.lab.faults import Fault
 from minorloop.lab.frozen import frozen, noise_above_resolution
-from minorloop.lab.noise import noise_of
+from minorloop.lab.noise import noise_of, spread
 
 _EQUAL = 1e-9
 """Readings that differ by less than this share of the span count as equal."""
@@ -46,7 +48,7 @@ _LAST_STEP, _LEAST_STEP = 0.2, 0.03
 """Last step of a coarse record to a rail, over the step before, and in spans."""
 
 
-def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
+def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Fault]:
     """Find stretches without motion of the output, although such inputs move it elsewhere.
 
     Those of a noisy sensor that repeats itself exactly may be short, and many. Of others, which
@@ -87,20 +89,11 @@ def _before_it_moves(record: RoughRecord, begin: int, end: int) -> bool:
     return begin == 0 and min(abs(level - end) for end in ends) <= _MOVING * record.span
 
 
-def _stuck(record: RoughRecord, found: list[tuple[float, int, int]]) -> RecordFault:
+def _stuck(record: RoughRecord, found: list[tuple[float, int, int]]) -> Fault:
     """Describe stretches, each with the usual change of the output, its begin and its end."""
-    change, begin, end = found[0]
-    samples = np.concatenate([record.places[first:last] for _, first, last in found])
-    more = ""
-    if len(found) > 1:
-        more = f", the first of {len(found)} such stretches up to sample {samples[-1]}"
-    return RecordFault(
-        "stuck",
-        tuple(map(int, samples)),
-        f"the output is stuck at {np.median(record.values[begin:end]):.6g} from sample "
-        f"{samples[0]} to {record.places[end - 1]}{more}; elsewhere such inputs change it by about "
-        f"{change:.3g}: check the sensor and the actuator, and measure again or empty these cells",
-    )
+    stretches = [record.places[begin:end] for _, begin, end in found]
+    change = f"elsewhere such inputs change it by about {found[0][0]:.3g}"
+    return faults.stuck(record.y, stretches, change)
 
 
 def _longest_run(values: FloatArray) -> tuple[int, int]:
@@ -163,7 +156,7 @@ def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tupl
     return begin, end
 
 
-def clipped(record: RoughRecord) -> Iterator[RecordFault]:
+def clipped(record: RoughRecord) -> Iterator[Fault]:
     """Find extremes where the output suddenly stays within its noise while the input goes on."""
     u, size, places = _landings(record)
     y, noise = record.y[places], noise_of(np.diff(record.values, 2), 2)
@@ -173,16 +166,7 @@ def clipped(record: RoughRecord) -> Iterator[RecordFault]:
         width = _rail(way * u, way * y, way * size, record.span, noise, live)
         if width is None:
             continue
-        samples = record.places[depth <= width]
-        extreme = record.values[np.argmin(depth)]
-        yield RecordFault(
-            "clipped",
-            tuple(map(int, samples)),
-            f"the output is clipped at its {word}, {extreme:.6g}: {samples.size} readings are "
-            f"within noise of it while the input goes on, first at sample {samples[0]}; there the "
-            "range of the sensor ends, or the source limits the input, and the model is not valid "
-            "beyond it. Use a wider range or smaller inputs, or empty these cells",
-        )
+        yield faults.clipped(record.y, record.places[depth <= width], word)
 
 
 def _landings(record: RoughRecord) -> tuple[FloatArray, FloatArray, IntArray]:

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.identification.rough_model import RecordFault, RoughRecord, few, least_error
+from minorloop.identification.rough_model import RoughRecord, few, least_error
+from minorloop.lab.faults import Fault
 
 LONGEST_LAG, _REVERSAL_WIDTH, _FEWEST_REVERSALS, _JUST_BEFORE = 10, 4, 4, 2
 _BETTER, _BETTER_BY = 0.72, 0.007
@@ -14,7 +15,7 @@ _OVERSHOOT = 0.007
 """Overshoot after reversals, in spans, that shows a lag."""
 
 
-def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[RecordFault]:
+def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[Fault]:
     """Find a shift that makes the rough model much better, or an output that reverses late.
 
     Where the lag was searched, what is left is no lag alone.
@@ -52,11 +53,13 @@ def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[R
         )
     elif record.lag + shift > 0:
         todo = f'lag="auto" or lag={record.lag + shift} (--law lag=auto) takes it into account'
-    yield RecordFault(
+    yield Fault(
         "lag",
         (),
+        float(shift),
         f"the output {way} the input by about {abs(shift)}{more} samples, a lag that the model "
-        f"does not have: {why}; {todo}",
+        f"does not have: {why}",
+        todo,
     )
 
 

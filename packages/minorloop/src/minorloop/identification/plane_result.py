@@ -36,9 +36,9 @@ from minorloop.identification.result import (
     unless_0,
 )
 from minorloop.identification.ridge import Ridge
-from minorloop.identification.rough_model import Basis, RecordFault, few, one_of_each
+from minorloop.identification.rough_model import Basis, few, one_of_each
 from minorloop.identification.screening import record_faults
-from minorloop.lab.codes import Code
+from minorloop.lab.faults import Fault
 from minorloop.lab.holds import looks_like_raw_log
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
@@ -116,7 +116,7 @@ class Identification(Fit[Preisach]):
         ScoreRow("curves", lambda fit: [asdict(one) for one in fit.curve_accuracy]),
         ScoreRow("choices", lambda fit: [asdict(one) for one in fit.choices]),
         ScoreRow("chosen", lambda fit: list(fit.chosen)),
-        ScoreRow("codes", lambda fit: [code.sample for code in fit.codes]),
+        ScoreRow("codes", lambda fit: [k for fault in fit.codes for k in fault.samples]),
         ScoreRow("suspects", lambda fit: list(fit.suspects)),
         ScoreRow("sd", "of_record.sd"),
     )
@@ -131,7 +131,7 @@ class Identification(Fit[Preisach]):
     """Posterior distribution of the unknowns; None without the prior."""
     suspects: tuple[int, ...] = ()
     """Samples far outside the band of a fit without them; they were not fitted."""
-    codes: tuple[Code, ...] = ()
+    codes: tuple[Fault, ...] = ()
     """Readings that are overload codes or sentinels, and count as not measured."""
     searched: bool = False
     """Whether the lag was searched."""
@@ -306,7 +306,7 @@ class Identification(Fit[Preisach]):
         return float(np.count_nonzero(self.excited)) / self.matrix.spec.cells
 
     @cached_property
-    def findings(self) -> tuple[RecordFault, ...]:
+    def findings(self) -> tuple[Fault, ...]:
         """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
         y = self.y
         if self.suspects:

@@ -1,5 +1,7 @@
 """Checks of a record and of the options before it is fitted."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +18,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
 from minorloop.lab.codes import FEWEST
+from minorloop.lab.faults import Fault
 
 _LEAST_SD = 0.1
 """Standard deviations below this share of their median count as so much."""
@@ -24,7 +27,7 @@ _ROUNDINGS = 4
 
 
 def split(
-    y: FloatArray, holdout: float, coded: int, skipped: BoolArray | None = None
+    y: FloatArray, holdout: float, coded: Sequence[Fault], skipped: BoolArray | None = None
 ) -> tuple[BoolArray, BoolArray]:
     """Samples to be fitted, and samples held out at the end; none of those that are skipped."""
     number = isinstance(holdout, float | int | np.floating | np.integer)
@@ -38,7 +41,8 @@ def split(
         )
     kept = places.size - round(float(holdout) * places.size)
     if kept < FEWEST:
-        without = f", {coded} codes of the instrument left out" if coded else ""
+        count = sum(len(fault.samples) for fault in coded)
+        without = f", {count} codes of the instrument left out" if coded else ""
         raise ParameterError(
             f"holdout {holdout} leaves {kept} of {places.size} measured samples to fit{without}; "
             f"at least {FEWEST} are needed"

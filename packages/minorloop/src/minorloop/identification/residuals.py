@@ -7,8 +7,8 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.offset_steps import MOST_ROWS, find_drift, find_offset_step
-from minorloop.identification.rough_model import beyond_neighbours, one_of_each, spread
-from minorloop.lab.noise import noise_of
+from minorloop.identification.rough_model import beyond_neighbours, one_of_each
+from minorloop.lab.noise import noise_of, spread
 from minorloop.threads import one_thread
 
 _FEWEST = 30

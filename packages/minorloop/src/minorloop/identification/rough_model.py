@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
@@ -22,13 +21,6 @@ _MOST = 800
 _RIDGE = 1e-7
 _OVERSHOOT = 0.5
 """Share of the error of an outlier by which the reading is beyond those before and after it."""
-_TO_SD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
-
-
-def spread(values: FloatArray) -> float:
-    """Robust standard deviation: 1.4826 times the median absolute deviation."""
-    return _TO_SD * float(np.median(np.abs(values - np.median(values))))
 
 
 def beyond_neighbours(error: FloatArray, y: FloatArray, limit: float) -> BoolArray:
@@ -47,18 +39,6 @@ def _above_neighbours(values: FloatArray) -> FloatArray:
     """(N - 2,) distance from the nearer of both neighbours, where both are on the same side."""
     before, after = values[1:-1] - values[:-2], values[1:-1] - values[2:]
     return np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-
-
-@dataclass(frozen=True)
-class RecordFault:
-    """A fault of a record that would spoil a model."""
-
-    kind: Literal["outlier", "stuck", "clipped", "lag"]
-    """Type of the fault."""
-    samples: tuple[int, ...]
-    """Indices, counted from 0; empty for a lag."""
-    text: str
-    """Description and remedy."""
 
 
 @dataclass(frozen=True, eq=False)

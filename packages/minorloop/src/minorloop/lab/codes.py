@@ -1,13 +1,12 @@
 """Readings that are codes of an instrument: overload, or nothing measured."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from minorloop.arrays import LARGEST, BoolArray, FloatArray
 from minorloop.errors import SignalError
+from minorloop.lab.faults import Fault, codes_among, without
 
-__all__ = ["FEWEST", "OVERLOAD", "SENTINELS", "Code", "codes", "without_codes"]
+__all__ = ["FEWEST", "OVERLOAD", "SENTINELS", "codes", "without_codes"]
 
 FEWEST = 3
 """Measured samples below which nothing is fitted."""
@@ -28,23 +27,15 @@ _ABSURD, _ABSURD_SHARE, _FEWEST = 1e4, 0.001, 12
 share of readings that may be so far away; and readings from which this is checked."""
 
 
-@dataclass(frozen=True)
-class Code:
-    """A reading that is a code of the instrument, not a measurement."""
-
-    sample: int
-    """Index, counted from 0."""
-    value: float
-    """The code."""
-
-
-def codes(y: FloatArray) -> tuple[Code, ...]:
+def codes(y: FloatArray, noun: str = "reading") -> tuple[Fault, ...]:
     """Find the readings that are overload codes or sentinels, or absurdly far from all others.
 
     Parameters
     ----------
     y : (T,) array
         Outputs; NaN where nothing was measured.
+    noun : str
+        What they are.
     """
     known = np.sort(SENTINELS)
     tolerance = 1e-6 * np.abs(known)
@@ -63,11 +54,11 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
     low, high = rest.min(), rest.max()
     apart = _CODE_DISTANCE * (high - low)
     suspect &= (y < low - apart) | (y > high + apart)
-    return tuple(Code(int(k), float(y[k])) for k in np.flatnonzero(suspect))
+    return (codes_among(y, np.flatnonzero(suspect), noun),) if suspect.any() else ()
 
 
-def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code, ...]]:
-    """Return the outputs with NaN in place of codes, and these codes.
+def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return the outputs with NaN in place of codes, and the fault that they are.
 
     Raises a `SignalError` if an input is an overload code, or hardly any output is none.
 
@@ -76,12 +67,12 @@ def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code,
     u, y : (T,) array
         Inputs, and outputs; NaN where nothing was measured.
     """
-    for code in codes(u):
-        if abs(code.value) >= OVERLOAD:
-            raise SignalError(
-                f"u is {code.value:g} at index {code.sample}, which is an overload code and no "
-                "input; give what was applied, or cut these rows"
-            )
+    over = np.flatnonzero(np.abs(u) >= OVERLOAD)
+    if over.size and codes(u):
+        raise SignalError(
+            f"u is {u[over[0]]:g} at index {over[0]}, which is an overload code and no input; give "
+            "what was applied, or cut these rows"
+        )
     finite = y[np.isfinite(y)]
     sound = int(np.count_nonzero(np.abs(finite) < OVERLOAD))
     if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= LARGEST:
@@ -92,11 +83,7 @@ def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code,
             f"{OVERLOAD:g}"
         )
     coded = codes(y)
-    if not coded:
-        return y, ()
-    measured = y.copy()
-    measured[[code.sample for code in coded]] = np.nan
-    return measured, coded
+    return without(y, coded), coded
 
 
 def _absurd(y: FloatArray) -> BoolArray:

@@ -1,4 +1,4 @@
-"""The noise of a signal from its differences, which a slow signal lacks."""
+"""Standard deviations by medians, which outliers hardly change."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 
-__all__ = ["noise_of"]
+__all__ = ["noise_of", "spread"]
 
 _MEDIAN = 0.6745
 """Median of the magnitude of a normal variable over its standard deviation."""
@@ -27,3 +27,8 @@ def noise_of(differences: FloatArray, order: int) -> float:
     """
     scale = _MEDIAN * math.sqrt(math.comb(2 * order, order))
     return float(np.median(np.abs(differences))) / scale
+
+
+def spread(values: FloatArray) -> float:
+    """Return the standard deviation of values (N,) by their median distance from the median."""
+    return float(np.median(np.abs(values - np.median(values)))) / _MEDIAN

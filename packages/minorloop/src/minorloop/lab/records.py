@@ -23,9 +23,11 @@ from minorloop.arrays import (
 from minorloop.errors import ParameterError, RecordError, SignalError, are, counted
 from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
-from minorloop.lab.codes import FEWEST, Code, without_codes
+from minorloop.lab.codes import FEWEST, without_codes
+from minorloop.lab.faults import Fault
 from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
 from minorloop.lab.headers import split_header
+from minorloop.lab.readings import usable
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,
@@ -276,8 +278,8 @@ class Record(Drawn):
         return self.replace(origin=replace(self.origin, **changes))
 
     @cached_property
-    def checked(self) -> tuple[FloatArray, FloatArray, tuple[Code, ...]]:
-        """Inputs (T,), outputs (T,) with NaN in place of codes, and these codes, to be fitted.
+    def checked(self) -> tuple[FloatArray, FloatArray, tuple[Fault, ...]]:
+        """Inputs (T,), outputs (T,) with NaN in place of codes, and these as a fault, to be fitted.
 
         Raises a `SignalError` if there are several channels, fewer than three outputs, an input or
         output that never changes, or a number whose square is beyond a float64.
@@ -370,6 +372,11 @@ class Record(Drawn):
     def notes(self) -> tuple[str, ...]:
         """What was found in the file and its times, one sentence each."""
         return self.origin.notes + (self.check.notes if self.check else ())
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """What is wrong with the readings of the first output, as they show alone."""
+        return usable(np.atleast_2d(self.y)[0])[1]
 
     @cached_property
     def bridges(self) -> Bridges:

@@ -17,12 +17,14 @@ from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
+from minorloop.lab.faults import Fault, listed
 from minorloop.lab.gaps import known_memory
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
-from minorloop.lab.readings import converted, input_without_spikes, usable, without_spikes
+from minorloop.lab.readings import usable
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.sensor_drift import SensorDrift, find_drift
 from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
+from minorloop.lab.spikes import input_without_spikes, without_spikes
 from minorloop.lab.timebase import GAP
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
@@ -81,8 +83,10 @@ class Reduction(Drawn):
 
     points: tuple[ReducedPoint, ...]
     """Holds and passed extremes, in order."""
-    notes: tuple[str, ...]
-    """What was found and what to do about it, one sentence each."""
+    faults: tuple[Fault, ...]
+    """What is wrong with the log; spoiled readings are not used."""
+    advice: tuple[str, ...]
+    """What else was found and what to do about it, one sentence each."""
     log: Record
     """The log with the output converted; NaN where a reading cannot be used."""
     drift: SensorDrift | None = None
@@ -120,6 +124,11 @@ class Reduction(Drawn):
     def remedy(self) -> str:
         """What to do about holds that have not settled."""
         return _remedy(self.log, [p for p in self.points if p.verdict == "unsettled"], self.drift)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Faults and advice, one sentence each."""
+        return (*map(str, self.faults), *self.advice)
 
     def count(self, verdict: str) -> int:
         """Return the number of points with a verdict."""
@@ -239,12 +248,8 @@ def reduce(
     if tolerance is not None and not as_finite("tolerance", tolerance) > 0:
         raise ParameterError(f"tolerance is {tolerance}; give a slope > 0")
     u = -record.u if flip_input else record.u
-    if coded := codes(u):
-        raise RecordError(
-            f"{len(coded)} of {u.size} samples of {record.input} are codes of the instrument, "
-            f"first {coded[0].value:g} at sample {coded[0].sample}; give what was applied, or cut "
-            "these rows"
-        )
+    for fault in codes(u, "input"):
+        raise RecordError(f"{record.input}: {fault}")
     u, of_input = input_without_spikes(u, str(record.input))
     holds = [
         hold
@@ -268,17 +273,17 @@ def reduce(
             "needed: where the input never rests, identify the record as it is, and where it is "
             "noisier than its steps, give the size of the noise (input_tolerance)"
         )
-    readings, notes = usable(record, limits)
+    readings, of_output = usable(record.y, limits)
     check_magnitude("output", readings)
-    readings, spiked = without_spikes(record, readings, holds)
-    notes = [*of_input, *notes, *spiked]
+    readings, spiked = without_spikes(readings, holds)
+    faults, notes = [*of_input, *of_output, *spiked], []
     y, common = readings, np.zeros(readings.size)
     quantity = record.output
     if conversion is not None:
-        y, lost = converted(readings, conversion)
+        y, lost = _converted(readings, conversion)
         common = conversion.sd(readings)
         quantity = conversion.quantity(record.output)
-        notes += lost
+        faults += lost
     step = _resolution(readings)
     if step:
         notes.append(
@@ -289,7 +294,7 @@ def reduce(
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
     drift = find_drift(log.t, log.y, holds, 1 / WINDOW)
     if drift is not None:
-        notes.append(_drift_text(drift, log, subtract_drift))
+        faults.append(_drifting(drift, log, subtract_drift))
         if subtract_drift:
             since = log.t - log.t[0]
             log = replace(log, y=log.y - drift.rate * since)
@@ -309,23 +314,41 @@ def reduce(
     if not any(np.isfinite(point.value) for point in points):
         raise RecordError(
             f"none of the {len(holds)} holds has a usable output: "
-            + ("; ".join(notes) or "the output was not measured there")
+            + ("; ".join(map(str, faults)) or "the output was not measured there")
         )
-    return Reduction(tuple(points), (*notes, *_advice(log, points, drift)), log, drift)
+    advice = (*notes, *_advice(log, points, drift))
+    return Reduction(tuple(points), tuple(faults), advice, log, drift)
 
 
-def _drift_text(drift: SensorDrift, log: Record, subtracted: bool) -> str:
+def _converted(
+    readings: FloatArray, conversion: Conversion
+) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return the converted readings, NaN where the conversion does not cover them; and faults."""
+    y = conversion.convert(readings)
+    lost = np.flatnonzero(np.isfinite(readings) & ~np.isfinite(y))
+    if not lost.size:
+        return y, ()
+    text = f"{counted(lost.size, 'reading')} cannot be converted: {listed(lost, readings)}"
+    remedy = (
+        f"the conversion covers {conversion.covered}: check the geometry (--laser) or the "
+        "calibration and its unit (--linear, --polynomial, --table)"
+    )
+    return y, (Fault.at(lost, readings, "range", text, remedy),)
+
+
+def _drifting(drift: SensorDrift, log: Record, subtracted: bool) -> Fault:
     count, clock = (3600.0, "hour") if log.timed else (1.0, "sample")
     unit = f" {log.output.unit}" if log.output.unit else ""
-    todo = (
-        "it was subtracted; let the sensor warm up before the next log"
-        if subtracted
-        else "let the sensor warm up and measure again, or subtract it (subtract_drift)"
-    )
-    return (
+    return Fault(
+        "drift",
+        (),
+        drift.rate,
         f"the sensor drifts by {count * drift.rate:.3g} +- {count * drift.sd:.1g}{unit} per "
         f"{clock}, {abs(drift.share):.1%} of range along the record: the holds end with this slope "
-        f"whichever way the output went before; {todo}"
+        "whichever way the output went before",
+        "it was subtracted; let the sensor warm up before the next log"
+        if subtracted
+        else "let the sensor warm up and measure again, or subtract it (subtract_drift)",
     )
 
 

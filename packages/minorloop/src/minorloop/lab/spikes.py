@@ -1,13 +1,17 @@
 """Find spikes: single readings, or short bursts of them, far from those around them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
 from minorloop.arrays import BoolArray, FloatArray
+from minorloop.lab.faults import Fault, far_from_others, without
+from minorloop.lab.holds import FoundHold
 from minorloop.lab.noise import noise_of
 
-__all__ = ["spikes"]
+__all__ = ["input_without_spikes", "spikes", "without_spikes"]
 
 _WIDTHS = (7, 21)
 """Readings of the running medians, which follow every rise or fall exactly. The narrow one finds
@@ -57,12 +61,36 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
     return found if np.count_nonzero(found) <= _MOST * known.size else np.zeros_like(found)
 
 
+def without_spikes(
+    y: FloatArray, holds: Sequence[FoundHold]
+) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return the readings, NaN where they are spikes within a hold; and the fault that they are."""
+    found = np.zeros(y.size, dtype=np.bool_)
+    for hold in holds:
+        found[hold.begin : hold.end] = spikes(y[hold.begin : hold.end])
+    faults = (far_from_others(y, np.flatnonzero(found)),) if found.any() else ()
+    return without(y, faults), faults
+
+
+def input_without_spikes(u: FloatArray, name: str) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return a measured input with straight lines in place of its spikes; and their fault.
+
+    A spike would count as a passed extreme, and delete the memory of a model.
+    """
+    found = spikes(u)
+    if not found.any():
+        return u, ()
+    samples = np.arange(u.size)
+    level = np.interp(samples, samples[~found], u[~found])
+    return level, (far_from_others(u, np.flatnonzero(found), name),)
+
+
 def _largest(y: FloatArray, width: int) -> BoolArray:
     """Return the largest spikes: far from a running median, and from both neighbours alike."""
     longest = _LONGEST if width == _WIDTHS[0] else _BURST
     away = y - median_filter(y, width, mode="mirror")
     usual = median_filter(np.abs(away), _AROUND * width, mode="mirror")
-    noise = max(_FAR * _spread(y), _STEPS * _step(y))
+    noise = max(_FAR * noise_of(np.diff(y, 2), 2), _STEPS * _step(y))
     limit = np.maximum(noise, _TIMES * usual)
     size = np.zeros(y.size)
     for way in (1, -1):
@@ -90,11 +118,6 @@ def _least_rise(y: FloatArray, begin: int, end: int) -> tuple[float, float]:
 def _next(away: FloatArray) -> float:
     """Return the third greatest distance of those that follow; two may be those of a spike."""
     return float(np.partition(away, -3)[-3]) if away.size > _LONGEST else 0.0
-
-
-def _spread(y: FloatArray) -> float:
-    """Return the standard deviation of noise in the readings, from second differences."""
-    return noise_of(np.diff(y, 2), 2)
 
 
 def _step(y: FloatArray) -> float:
