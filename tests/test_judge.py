@@ -57,6 +57,7 @@ def test_polynomials_on_a_mouth_are_orthonormal():
         )
 
 
+@pytest.mark.whole
 def test_a_plane_wave_comes_back_from_the_floor_of_a_tube():
     cell, deep, wall = 10e-6, 60, 80
     interval = sound.step_time(cell, SPEED)
@@ -76,6 +77,7 @@ def test_a_plane_wave_comes_back_from_the_floor_of_a_tube():
     assert abs(answer[2] - exact[2]) < 0.01
 
 
+@pytest.mark.whole
 def test_a_flat_disc_has_the_exact_pressure_on_its_axis():
     disc = sound.Disc(aperture=3e-3, focus=math.inf)
     field = sound.field_of(disc, SPEED, 6e-3, 6.2e-3, 0.04e-3)

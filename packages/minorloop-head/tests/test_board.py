@@ -386,6 +386,7 @@ class SocketLink:
         self.wire.close()
 
 
+@pytest.mark.whole
 def test_the_console_steers_wires_through_an_emulated_board_until_it_is_killed(
     image, tmp_path, monkeypatch
 ):

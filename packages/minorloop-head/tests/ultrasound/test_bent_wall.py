@@ -40,6 +40,7 @@ def fit_of(radius, dented, scanned, spectra):
     return JointFit(PitModel(scanned[0], spectra.angles, dented.centre, radius), spectra)
 
 
+@pytest.mark.whole
 def test_a_pit_in_a_dent_is_measured_below_the_wall_about_it(dented, scanned):
     probe, bursts = scanned
     found = measure_pit(bursts, probe, dented.centre, dented.diameter)

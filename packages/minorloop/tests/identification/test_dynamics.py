@@ -103,6 +103,7 @@ def amplifier_and_sensor():
     )
 
 
+@pytest.mark.whole
 def test_finds_poles_on_both_sides_of_the_operator():
     model = amplifier_and_sensor().model
     np.testing.assert_allclose(model.ahead.time_constants, [6e-3], rtol=0.05)
