@@ -33,15 +33,12 @@ def columns(name):
     return np.loadtxt(name, delimiter=",", skiprows=1).T
 
 
-def test_simulate_needs_times_and_writes_them(cascade, run, refused):
+def test_simulate_writes_the_times(cascade, run):
     status, _, err = run("simulate dynamic.json moves.csv --input voltage --time time --save o.csv")
     assert (status, err) == (0, "")
     t, u, y = columns("o.csv")
     np.testing.assert_allclose(t, T)
     np.testing.assert_allclose(y, cascade.simulate(T, u))
-    assert "name the column of moves.csv with --time" in refused(
-        "simulate dynamic.json moves.csv --input voltage"
-    )
 
 
 def test_invert_follows_targets_in_time(cascade, run):
@@ -75,9 +72,6 @@ def test_targets_out_of_reach_in_time_are_those_of_the_file(cascade, run, refuse
     assert "target 6 at index 0" in err
     assert "rests at" in err
     assert "--clip" in err
-    assert "--hold and --time cannot be combined" in refused(
-        "invert dynamic.json moves.csv --target length --time time --hold 3 --save p.csv"
-    )
 
 
 def test_without_times_invert_settles_at_the_targets(cascade, model, run):
@@ -108,6 +102,5 @@ def test_identify_finds_dynamics(cascade, run, answer, refused):
     assert found["nrmse_train"] < 5e-3
     assert modelfile.load("new.json").linear.order > 0
     assert "Dynamics that were compared" in Path("new.html").read_text()
-    assert "name the column of time" in refused(line.replace("--time time", "--time none"))
     assert "lag cannot be combined with dynamics" in refused(f"{line} --law lag=2")
     assert "cannot be combined with dynamics" in refused(f"{line} --record groups=time")
