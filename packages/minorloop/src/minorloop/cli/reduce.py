@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,7 +16,7 @@ EXAMPLE = (
     'minorloop reduce log.csv --input "voltage [V]" --output distance '
     "--convert laser:20,15,0.02,0.05 --save points.csv --report reduced.html"
 )
-_SIDES = {"output": (True, False), "input": (False, True), "both": (True, True)}
+_SIDES = ("output", "input", "both")
 
 _Log = Annotated[Path, typer.Argument(help="Raw log: samples of input and sensor.")]
 _Input = Annotated[str, typer.Option(help="Column of the input, such as 'voltage [V]'.")]
@@ -65,20 +65,13 @@ def run(
 
     _common.check_outputs([save, report], inputs=[file], force=force)
     if flip is not None:
-        _common.check_word("side to flip", flip, tuple(_SIDES))
-    flips = dict(zip(("flip", "flip_input"), _SIDES.get(flip or "", (False, False)), strict=True))
-    keys = dict(parsed(holds).options)
-    limits = _limits(keys.pop("range", None))
+        _common.check_word("side to flip", flip, _SIDES)
+    keys: dict[str, Any] = dict(parsed(holds).options)
+    keys["limits"] = _limits(keys.pop("range", None))
     with _common.working(f"reading {file.name}") as now:
-        record = read_log(
-            file,
-            input=input,
-            output=output,
-            time=_common.named(time),
-            sd=None,
-            strict=True,
-            progress=_common.reading(file, now),
-        )
+        names: dict[str, Any] = {"input": input, "output": output, "time": _common.named(time)}
+        progress = _common.reading(file, now)
+        record = read_log(file, **names, sd=None, strict=True, progress=progress)
         now(f"reducing {len(record)} samples")
         reduction = called(
             reduce,
@@ -86,9 +79,9 @@ def run(
             keys,
             record=record,
             conversion=None if convert is None else from_text(convert, record.output),
-            limits=limits,
             breaks=record.check.breaks if record.check else (),
-            **flips,
+            flip=flip in ("output", "both"),
+            flip_input=flip in ("input", "both"),
         )
     if not keep_unsettled and not reduction.count("settled") + reduction.count("extrapolated"):
         raise RecordError(
