@@ -71,9 +71,24 @@ def test_lags_are_compared_on_the_same_rows_of_curves():
     options = {"levels": 8, "curves": label, "start_of_curve": "negative", "smoothness": 0.0}
     found = Options.of({"lag": "auto", **options}).identify(Record(u, y))
     assert found.lag == 0
-    said = " ".join(Options.of({"lag": 2, **options}).identify(Record(u, y)).advice)
+    late = Options.of({"lag": 2, **options}).identify(Record(u, y))
+    assert np.count_nonzero(late.fitted) == late.samples == u.size - 2 * 24
+    said = " ".join(late.advice)
     assert f"the lag of 2 samples leaves {2 * 24} of {u.size} samples out" in said
     assert "samples out" not in " ".join(found.advice)
+
+
+def test_a_lag_does_not_make_up_for_wide_bands(shared_data):
+    table = np.genfromtxt(
+        shared_data / "forc_msm33.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
+    )
+    table = table[(table["kind"] == "curve") & (table["curve"] % 6 == 1)]
+    record = Record(
+        table["field_T"], table["moment_Am2"], curves=table["curve"], start_of_curve="positive"
+    )
+    found = identify(record, Plane(**AUTO))
+    assert found.lag == 0
+    assert found.nrmse < 1.5e-3
 
 
 def a_magnet():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.identification.steps import as_sampled, steps_in
 
 VALUES = (0.2, 0.7, 0.7, 0.4)
@@ -15,18 +15,14 @@ def record(values=VALUES, samples=80, gain=3.0, offset=1.0):
     return t, u, offset + gain * LAG.simulate(t, u, before=values[0])
 
 
-def test_each_reading_means_the_same():
-    """Read at the end of the interval, or when the input is set: one sample apart."""
-    t, u, y = record()
-    end = as_sampled((t, u, y), "end")
-    begin = as_sampled((t, np.append(u[1:], u[-1]), y), "begin")
-    np.testing.assert_array_equal(end.u, begin.u)
-    assert end.interval == 0.5
-    np.testing.assert_array_equal(end.changes, [79, 239])
+def test_changes_are_the_samples_from_which_the_input_is_another():
+    found = as_sampled(record())
+    assert found.interval == 0.5
+    np.testing.assert_array_equal(found.changes, [79, 239])
 
 
 def test_steps_are_scaled_to_one():
-    up, down = steps_in(as_sampled(record(), "end"))
+    up, down = steps_in(as_sampled(record()))
     assert up.rising
     assert not down.rising
     for step in (up, down):
@@ -39,7 +35,7 @@ def test_steps_are_scaled_to_one():
 def test_a_step_without_response_is_left_out():
     t, u, y = record()
     y[160:] = y[159]
-    assert len(steps_in(as_sampled((t, u, y), "end"))) == 1
+    assert len(steps_in(as_sampled((t, u, y)))) == 1
 
 
 @pytest.mark.parametrize(
@@ -53,9 +49,4 @@ def test_a_step_without_response_is_left_out():
 )
 def test_refuses_unusable_records(change, why):
     with pytest.raises(SignalError, match=why):
-        as_sampled(change(*record()), "end")
-
-
-def test_refuses_another_reading():
-    with pytest.raises(ParameterError, match="'end', 'begin'"):
-        as_sampled(record(), "middle")
+        as_sampled(change(*record()))

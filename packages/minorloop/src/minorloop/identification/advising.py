@@ -194,9 +194,10 @@ def _remedy(fit: Fit) -> str:
 def _lag(fit: Fit) -> Iterator[str]:
     """Say how many rows a lag leaves out at the beginnings of curves."""
     if fit.lag and fit.curves.begins.size > 1:
-        known = fit.curves.positions(fit.u.size) >= fit.lag
-        out, rows = np.count_nonzero(fit.fitted & ~known), np.count_nonzero(fit.fitted)
-        if out:
+        early = np.isfinite(fit.y) & (fit.curves.positions(fit.u.size) < fit.lag)
+        out = int(np.count_nonzero(early)) - fit.skipped
+        rows = out + int(np.count_nonzero(fit.fitted))
+        if out > 0:
             yield (
                 f"the lag of {counted(fit.lag, 'sample')} leaves {out} of {rows} samples out, "
                 "at the beginnings of curves, because the inputs before them are not known; lag=0 "

@@ -2,7 +2,7 @@
 
 A part is a group of rows where there are some, a contiguous part otherwise, because neighbouring
 samples of a record are alike. Each candidate is fitted without one part, and scored on that part.
-The structure and the lag are compared on a coarse plane, where a fit takes milliseconds. For
+The structure is compared on a coarse plane, where a fit takes milliseconds. For
 validation the final structure is fitted, and smoothness or hyperparameters are chosen anew. Errors
 on groups contain what the residuals of one fit do not: differences between curves, days or
 specimens.
@@ -43,7 +43,7 @@ _FEWEST = 100
 _STRENGTHS = (0.0, 1e-6, 1e-4)
 _PROMISING = 0.9
 """Ratio of the error to that of a coarse plane below which more levels are tried."""
-_PARTS_FOR_LEVELS = 3
+_FEWER_PARTS = 3
 """Parts that fine planes are scored on."""
 _BETTER, _BETTER_LAG = 0.95, 0.8
 """Ratio of errors below which another option takes the place of the simplest one, and for a lag."""
@@ -200,7 +200,7 @@ def choose(
     groups = None if groups is None else groups[: settled.u.size]
     if lag is None:
         say("comparing lags")
-        lag, found = _choose_lag(specs[-1], settled, groups)
+        lag, found = _choose_lag(specs, settled, groups)
         choices += found
     settled = settled.left_by(lag)
     fold, spread = parts_of(settled, groups), parts_of(settled, groups, _SEGMENTS)
@@ -238,18 +238,28 @@ def structure(spec: PlaneSpec) -> str:
 
 
 def _choose_lag(
-    spec: PlaneSpec, record: FitRecord, groups: IntArray | None
+    specs: Sequence[PlaneSpec], record: FitRecord, groups: IntArray | None
 ) -> tuple[int, list[Choice]]:
-    """Compare no lag with the best one on the same samples, those that the lag leaves."""
-    coarse = _coarse(spec, record)
-    lag = fitting.best_lag(coarse, record)
+    """Compare no lag with the best one on the same samples, those that the lag leaves.
+
+    A lag makes up for bands that are too wide, and for a structure that does not fit: each of the
+    two is compared with narrower bands, and the structure that is best with it.
+    """
+    lag = fitting.best_lag(_coarse(specs[-1], record), record)
     if not lag:
         return 0, []
     record = record.left_by(lag)
     if np.count_nonzero(record.fitted) < _FEWEST:
         return 0, []
     fold = parts_of(record, groups, _SEGMENTS)
-    errors = {counted(k, "sample"): error(coarse, record, k, fold) for k in (0, lag)}
+    few = are_few(specs[-1], int(np.count_nonzero(record.fitted)))
+    finer = [_coarse(one, record) if few else coarser_spec(one, LEVELS) for one in specs]
+    errors = {
+        counted(k, "sample"): min(
+            error(one, record, k, fold, _STRENGTHS[1:2], _FEWER_PARTS) for one in finer
+        )
+        for k in (0, lag)
+    }
     choice = compared("lag", errors, "0 samples", _BETTER_LAG)
     return (0 if choice.chosen == "0 samples" else lag), [choice]
 
@@ -271,7 +281,7 @@ def _choose_levels(
         name = f"{one.bands} bands"
         say(f"comparing levels: {name}")
         specs[name] = one
-        errors[name] = error(one, record, lag, fold, _STRENGTHS[1:2], _PARTS_FOR_LEVELS)
+        errors[name] = error(one, record, lag, fold, _STRENGTHS[1:2], _FEWER_PARTS)
         if one is spec and errors[name] > _PROMISING * errors[f"{coarse.bands} bands"]:
             break
     chosen, other = f"{spec.bands} bands", f"{coarse.bands} bands"

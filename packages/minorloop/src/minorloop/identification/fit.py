@@ -121,6 +121,8 @@ class Plane:
         if automatic or delay is None:
             chosen = choose(specs, rows, delay, group, grids[1] if len(grids) > 1 else None, say)
         spec, delay = chosen.spec, chosen.lag
+        rows = rows.left_by(delay)
+        held_out = held_out & (parts.positions(inputs.size) >= delay)
         jumps: tuple[Jump, ...] = ()
         if not isinstance(prior, Gaussian):
             fixed = not (isinstance(self.levels, str) or np.isscalar(self.levels))
