@@ -46,8 +46,10 @@ class TestRepeatedReadings:
         said = _verdicts(STAIRS, [dead] * len(STAIRS))
         assert said[:11] == [*[""] * 5, *["suspect"] * 5, "faulty"]
 
-    def test_unmeasured_readings_are_neither(self):
-        assert _verdicts([-1, 1, -1], [np.full(5, np.nan)] * 3) == [""] * 3
+    def test_holds_without_a_reading_are_faulty_across_the_range_of_the_inputs(self):
+        none = np.full(5, np.nan)
+        assert _verdicts([-1, 1, -1], [none] * 3) == ["", "faulty", "faulty"]
+        assert _verdicts([-1, 1, 0.9], [[0.2], none, none]) == [""] * 3
         gaps = np.array([0.5, np.nan, 0.5])
         assert _verdicts([-1, 1, -1], [gaps] * 3)[1:] == ["faulty"] * 2
 

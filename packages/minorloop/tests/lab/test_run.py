@@ -76,9 +76,9 @@ def _undisturbed(tmp_path, actuator):
 class Dead(Bench):
     """Its meter repeats a reading from some hold on."""
 
-    def __init__(self, since):
+    def __init__(self, since, repeated=None):
         super().__init__()
-        self.levels, self.since, self.reading = [], since, None
+        self.levels, self.since, self.reading, self.repeated = [], since, None, repeated
 
     def apply(self, u, duration, sample_interval):
         record = super().apply(u, duration, sample_interval)
@@ -87,19 +87,21 @@ class Dead(Bench):
         if len(self.levels) <= self.since:
             self.reading = record.y[-1]
             return record
-        repeated = np.full(record.y.size, self.reading or 0.25)
+        repeated = np.full(record.y.size, self.repeated or self.reading or 0.25)
         return Record(record.u, repeated, record.t, "voltage [V]", "curvature [1/m]")
 
 
-@pytest.mark.parametrize("since", [0, 4])
-def test_a_dead_meter_is_warned_of_and_then_ends_the_run(tmp_path, since):
+@pytest.mark.parametrize(
+    ("since", "repeated", "said"), [(0, None, "in every"), (4, None, "in every"), (4, np.nan, "no")]
+)
+def test_a_dead_meter_is_warned_of_and_then_ends_the_run(tmp_path, since, repeated, said):
     plan = Plan([-1.0, 1.0] * 5, 40.0, sample_interval=0.5, input="voltage [V]")
-    bench, warnings = Dead(since), []
+    bench, warnings = Dead(since, repeated), []
     with Store.create(tmp_path / "dead.sqlite", plan, SETUP) as store:
-        with pytest.raises(InstrumentError, match=r"in every reading of holds \d to \d, while vol"):
+        with pytest.raises(InstrumentError, match=said + r" reading of holds \d to \d, while vol"):
             run(bench, plan, store, watch=lambda now: warnings.append(now.warning))
         assert len(store) == since + 3
-        assert store.points()[-1].value == bench.reading or 0.25
+        assert store.points()[-1].value in (bench.reading, 0.25) or repeated
         assert "check the meter and its range" in store.sessions()[0].end
         run(Bench(), plan, store)
         assert store.finished

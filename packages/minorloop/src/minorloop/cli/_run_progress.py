@@ -81,7 +81,7 @@ def watching(store: Store) -> Iterator[Callable[[RunProgress], None]]:
         return
 
     def log(progress: RunProgress) -> None:
-        if progress.point is not None or _repeats(progress):
+        if progress.point is not None or _repeats(progress, store):
             with suppress(OSError):  # the reader of the log may end; the run continues
                 print(_line(progress, store), file=sys.stderr, flush=True)
                 if progress.warning:
@@ -90,12 +90,9 @@ def watching(store: Store) -> Iterator[Callable[[RunProgress], None]]:
     yield log
 
 
-def _repeats(progress: RunProgress) -> bool:
-    """Whether a level of a session before was held again, unmeasured.
-
-    A sine that begins has no output yet either, and has not been held.
-    """
-    return progress.point is None and progress.held > 0 and math.isnan(progress.output)
+def _repeats(progress: RunProgress, store: Store) -> bool:
+    """Whether a level of a session before was held again, unmeasured."""
+    return progress.point is None and progress.index < len(store)
 
 
 def _applied(progress: RunProgress, store: Store, digits: int) -> str:
@@ -110,7 +107,7 @@ def _applied(progress: RunProgress, store: Store, digits: int) -> str:
 def _line(progress: RunProgress, store: Store) -> str:
     verdict = progress.point.verdict if progress.point else ""
     level = _applied(progress, store, 6)
-    if _repeats(progress):
+    if _repeats(progress, store):
         return (
             f"{progress.index + 1}/{progress.total}  {level}  repeated for {progress.held:.6g} s, "
             "as it was measured before the run was stopped"
@@ -131,7 +128,7 @@ def _live(store: Store) -> Iterator[Callable[[RunProgress], None]]:
 
     def show(progress: RunProgress) -> None:
         doing = f"{_applied(progress, store, 5)} for {progress.held:.0f} s"
-        if _repeats(progress):
+        if _repeats(progress, store):
             doing = f"repeating what was measured: {doing}"
         bar.update(task, description=doing, completed=max(progress.index, begun))
         if progress.point is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -84,12 +84,14 @@ class RepeatedReadings:
       readings show that it is coarse; across all of it where no two readings differ, which do not
       show how coarse it is;
     - or where it is `frozen`, and not at an extreme of its readings, as a saturated one is.
+
+    Holds without any reading count as holds of the same reading.
     """
 
     range: tuple[float, float]
     """Lowest and highest input of the run, as far as it is known."""
-    reading: float = math.nan
-    """The reading, in the unit of the output; NaN where the latest hold has several."""
+    readings: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """The different readings of the latest hold, in the unit of the output; NaN if it has none."""
     holds: int = 0
     """How many holds in a row repeat it."""
     inputs: tuple[float, float] = (0.0, 0.0)
@@ -126,11 +128,11 @@ class RepeatedReadings:
         """
         known = readings[np.isfinite(readings)]
         reach = _widened(self.range, level)
-        first = float(known[0]) if known.size and (known == known[0]).all() else math.nan
-        if first != self.reading:
+        values = np.unique(known) if known.size else np.array([math.nan])
+        if values.size > 1 or not np.array_equal(values, self.readings, equal_nan=True):
             return RepeatedReadings(
                 range=reach,
-                reading=first,
+                readings=values,
                 holds=1,
                 inputs=(level, level),
                 extremes=_widened(self.extremes, known),
@@ -161,9 +163,9 @@ class RepeatedReadings:
     def _is_frozen(self) -> bool:
         before = np.concatenate(self.latest)
         repeated = min(self.repeated, before.size)  # more of them show no more
-        values = np.append(before, np.full(repeated, self.reading))
+        values = np.append(before, np.full(repeated, self.readings[0]))
         runs = frozen(values).runs
-        inside = self.extremes[0] < self.reading < self.extremes[1]
+        inside = self.extremes[0] < self.readings[0] < self.extremes[1]
         return bool(inside and runs and runs[-1][1] == values.size and np.ptp(self.inputs))
 
 

@@ -327,11 +327,12 @@ def _warning(
     channel, output = actuator.inputs[0], actuator.outputs[0]
     low, high = now.inputs
     first = index + 2 - now.holds
+    (reading,) = now.readings
+    found = "has no" if math.isnan(reading) else f"is {reading:.9g} {output.unit} in every"
     said = (
-        f"{output.name} is {now.reading:.9g} {output.unit} in every reading of holds {first} "
-        f"to {index + 1}, while {channel.name} went from {low:g} to {high:g} {channel.unit}; "
-        "check the meter and its range, and that the actuator is connected, or hold longer: if it "
-        "moved, these points are wrong"
+        f"{output.name} {found} reading of holds {first} to {index + 1}, while {channel.name} went "
+        f"from {low:g} to {high:g} {channel.unit}; check the meter and its range, and that the "
+        "actuator is connected, or hold longer: if it moved, these points are wrong"
     )
     width = channel.high - channel.low
     far = not math.isfinite(width) or high - low >= _FAR * width * (1 - ROUNDING)
