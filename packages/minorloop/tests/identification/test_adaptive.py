@@ -132,7 +132,8 @@ def test_an_outlier_that_was_repeated_is_among_the_findings():
     found = chooser.findings(*measured(chooser, lambda k, u: u + 5.0 * (k == 9)))
     assert found.outliers == found.repeated == (9,)
     assert found.changes == ()
-    assert "1 outlier: sample 9" in found.warnings[0]
+    assert "1 outlier, " in found.warnings[0]
+    assert ": sample 9 (" in found.warnings[0]
     assert found.holds == 13 - 1
     assert found.validation.trusted
 

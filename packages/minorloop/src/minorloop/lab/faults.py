@@ -42,7 +42,17 @@ class Fault:
 
     @classmethod
     def at(cls, places: IntArray, values: FloatArray, kind: Kind, text: str, remedy: str) -> Fault:
-        """Return the fault of some samples (N,) among all values (T,)."""
+        """Return the fault of some samples.
+
+        Parameters
+        ----------
+        places : (N,) array of int
+            These samples.
+        values : (T,) array
+            All readings.
+        kind, text, remedy
+            As of `Fault`.
+        """
         return cls(kind, tuple(places.tolist()), float(values[places[0]]), text, remedy)
 
 
