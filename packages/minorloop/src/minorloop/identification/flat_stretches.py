@@ -42,9 +42,9 @@ _HELD = 0.5
 _NOISY, _RISES = 1.35, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
 _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
-"""Least width of each of the two bands below a rail, in spans; least readings at the rail over those
-in the lower band; most readings in the upper band over these; and least logarithm of how likely the
-depths in both are where an output is clipped over how likely where it saturates."""
+"""Least width of each of the two bands below a rail, in spans; least readings at the rail over
+those in the lower band; most readings in the upper band over these; and least logarithm of how
+likely the depths in both are where an output is clipped over how likely where it saturates."""
 _LAST_STEP, _LEAST_STEP = 0.2, 0.03
 """Last step of a coarse record to a rail, over the step before, and in spans."""
 
