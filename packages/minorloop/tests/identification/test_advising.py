@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+import minorloop as ml
 from fault_records import INPUTS, record, sine
 from fixed_options import Options, Plane, identify
 from minorloop.identification import Smooth, excitation
@@ -71,6 +72,13 @@ def test_exchanged_columns_are_named_unless_weights_may_be_negative(shape):
     assert says in " ".join(identify(y, u, Plane(8), holdout=0.3).warnings)
     assert says not in " ".join(identify(u, y, Plane(8), holdout=0.3).warnings)
     assert says not in " ".join(identify(y, u, Plane(8, signed=True), holdout=0.3).warnings)
+
+
+def test_an_output_that_comes_before_the_input_is_not_said_to_follow_it(shared_data):
+    names = {"input": "Lead Actuator Displacment", "output": "Lead Actuator Force", "time": None}
+    found = ml.identify(ml.read(shared_data / "structural_test_spc1.csv", **names))
+    assert "loops run clockwise" in " ".join(found.warnings)
+    assert "the output follows" not in " ".join(found.advice)
 
 
 def test_a_bit_that_never_changes_is_no_noise():

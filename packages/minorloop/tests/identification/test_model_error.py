@@ -82,3 +82,4 @@ def test_bands_of_a_major_loop_are_wide_on_minor_loops(prior):
     assert band.beyond > 0.5
     assert "their bands are assumed, not measured" in str(band)
     assert found.predict(u, bands=0.9).beyond == 0
+    assert found.predict([5.0, -5.0], bands=0.9).beyond == 1

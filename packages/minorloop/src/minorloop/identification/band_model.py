@@ -119,7 +119,7 @@ class BandModel:
         within = within_cells(model, inputs, curves.start)
         mean = float(within.mean()) if within.size else 0.0
         left = max(1.0 - self.shown / mean, 0.0) if mean > 0 else 0.0
-        return np.asarray(np.sqrt(sd**2 + left * within[places]))
+        return np.asarray(np.hypot(sd, np.sqrt(left * within[places])))
 
 
 def within_cells(model: Preisach, u: FloatArray, start: Start) -> FloatArray:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification.baseline import lateness
 from minorloop.identification.rough_model import RoughRecord, few, least_error
 from minorloop.lab.faults import Fault
 
@@ -18,7 +19,7 @@ _OVERSHOOT = 0.007
 def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[Fault]:
     """Find a shift that makes the rough model much better, or an output that reverses late.
 
-    Where the lag was searched, what is left is no lag alone.
+    Where the lag was searched, what is left is no lag alone. Loops that run clockwise have none.
     """
     rows = np.flatnonzero(sound)
     size = record.y.size
@@ -38,7 +39,7 @@ def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[F
             f"the error of a rough model falls from {here / record.span:.1%} to "
             f"{errors[best] / record.span:.1%} of range with it"
         )
-    elif overshoot > _OVERSHOOT:
+    elif overshoot > _OVERSHOOT and lateness(record.u, record.y, sound, record.curves) > 0:
         shift = late
         why = f"it continues by {overshoot:.1%} of range after the input has reversed"
     else:

@@ -173,10 +173,9 @@ class ModelError:
         factor = width(self.scores, probability, self.parts, least=1.0)
         return np.asarray(factor * np.sqrt(rows @ self.factors))
 
-    def beyond(self, u: FloatArray, measured: BoolArray, start: Start) -> float:
-        """Share of the outputs after some inputs that are farther off than any left-out sample."""
-        covariates = self.reach.covariates(u, measured, start)
-        return float(np.mean((covariates > self.shown).any(axis=1))) if len(covariates) else 0.0
+    def beyond(self, u: FloatArray, measured: BoolArray, start: Start) -> BoolArray:
+        """Which outputs (M,) after some inputs are farther off than any left-out sample."""
+        return np.asarray((self.reach.covariates(u, measured, start) > self.shown).any(axis=1))
 
 
 def learn(

@@ -13,7 +13,7 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples
 from minorloop.errors import counted
 from minorloop.identification import advising, diagnosis, residuals
 from minorloop.identification.accuracy import CurveAccuracy, by_curve
-from minorloop.identification.band_model import BandModel, within_cells
+from minorloop.identification.band_model import BandModel, beyond, within_cells
 from minorloop.identification.bands import BAND, PER_DEVIATION, Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, percent, polynomial_nrmse
 from minorloop.identification.choosing import FEWEST_GROUPS, Choice, folds
@@ -356,12 +356,13 @@ class Identification(Fit[Preisach]):
             return y
         probability = as_probability(bands)
         sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
-        beyond = 0.0
+        driven, places = parts.driven(inputs, self.model.levels, self.lag)
+        farther = beyond(self.model, driven)[places] > 0
         if self.model_error is not None:
-            driven, places = parts.driven(inputs, self.model.levels, self.lag)
             wanted = np.isin(np.arange(driven.size), places)
-            beyond = self.model_error.beyond(driven, wanted, self.start)
-        return Prediction(inputs, y, sd, probability, self._noise, beyond)
+            farther |= self.model_error.beyond(driven, wanted, self.start)
+        share = float(farther.mean()) if farther.size else 0.0
+        return Prediction(inputs, y, sd, probability, self._noise, share)
 
     def invert(
         self,
