@@ -7,6 +7,7 @@ import threading
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from fleet_records import OPTIONS, write_fleet, write_record
 from minorloop import load
@@ -29,7 +30,7 @@ class Here:
 
     def fit(self, task):
         SEEN.append(task.specimen.name)
-        return identify_one(task, task.specimen.file.with_suffix(".scratch.csv"))
+        return identify_one(task, task.specimen.file.with_suffix(".scratch"))
 
     def look(self):
         pass
@@ -56,6 +57,19 @@ def six(tmp_path):
     (tmp_path / "gone.csv").unlink()
     (tmp_path / "bad.csv").write_text("drive [V],tip [mm]\n0,1\nx,y\n")
     return specimens
+
+
+def test_records_of_other_formats_are_read_as_their_text_is(tmp_path):
+    (text,) = write_fleet(tmp_path, ["a"])
+    u, y = np.loadtxt(text.file, delimiter=",", skiprows=1).T
+    savemat(tmp_path / "a.mat", {"drive": u, "tip": y})
+    other = dataclasses.replace(text, file=tmp_path / "a.mat")
+    models = [
+        identify_one(Task(one, one.read(), OPTIONS), tmp_path / "scratch")[0]
+        for one in (text, other)
+    ]
+    assert models[1].error == models[0].error
+    assert models[1].nrmse == models[0].nrmse
 
 
 def test_failures_are_reported_and_a_stopped_fleet_continues(six, tmp_path):
@@ -98,13 +112,13 @@ def test_failures_are_reported_and_a_stopped_fleet_continues(six, tmp_path):
 
 def test_errors_in_a_fit_are_returned_as_text(six, tmp_path):
     def fit(**options):
-        return identify_one(Task(six[0], six[0].read(), options), tmp_path / "scratch.csv")
+        return identify_one(Task(six[0], six[0].read(), options), tmp_path / "scratch")
 
     for options, said in (({"colour": 1}, "no option 'colour'"), ({"levels": 0}, "levels")):
         outcome, model = fit(**options)
         assert said in outcome.error
         assert model is None
-    assert not (tmp_path / "scratch.csv").exists()
+    assert not (tmp_path / "scratch").exists()
 
 
 @pytest.mark.parametrize("change", ["input", "output", "file"])

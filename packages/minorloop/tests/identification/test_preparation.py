@@ -28,7 +28,7 @@ def _by_fleet(table, folder):
     """As a worker does, without its process."""
     one = Specimen("one", table.file, **table.columns)
     options = {"holdout": one_model.HOLDOUT, **table.options}
-    _, content = identify_one(Task(one, one.read(), options), folder / "scratch.csv")
+    _, content = identify_one(Task(one, one.read(), options), folder / "scratch")
     (folder / "fleet.json").write_bytes(content)
     return modelfile.read(folder / "fleet.json")
 

@@ -1,6 +1,7 @@
 """Identify one specimen from the bytes of its record, in a worker."""
 
 import hashlib
+import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -44,7 +45,7 @@ class Task:
 def identify_one(task: Task, scratch: Path) -> Found:
     """Identify the model of a specimen and its scores; errors are returned as text.
 
-    ``scratch`` is the name of a temporary file for the record and the model.
+    ``scratch`` is the name of a temporary folder for the record and the model.
     """
     from minorloop.identification.pipeline import Options
 
@@ -68,14 +69,14 @@ def identify_one(task: Task, scratch: Path) -> Found:
             chosen="; ".join(result.chosen),
         )
         origin = modelfile.Provenance(data=task.specimen.file.name, sha256=outcome.sha256)
-        result.save(scratch, provenance=origin, force=True)
-        data = scratch.read_bytes()
+        result.save(scratch / "model.json", provenance=origin)
+        data = (scratch / "model.json").read_bytes()
         return replace(outcome, model=hashlib.sha256(data).hexdigest()), data
     except Exception as error:
         kind = "" if isinstance(error, MinorloopError) else f"{type(error).__name__}: "
         return task.failed(f"{kind}{error}")
     finally:
-        scratch.unlink(missing_ok=True)
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def opening(model: Preisach) -> float:
@@ -98,9 +99,11 @@ def _log(task: Task, scratch: Path) -> Record:
     from minorloop.identification import read
 
     one = task.specimen
-    scratch.write_bytes(task.data)
+    copy = scratch / f"record{one.file.suffix}"
+    scratch.mkdir()
+    copy.write_bytes(task.data)
     try:
-        return read(scratch, **one.columns)
+        return read(copy, **one.columns)
     except RecordError as error:
-        text = one.shown_error(error).replace(str(scratch), str(one.file))
+        text = one.shown_error(error).replace(str(copy), str(one.file))
         raise RecordError(text) from None

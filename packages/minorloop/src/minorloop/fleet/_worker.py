@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import pickle
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -178,7 +179,7 @@ class Worker:
     """
 
     def __init__(self) -> None:
-        self.scratch = Path(tempfile.gettempdir(), f"minorloop-{os.urandom(8).hex()}.csv")
+        self.scratch = Path(tempfile.gettempdir(), f"minorloop-{os.urandom(8).hex()}")
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115
         self._ending = threading.Lock()
         alive, self._alive = os.pipe()
@@ -237,7 +238,7 @@ class Worker:
                     if stream is not None:
                         stream.close()
             os.close(self._alive)
-            self.scratch.unlink(missing_ok=True)
+            shutil.rmtree(self.scratch, ignore_errors=True)
             self._stderr.seek(0)
             said = self._stderr.read()[-2000:].decode(errors="replace").strip()
             self._stderr.close()
