@@ -31,7 +31,7 @@ ACCEPTABLE = 1e-6
 """Relative violation up to which a result counts as converged."""
 
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
-_OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 40, 3, 4
+_OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 40, 3, 8
 _JOINS, _FEW = 0.1, 100
 """Most unknowns that become free together, over those that are, and in any case. A few thousand at
 once, most of which leave again, make dense factors large."""
@@ -204,7 +204,7 @@ class Pivoting(ABC):
 class _SparsePivoting(Pivoting):
     system: EverettSystem
     joins, quick, enough = np.inf, 0.0, 1e-11
-    least_ridge = 1e-10
+    least_ridge = 1e-9
     """The accuracy of the factor: below it, conjugate gradients are many."""
 
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
