@@ -75,24 +75,25 @@ def watching(store: Store) -> Iterator[Callable[[RunProgress], None]]:
     On a terminal it shows a bar and the time left. Elsewhere it prints one line for each
     settled point.
     """
+    begun = len(store)
     if sys.stderr.isatty():
-        with _live(store) as show:
+        with _live(store, begun) as show:
             yield show
         return
 
     def log(progress: RunProgress) -> None:
-        if progress.point is not None or _repeats(progress, store):
+        if progress.point is not None or _repeats(progress, begun):
             with suppress(OSError):  # the reader of the log may end; the run continues
-                print(_line(progress, store), file=sys.stderr, flush=True)
+                print(_line(progress, store, begun), file=sys.stderr, flush=True)
                 if progress.warning:
                     print(f"! {progress.warning}", file=sys.stderr, flush=True)
 
     yield log
 
 
-def _repeats(progress: RunProgress, store: Store) -> bool:
+def _repeats(progress: RunProgress, begun: int) -> bool:
     """Whether a level of a session before was held again, unmeasured."""
-    return progress.point is None and progress.index < len(store)
+    return progress.point is None and progress.index < begun
 
 
 def _applied(progress: RunProgress, store: Store, digits: int) -> str:
@@ -104,10 +105,10 @@ def _applied(progress: RunProgress, store: Store, digits: int) -> str:
     return f"{sine.frequency:.6g} Hz, {sine.amplitude:.6g} {unit}"
 
 
-def _line(progress: RunProgress, store: Store) -> str:
+def _line(progress: RunProgress, store: Store, begun: int) -> str:
     verdict = progress.point.verdict if progress.point else ""
     level = _applied(progress, store, 6)
-    if _repeats(progress, store):
+    if _repeats(progress, begun):
         return (
             f"{progress.index + 1}/{progress.total}  {level}  repeated for {progress.held:.6g} s, "
             "as it was measured before the run was stopped"
@@ -119,16 +120,16 @@ def _line(progress: RunProgress, store: Store) -> str:
 
 
 @contextmanager
-def _live(store: Store) -> Iterator[Callable[[RunProgress], None]]:
+def _live(store: Store, begun: int) -> Iterator[Callable[[RunProgress], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    begun, began = len(store), time.monotonic()
+    began = time.monotonic()
 
     def show(progress: RunProgress) -> None:
         doing = f"{_applied(progress, store, 5)} for {progress.held:.0f} s"
-        if _repeats(progress, store):
+        if _repeats(progress, begun):
             doing = f"repeating what was measured: {doing}"
         bar.update(task, description=doing, completed=max(progress.index, begun))
         if progress.point is not None:
