@@ -84,6 +84,17 @@ def test_what_is_shown_is_compared_with_what_was_printed(shown, same):
     assert documents.agree(shown, "rms  0.683%\nof 56\n") is same
 
 
+def test_sentences_of_the_core_name_options_that_exist():
+    known = {"--help", "--version", "--dynamics"}  # the page puts the last in the place of two
+    for verb in documents.VERBS.commands.values():
+        for each in [verb, *getattr(verb, "commands", {}).values()]:
+            known |= {name for option in each.params for name in option.opts}
+    named = set()
+    for file in (ROOT / "packages" / "minorloop" / "src").rglob("*.py"):
+        named |= set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]+", file.read_text()))
+    assert named <= known
+
+
 INLINE = [
     (page, text)
     for page in PAGES

@@ -43,7 +43,7 @@ def _beyond(limits: tuple[float, float] | None, y: FloatArray) -> Iterator[Fault
         text = (
             f"{counted(places.size, 'reading')} {are(places.size)} beyond the range of the sensor"
         )
-        remedy = "move the sensor or reduce the input, or correct the range (--range)"
+        remedy = "move the sensor or reduce the input, or correct the range (--holds range=...)"
         text += f", {low:g} to {high:g}: {listed(places, y)}"
         yield Fault.at(places, y, "range", text, remedy)
 

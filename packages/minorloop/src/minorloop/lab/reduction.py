@@ -330,8 +330,8 @@ def _converted(
         return y, ()
     text = f"{counted(lost.size, 'reading')} cannot be converted: {listed(lost, readings)}"
     remedy = (
-        f"the conversion covers {conversion.covered}: check the geometry (--laser) or the "
-        "calibration and its unit (--linear, --polynomial, --table)"
+        f"the conversion covers {conversion.covered}: check the geometry or the "
+        "calibration and its unit (--convert)"
     )
     return y, (Fault.at(lost, readings, "range", text, remedy),)
 
