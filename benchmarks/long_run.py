@@ -89,8 +89,9 @@ def rows(quick: bool = False) -> list[Row]:
 def _carried_out(path: Path, holds: int, seed: int) -> tuple[Array, Array]:
     """Processor time of each hold, and of writing each point, in seconds.
 
-    A write that another process locks out is an error, as the store is made not to wait. So what
-    others cost a write is processor time, and no other load of the machine counts.
+    A write that another process locks out is an error: once the first point has made the store one
+    that others can read, it does not wait. So what others cost a write is processor time, and no
+    other load of the machine counts.
     """
     from minorloop.lab.plan import Plan
     from minorloop.lab.run import run
@@ -105,9 +106,10 @@ def _carried_out(path: Path, holds: int, seed: int) -> tuple[Array, Array]:
             began = time.process_time()
             super().add(*point)
             written.append(time.process_time() - began)
+            if len(written) == 1:
+                self._execute("PRAGMA busy_timeout = 0")
 
     with Timed.create(path, plan, Setup("bench", "voltage [V]", "tip [mm]")) as store:
-        store._execute("PRAGMA busy_timeout = 0")
         run(
             _FastMeter(seed),
             plan,
