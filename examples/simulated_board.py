@@ -1,12 +1,13 @@
-"""A board with two heated wires and two angle sensors, simulated on a pseudo-terminal.
+"""A board with two actuators and two sensors, simulated on a pseudo-terminal.
 
 It is a program of its own, made of Python's standard library only: it knows the serial protocol and
 nothing else. It prints the name of its terminal and runs until it is ended::
 
     python examples/simulated_board.py --port /tmp/board --log /tmp/board.log
 
-A wire is heated by the square of its current and cools again within some seconds. Its angle follows
-the temperature along an S, with hysteresis: some 60 degrees at 0.4 A, 0.4 degrees when cold again.
+An actuator is heated by the square of its input, 0.4 A at most unless told otherwise, and cools
+again within some seconds. Its output follows the temperature along an S, with hysteresis: some 60
+degrees at the highest input, 0.4 degrees when cold again.
 """
 
 import argparse
@@ -21,58 +22,58 @@ import time
 import tty
 import zlib
 
-LOW, HIGH, REST = 0.0, 0.4, 0.0
+LOW, REST = 0.0, 0.0
 PATIENCE = 1.0
 """Seconds without a line after which the board goes to its safe inputs."""
-LAG, HEATING = 1.5, 700.0
-"""Seconds in which a wire cools, and degrees Celsius for a square ampere."""
+LAG, HEATING = 1.5, 112.0
+"""Seconds in which an actuator cools, and degrees Celsius at its highest input."""
 NOISE = 0.02
-"""Standard deviation of a sensor, in degrees."""
+"""Standard deviation of a sensor, in its unit."""
 TELLING = 0.01
 """Seconds from one message to the simulated camera to the next."""
 HALF_WIDTH = 6.0
 """Half the width of the hysteresis, in degrees Celsius."""
 
 
-class Wire:
+class Actuator:
     def __init__(self):
         self.temperature = 20.0
         self.memory = 20.0 + HALF_WIDTH  # it was heated before
 
-    def advance(self, seconds, current):
-        final = 20.0 + HEATING * current**2
+    def advance(self, seconds, share):
+        final = 20.0 + HEATING * share**2
         self.temperature = final + (self.temperature - final) * math.exp(-seconds / LAG)
         low, high = self.temperature - HALF_WIDTH, self.temperature + HALF_WIDTH
         self.memory = min(max(self.memory, low), high)
 
-    def angle(self):
+    def output(self):
         return 62.0 / (1.0 + math.exp(-(self.memory - 75.0) / 12.0)) - 0.625
 
 
 class Board:
-    def __init__(self, unit, log):
-        self.wires, self.inputs, self.lines = [Wire(), Wire()], [REST, REST], [0, 0, 0, 0]
-        self.unit, self.log, self.told = unit, log, -math.inf
+    def __init__(self, unit, high, of, log):
+        self.actuators, self.inputs, self.lines = [Actuator(), Actuator()], [REST, REST], [0] * 4
+        self.unit, self.high, self.of, self.log, self.told = unit, high, of, log, -math.inf
         self.heard, self.tripped = time.monotonic(), False
         self.now = self.heard
 
     def advance(self):
         now = time.monotonic()
-        for wire, current in zip(self.wires, self.inputs, strict=True):
-            wire.advance(now - self.now, current)
+        for actuator, u in zip(self.actuators, self.inputs, strict=True):
+            actuator.advance(now - self.now, u / self.high)
         self.now = now
         if now - self.heard > PATIENCE and any(self.inputs):
             self.inputs, self.tripped = [REST, REST], True
             self.note("PATIENCE")
 
     def tell(self, sending, port):
-        """Tell the simulated camera how the joints stand and which lines are on."""
+        """Tell a simulated camera the outputs and which lines are on."""
         if self.now - self.told < TELLING:
             return
         self.told = self.now
-        angles = (f"{wire.angle():.4f}" for wire in self.wires)
+        outputs = (f"{actuator.output():.4f}" for actuator in self.actuators)
         with contextlib.suppress(ConnectionError):  # nobody listens yet
-            words = " ".join([*angles, *map(str, self.lines)])
+            words = " ".join([*outputs, *map(str, self.lines)])
             sending.sendto(words.encode(), ("127.0.0.1", port))
 
     def note(self, *words):
@@ -101,18 +102,18 @@ class Board:
         if command == "HELLO":
             return ["minorloop", "3", "2", "2", str(len(self.lines)), f"{1000 * PATIENCE:g}"]
         if command == "INPUT" and int(words[0]) in (0, 1):
-            return [self.unit, f"{LOW:g}", f"{HIGH:g}", f"{REST:g}"]
+            return [self.unit, f"{LOW:g}", f"{self.high:g}", f"{REST:g}"]
         if command == "OUTPUT" and int(words[0]) in (0, 1):
-            return ["deg"]
+            return [self.of]
         if command == "SET" and len(words) == 2:
             wanted = [float(word) for word in words]
-            if not all(LOW <= value <= HIGH for value in wanted):
+            if not all(LOW <= value <= self.high for value in wanted):
                 self.note("BEYOND", *words)
                 raise ValueError("beyond the limits")
             self.inputs = wanted
             return words
         if command == "GET":
-            return [f"{random.gauss(wire.angle(), NOISE):.4f}" for wire in self.wires]
+            return [f"{random.gauss(each.output(), NOISE):.4f}" for each in self.actuators]
         if command == "LINE" and words[1] in ("0", "1"):
             self.lines[int(words[0])] = int(words[1])
             return [words[1]]
@@ -127,9 +128,11 @@ def main():
     options.add_argument("--port", help="name of the terminal, a link; its own name without it")
     options.add_argument("--log", default=os.devnull, help="file for all commands")
     options.add_argument("--unit", default="A", help="unit of the inputs")
+    options.add_argument("--high", type=float, default=0.4, help="highest input")
+    options.add_argument("--of", default="deg", help="unit of the outputs")
     options.add_argument("--late", type=float, default=0.0, help="seconds before each answer")
     options.add_argument("--half", type=int, default=0, help="answers after which lines are cut")
-    options.add_argument("--tell", type=int, help="port to send angles and lines to")
+    options.add_argument("--tell", type=int, help="port to send outputs and lines to")
     given = options.parse_args()
     sending = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     master, slave = pty.openpty()
@@ -140,7 +143,7 @@ def main():
             os.unlink(given.port)
         os.symlink(os.ttyname(slave), given.port)
     with open(given.log, "a") as log:
-        board, received, answers = Board(given.unit, log), b"", 0
+        board, received, answers = Board(given.unit, given.high, given.of, log), b"", 0
         print(name, flush=True)
         while True:
             ready, _, _ = select.select([master], [], [], 0.01)

@@ -9,8 +9,10 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 @contextmanager
-def simulated_board(folder, *options):
+def simulated_board(folder, *options, bench="stage.toml"):
     """Yield a bench file for a board that runs, and the process; the log is ``board.log``."""
+    if bench == "stage.toml":
+        options = ("--unit", "V", "--high", "100", "--of", "um", *options)
     program = [sys.executable, "-I", "-S", EXAMPLES / "simulated_board.py"]
     log = folder / "board.log"
     with subprocess.Popen(
@@ -19,10 +21,10 @@ def simulated_board(folder, *options):
         text=True,
     ) as process:
         port = process.stdout.readline().strip()
-        text = (EXAMPLES / "head.toml").read_text().replace("/dev/ttyACM0", port)
-        (folder / "head.toml").write_text(text)
+        text = (EXAMPLES / bench).read_text().replace("/dev/ttyACM0", port)
+        (folder / bench).write_text(text)
         try:
-            yield f"bench:{folder / 'head.toml'}", process
+            yield f"bench:{folder / bench}", process
         finally:
             process.kill()
 

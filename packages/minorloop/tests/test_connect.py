@@ -90,8 +90,8 @@ def test_a_function_of_a_module_in_the_current_folder_makes_an_actuator():
     [
         ("home_made", "has no function of a module; give module:PACKAGE.FUNCTION"),
         ("home_made.nobody", "cannot be loaded: .*nobody.*; give module:PACKAGE.FUNCTION"),
-        ("no_such_home.head", "cannot be loaded: No module named 'no_such_home'"),
-        ("head", "has no function of a module"),
+        ("no_such_home.stage", "cannot be loaded: No module named 'no_such_home'"),
+        ("stage", "has no function of a module"),
         ("home_made.number", "is no function"),
         ("home_made.nothing", "int is no actuator: it has no inputs"),
     ],
@@ -113,20 +113,20 @@ def test_a_factory_that_fails_is_one_sentence():
 @pytest.mark.parametrize("line", ["raise SystemExit(7)", "1 / 0"])
 def test_a_module_that_fails_when_it_is_loaded_is_one_sentence(tmp_path, line):
     (tmp_path / "home_failing.py").write_text(line)
-    with pytest.raises(InstrumentError, match=r"home_failing.head cannot be loaded: .*(7|zero)"):
-        connect("module:home_failing.head")
+    with pytest.raises(InstrumentError, match=r"home_failing.stage cannot be loaded: .*(7|zero)"):
+        connect("module:home_failing.stage")
 
 
 class Amplifier:
     """The device of examples/home_made_plant.py on a pseudo-terminal, in a thread."""
 
-    def __init__(self, angles=None):
-        self.angles = angles
+    def __init__(self, outputs=None):
+        self.outputs = outputs
 
     def __enter__(self):
         self.master, self.slave = pty.openpty()
         tty.setraw(self.slave)
-        self.currents, self.seen = "0 0", []
+        self.inputs, self.seen = "0 0", []
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
         return self
@@ -139,13 +139,11 @@ class Amplifier:
                 *lines, buffer = buffer.split(b"\n")
                 for each in lines:
                     self.seen.append(each.decode())
-                    self.currents = {b"I": each[2:].decode(), b"O": "0 0"}.get(
-                        each[:1], self.currents
+                    self.inputs = {b"U": each[2:].decode(), b"O": "0 0"}.get(each[:1], self.inputs)
+                    outputs = self.outputs or " ".join(
+                        f"{float(u) / 2:g}" for u in self.inputs.split()
                     )
-                    angles = self.angles or " ".join(
-                        f"{100 * float(i):g}" for i in self.currents.split()
-                    )
-                    answer = self.currents if each[:1] in (b"I", b"O") else angles
+                    answer = self.inputs if each[:1] in (b"U", b"O") else outputs
                     os.write(self.master, f"{answer}\n".encode())
 
     def __exit__(self, *_):
@@ -159,26 +157,26 @@ def test_a_plant_names_the_package_that_it_imports(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    with pytest.raises(ParameterError, match=r"head cannot be loaded: .*; install serial, which"):
-        connect("module:home_made_plant.head:/dev/ttyACM0")
+    with pytest.raises(ParameterError, match=r"stage cannot be loaded: .*; install serial, which"):
+        connect("module:home_made_plant.stage:/dev/ttyACM0")
 
 
-def test_the_plant_of_the_examples_has_at_most_40_lines_and_is_a_head(monkeypatch):
+def test_the_plant_of_the_examples_has_at_most_40_lines_and_is_a_stage(monkeypatch):
     pytest.importorskip("serial", reason="needs pyserial: minorloop[instruments]")
     assert len((EXAMPLES / "home_made_plant.py").read_text().splitlines()) <= 40
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.setattr(sys, "path", [*sys.path])
     with Amplifier() as amplifier:
-        plant = connect(f"module:home_made_plant.head:{os.ttyname(amplifier.slave)}")
-        assert plant.serial == "H-02"
-        assert plant.at_once([0.1, 0.2]).tolist() == [10.0, 20.0]
-        for wrong in (0.5, math.nan, math.inf):
+        plant = connect(f"module:home_made_plant.stage:{os.ttyname(amplifier.slave)}")
+        assert plant.serial == "S-02"
+        assert plant.at_once([10.0, 20.0]).tolist() == [5.0, 10.0]
+        for wrong in (100.5, math.nan, math.inf):
             with pytest.raises(LimitError):
                 plant.exchange([wrong, 0.0])
         plant.safe()
         plant.close()
         assert amplifier.seen[-1] == "OFF"
-    assert not [line for line in amplifier.seen if line.startswith("I 0.5")]
+    assert not [line for line in amplifier.seen if line.startswith("U 100.5")]
 
 
 def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypatch):
@@ -186,7 +184,7 @@ def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypat
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.setattr(sys, "path", [*sys.path])
     with Amplifier("xx 3a") as amplifier:
-        address = f"module:home_made_plant.head:{os.ttyname(amplifier.slave)}"
+        address = f"module:home_made_plant.stage:{os.ttyname(amplifier.slave)}"
         for _ in range(2):  # the port is free again
             with pytest.raises(InstrumentError, match=r"the driver failed: ValueError: .*xx"):
                 connect(address)

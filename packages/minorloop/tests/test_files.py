@@ -69,10 +69,10 @@ def test_writes_exactly_the_content_and_no_other_file(tmp_path, content):
 @pytest.mark.parametrize(
     ("name", "begin", "kind"),
     [
-        ("a.json", b'{"format": "minorloop head", "version": 1', "a head file"),
+        ("a.json", b'{"format": "minorloop rig", "version": 1', "a rig file"),
         ("a.json", b'{\n  "version": 1, "format": "minorloop model"', "a model file"),
         ("a.csv", b'{"devices": {', "a JSON file"),
-        ("a.csv", b"pan [deg],tilt [deg]", "a table"),
+        ("a.csv", b"x [deg],y [deg]", "a table"),
         ("a.toml", b"tick = 0.04", "a TOML file"),
         ("a.txt", b"{u},{y}", ""),
     ],

@@ -81,7 +81,7 @@ def test_the_file_of_the_head_is_read_and_that_of_another_refused(tmp_path):
 @pytest.fixture
 def board(tmp_path):
     pytest.importorskip("pyvisa_py", reason="needs pyvisa-py: minorloop[instruments]")
-    with simulated_board(tmp_path) as (address, _):
+    with simulated_board(tmp_path, bench="head.toml") as (address, _):
         yield address, tmp_path
 
 

@@ -41,11 +41,11 @@ def test_actuators_are_made_safe_and_read(run, tmp_path):
         said = commands(tmp_path)
     rows = [(row["what"], row["state"]) for row in json.loads(out)["devices"]]
     assert status == 0
-    assert rows[0] == ("serial number", "H-01")
-    assert ("input pan current [A], 0 to 0.4, 10 a second", "safe at 0") in rows
-    assert ("line pump", "at rest") in rows
-    assert rows[3][0] == "output pan [deg]"
-    # A wire that was heated before does not come back all the way to 0.
+    assert rows[0] == ("serial number", "S-01")
+    assert ("input x voltage [V], 0 to 100, 2500 a second", "safe at 0") in rows
+    assert ("line valve", "at rest") in rows
+    assert rows[3][0] == "output x [um]"
+    # An actuator that was moved before does not come back all the way to 0.
     assert float(rows[3][1].removeprefix("reads ")) == pytest.approx(0.4, abs=0.2)
     assert said.index(["SAFE"]) < said.index(["GET"])
     assert ["SAFE"] in said[-5:]

@@ -91,23 +91,23 @@ def test_holdouts_of_adaptive_runs_are_refused(run, refused):
 
 def test_one_channel_of_a_bench_with_several_is_run_and_resumed(run, tmp_path):
     pytest.importorskip("pyvisa_py", reason="needs pyvisa-py: minorloop[instruments]")
-    Path("tilt.csv").write_text("tilt current [A],hold [s]\n0,0.3\n0.4,0.3\n")
-    Path("other.csv").write_text("current [A],hold [s]\n0,0.3\n")
+    Path("y.csv").write_text("y voltage [V],hold [s]\n0,0.3\n100,0.3\n")
+    Path("other.csv").write_text("voltage [V],hold [s]\n0,0.3\n")
     with simulated_board(tmp_path) as (address, _):
         begin = f"run --actuator {shlex.quote(address)} --holds interval=0.03"
         status, _, error = run(f"{begin} --plan other.csv --store no.sqlite")
         assert status == 2
-        assert "the inputs 'pan current [A]', 'tilt current [A]'; choose one with --input" in error
-        status, _, _ = run(f"{begin} --plan tilt.csv --store a.sqlite")
+        assert "the inputs 'x voltage [V]', 'y voltage [V]'; choose one with --input" in error
+        status, _, _ = run(f"{begin} --plan y.csv --store a.sqlite")
         assert status == 0
-        status, _, _ = run(f"{begin} --plan tilt.csv --store b.sqlite --output pan")
+        status, _, _ = run(f"{begin} --plan y.csv --store b.sqlite --output x")
         assert status == 0
         assert run("resume --store a.sqlite")[0] == 0
     with Store.open("a.sqlite") as store:
-        assert (store.setup.input, store.setup.output) == ("tilt current [A]", "tilt [deg]")
+        assert (store.setup.input, store.setup.output) == ("y voltage [V]", "y [um]")
         assert store.finished
     with Store.open("b.sqlite") as store:
-        assert store.setup.output == "pan [deg]"
+        assert store.setup.output == "x [um]"
     sent = [words for words in commands(tmp_path) if words[0] == "SET"]
-    assert ["SET", "0", "0.4"] in sent
+    assert ["SET", "0", "100"] in sent
     assert not [words for words in sent if words[1] != "0"]

@@ -107,11 +107,11 @@ def test_parts_that_do_not_fit_make_no_record(changes, complaint):
 
 
 def test_several_channels_are_rows_and_are_written_as_columns(tmp_path):
-    names = ("pan [deg]", "tilt [deg]")
+    names = ("x [deg]", "y [deg]")
     record = Record([1, 2], [[1, 2], [3, 4]], [0, 1], "voltage [V]", names)
     record.to_csv(tmp_path / "axes.csv")
     text = (tmp_path / "axes.csv").read_text()
-    assert text == "time [s],voltage [V],pan [deg],tilt [deg]\n0.0,1.0,1.0,3.0\n1.0,2.0,2.0,4.0\n"
+    assert text == "time [s],voltage [V],x [deg],y [deg]\n0.0,1.0,1.0,3.0\n1.0,2.0,2.0,4.0\n"
 
 
 def test_records_on_one_clock_are_joined():

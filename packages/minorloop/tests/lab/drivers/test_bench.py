@@ -283,7 +283,7 @@ def test_times_that_make_no_sense(plant, times):
 # The limits that every command passes.
 
 TICK = 0.04
-PAN, TILT = Channel("pan", "A", 0.0, 0.4, rate=5.0), Channel("tilt", "A", 0.0, 0.4)
+X, Y = Channel("x", "A", 0.0, 0.4, rate=5.0), Channel("y", "A", 0.0, 0.4)
 
 
 def limited(*channels):
@@ -292,7 +292,7 @@ def limited(*channels):
 
 
 def test_a_change_is_refused_that_is_faster_than_the_rate_over_a_tick_or_since_the_last():
-    one, plant = limited(PAN)
+    one, plant = limited(X)
     with pytest.raises(LimitError, match=r"from 0 to 0.3 A in 0.04 s is faster than the limit 5 A"):
         one.set(0.3)
     one.set(0.2)
@@ -309,7 +309,7 @@ def test_a_change_is_refused_that_is_faster_than_the_rate_over_a_tick_or_since_t
 
 
 def test_after_a_failure_nothing_is_set_until_it_is_safe():
-    one, plant = limited(TILT)
+    one, plant = limited(Y)
     plant.broken = InstrumentError("no answer")
     with pytest.raises(InstrumentError, match="no answer"):
         one.set(0.1)
@@ -326,12 +326,12 @@ ANY = st.one_of(st.floats(), st.floats(-0.1, 0.5))
 
 @given(st.lists(st.tuples(ANY, ANY, st.floats(0.0, 0.1), st.booleans()), max_size=30))
 def test_whatever_is_asked_for_what_is_sent_is_within_the_limits(asked):
-    one, plant = limited(PAN, TILT)
+    one, plant = limited(X, Y)
     times, values = [], []
-    for pan, tilt, seconds, nearest in asked:
+    for x, y, seconds, nearest in asked:
         plant.clock.time += seconds
         try:
-            one.set(one.nearest([pan, tilt]) if nearest else [pan, tilt])
+            one.set(one.nearest([x, y]) if nearest else [x, y])
         except MinorloopError:
             continue
         times.append(plant.clock.time)

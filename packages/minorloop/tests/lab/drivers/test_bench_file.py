@@ -4,7 +4,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from board_process import EXAMPLES
 from minorloop.connect import connect
 from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
 from minorloop.lab.drivers import bench_file
@@ -104,8 +103,8 @@ def test_channels_are_converted_limited_and_wired_as_the_file_says(opened):
     assert y == pytest.approx([2 * 1e-4 / (1e-4**2 + 5e-3**2), 6.0])
     bench.switch({"valve": False})
     assert device.done[-1] == {0: False}
-    with pytest.raises(ParameterError, match="there is no line 'led'; there is valve"):
-        bench.switch({"led": True})
+    with pytest.raises(ParameterError, match="there is no line 'lamp'; there is valve"):
+        bench.switch({"lamp": True})
     bench.close()
     assert device.done[-1] == "closed"
 
@@ -251,10 +250,3 @@ def test_what_no_reading_depends_on_is_left_out():
     devices = {"a": {"baud": 3, "on": 4}}
     values = {"tick": 1, "timeout": 2, "devices": devices, "of": [{"done": 1}]}
     assert relevant(values) == {"tick": 1, "devices": {"a": {"on": 4}}, "of": [{}]}
-
-
-def test_the_bench_of_the_examples_is_that_of_a_head():
-    described = tomllib.loads((EXAMPLES / "head.toml").read_text())
-    assert [source["unit"] for source in described["sources"]] == ["A", "A"]
-    assert [sensor["unit"] for sensor in described["sensors"]] == ["deg", "deg"]
-    assert all(source["rest"] == 0.0 for source in described["sources"])

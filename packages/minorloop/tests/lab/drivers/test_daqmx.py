@@ -56,16 +56,16 @@ PLAN = DevicePlan(
     "card",
     {"device": "Dev1"},
     (
-        DeviceChannel("pan", {"channel": "ao0", "confirm": "ai7"}, low=0.0, high=4.0),
-        DeviceChannel("tilt", {"channel": "ao1"}, low=-1.0, high=1.0, rest=0.5),
+        DeviceChannel("x", {"channel": "ao0", "confirm": "ai7"}, low=0.0, high=4.0),
+        DeviceChannel("y", {"channel": "ao1"}, low=-1.0, high=1.0, rest=0.5),
     ),
     (
         DeviceChannel("a", {"channel": "ai0", "terminals": "rse", "range": [-1, 1]}),
         DeviceChannel("b", {"channel": "ai1"}),
     ),
     (
-        DeviceChannel("led", {"channel": "port0/line0"}, rest=1.0),
-        DeviceChannel("pump", {"channel": "port0/line1"}),
+        DeviceChannel("lamp", {"channel": "port0/line0"}, rest=1.0),
+        DeviceChannel("valve", {"channel": "port0/line1"}),
     ),
 )
 

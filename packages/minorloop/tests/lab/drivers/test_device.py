@@ -34,7 +34,10 @@ class FakeDevice:
 
 def wired(**options):
     first, second = FakeDevice([1.0], **options), FakeDevice([2.0, 3.0])
-    parts = [Wired(first, (1,), (2,), ("pump",)), Wired(second, (0, 2), (0, 1), ("led 1", "led 2"))]
+    parts = [
+        Wired(first, (1,), (2,), ("valve",)),
+        Wired(second, (0, 2), (0, 1), ("lamp 1", "lamp 2")),
+    ]
     commands = [None, linear(10.0, 1.0), CalibrationTable(readings=(0, 1), values=(0, 5))]
     readings = [None, linear(2.0), linear(100.0, -1.0)]
     return Wiring(parts, commands, readings), first, second
@@ -46,8 +49,8 @@ def test_each_channel_goes_to_its_device_in_the_numbers_of_the_instrument():
     assert first.done == [[3.0]]
     assert second.done == [[0.5, 2.0]]
     np.testing.assert_array_equal(wiring.read(), [2.0, 6.0, 99.0])
-    assert wiring.names == ("pump", "led 1", "led 2")
-    wiring.switch({"led 2": True, "led 1": False})
+    assert wiring.names == ("valve", "lamp 1", "lamp 2")
+    wiring.switch({"lamp 2": True, "lamp 1": False})
     assert (first.done[1:], second.done[1:]) == ([], [{0: False, 1: True}])
 
 
@@ -87,7 +90,7 @@ def test_the_first_error_of_several_steps_is_raised_when_all_were_done():
 
 
 def test_a_plan_knows_the_rest_of_its_channels():
-    lines = (DeviceChannel("led", {}, rest=1.0), DeviceChannel("pump", {}))
+    lines = (DeviceChannel("lamp", {}, rest=1.0), DeviceChannel("valve", {}))
     plan = DevicePlan("board", {}, (DeviceChannel("u", {}, rest=0.3),), lines=lines)
     assert plan.rest.tolist() == [0.3]
     assert plan.resting_lines == {0: True, 1: False}

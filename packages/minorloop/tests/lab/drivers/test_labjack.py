@@ -54,14 +54,14 @@ PLAN = DevicePlan(
     "jack",
     {"model": "T7", "connection": "USB"},
     (
-        DeviceChannel("pan", {"channel": "DAC0"}, low=0.0, high=4.0),
-        DeviceChannel("tilt", {"channel": "DAC1"}, low=0.0, high=4.0, rest=0.5),
+        DeviceChannel("x", {"channel": "DAC0"}, low=0.0, high=4.0),
+        DeviceChannel("y", {"channel": "DAC1"}, low=0.0, high=4.0, rest=0.5),
     ),
     (
         DeviceChannel("a", {"channel": "AIN0", "range": 1.0}),
         DeviceChannel("b", {"channel": "AIN1"}),
     ),
-    (DeviceChannel("led", {"channel": "FIO0"}, rest=1.0),),
+    (DeviceChannel("lamp", {"channel": "FIO0"}, rest=1.0),),
 )
 
 

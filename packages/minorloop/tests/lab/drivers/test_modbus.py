@@ -56,15 +56,18 @@ class Server:
 def plan(port, **changes):
     known = {
         "sources": (
-            DeviceChannel("pan", {"register": 0}, low=0.0, high=0.4, rest=0.0),
-            DeviceChannel("tilt", {"register": 2, "type": "int16"}, low=-400, high=400, rest=5.0),
+            DeviceChannel("x", {"register": 0}, low=0.0, high=0.4, rest=0.0),
+            DeviceChannel("y", {"register": 2, "type": "int16"}, low=-400, high=400, rest=5.0),
         ),
         "sensors": (
             DeviceChannel("a", {"register": 0, "kind": "holding"}),
             DeviceChannel("b", {"register": 2, "type": "int16", "kind": "holding"}),
             DeviceChannel("c", {"register": 8}),
         ),
-        "lines": (DeviceChannel("led", {"coil": 3}, rest=1.0), DeviceChannel("pump", {"coil": 0})),
+        "lines": (
+            DeviceChannel("lamp", {"coil": 3}, rest=1.0),
+            DeviceChannel("valve", {"coil": 0}),
+        ),
     }
     return DevicePlan("box", {"host": HOST, "port": port}, **{**known, **changes})
 

@@ -24,23 +24,23 @@ def asked(*exchanges):
 
 GREETING = (
     ("HELLO", ["minorloop", "3", "2", "2", "1", "1000"]),
-    ("INPUT 0", ["A", "0", "0.4", "0"]),
-    ("INPUT 1", ["A", "0", "0.4", "0"]),
-    ("OUTPUT 0", ["deg"]),
-    ("OUTPUT 1", ["deg"]),
+    ("INPUT 0", ["V", "0", "0.4", "0"]),
+    ("INPUT 1", ["V", "0", "0.4", "0"]),
+    ("OUTPUT 0", ["um"]),
+    ("OUTPUT 1", ["um"]),
 )
 
 
-def channel(name, unit="A", **known):
+def channel(name, unit="V", **known):
     return DeviceChannel(name, {}, unit, **known)
 
 
 PLAN = DevicePlan(
     "board",
     {},
-    (channel("pan current", low=0.0, high=0.4), channel("tilt current", low=0.0, high=0.4)),
-    (channel("pan", "deg"), channel("tilt", "deg")),
-    (DeviceChannel("led", {}, rest=1.0),),
+    (channel("x voltage", low=0.0, high=0.4), channel("y voltage", low=0.0, high=0.4)),
+    (channel("x", "um"), channel("y", "um")),
+    (DeviceChannel("lamp", {}, rest=1.0),),
 )
 
 
@@ -52,11 +52,11 @@ def test_a_board_follows_targets_within_its_own_limits():
         board.follow(np.array([90.0, 30.0]))
     sources = (PLAN.sources[0], replace(PLAN.sources[1], high=0.3))
     narrow = SerialBoard(asked(*GREETING), replace(PLAN, sources=sources))
-    with pytest.raises(ParameterError, match="tilt current has narrower limits in the bench"):
+    with pytest.raises(ParameterError, match="y voltage has narrower limits in the bench"):
         narrow.follow(np.array([20.0, 30.0]))
     sources = (replace(PLAN.sources[0], rate=0.5), PLAN.sources[1])
     slow = SerialBoard(asked(*GREETING), replace(PLAN, sources=sources))
-    with pytest.raises(ParameterError, match="pan current has a rate limit"):
+    with pytest.raises(ParameterError, match="x voltage has a rate limit"):
         slow.follow(np.array([20.0, 30.0]))
 
 
@@ -79,12 +79,12 @@ def test_a_board_of_protocol_2_has_one_input_and_one_output():
 @pytest.mark.parametrize(
     ("answers", "plan", "sentence"),
     [
-        ({"INPUT 0": "mA 0 400 0"}, PLAN, "pan current is in A, and script has mA; correct"),
-        ({"OUTPUT 1": "rad"}, PLAN, "tilt is in deg, and script has rad"),
-        ({"INPUT 1": "A 0 0.2 0"}, PLAN, r"may be \[0, 0.4\], and script allows \[0, 0.2\]"),
-        ({"INPUT 0": "A 0 0.4 0.1"}, PLAN, "rests at 0, and script goes to 0.1 by itself"),
+        ({"INPUT 0": "mV 0 400 0"}, PLAN, "x voltage is in V, and script has mV; correct"),
+        ({"OUTPUT 1": "rad"}, PLAN, "y is in um, and script has rad"),
+        ({"INPUT 1": "V 0 0.2 0"}, PLAN, r"may be \[0, 0.4\], and script allows \[0, 0.2\]"),
+        ({"INPUT 0": "V 0 0.4 0.1"}, PLAN, "rests at 0, and script goes to 0.1 by itself"),
         ({"HELLO": "minorloop 3 1 2 0 1000"}, PLAN, "is input 1 of the board, which has 1"),
-        ({"INPUT 0": "A 0"}, PLAN, "answers INPUT with A"),
+        ({"INPUT 0": "V 0"}, PLAN, "answers INPUT with V"),
         ({"HELLO": "minorloop 4 1 2 0 1000"}, PLAN, "another protocol than minorloop 2 or 3"),
         ({"HELLO": "minorloop 3 a 2 0 1000"}, PLAN, "answers HELLO with"),
         ({"HELLO": "minorloop 3 2 2 1 0"}, PLAN, "patience of 0 ms"),
@@ -128,30 +128,30 @@ def pyvisa():
 
 
 @pytest.mark.usefixtures("pyvisa")
-def test_a_head_on_a_board_is_an_actuator_that_is_refused_what_is_beyond_its_limits(tmp_path):
+def test_a_stage_on_a_board_is_an_actuator_that_is_refused_what_is_beyond_its_limits(tmp_path):
     with simulated_board(tmp_path) as (address, _):
         plant = connect(address)
-        assert (plant.serial, plant.lines) == ("H-01", ("led 1", "led 2", "led 3", "pump"))
-        record = plant.apply([0.4, 0.1], 0.3, 0.1)
+        assert (plant.serial, plant.lines) == ("S-01", ("lamp", "valve"))
+        record = plant.apply([100.0, 25.0], 0.3, 0.1)
         assert record.y.shape == record.u.shape == (2, len(record))
         assert record.y[0, -1] > record.y[0, 0]
-        plant.switch({"pump": True})
-        for wrong in ([0.5, 0.0], [0.0, -1.0], [np.nan, 0.0], [np.inf, 0.0], [1e308, 0.0]):
+        plant.switch({"valve": True})
+        for wrong in ([125.0, 0.0], [0.0, -1.0], [np.nan, 0.0], [np.inf, 0.0], [1e308, 0.0]):
             for act in (plant.exchange, plant.at_once, lambda u: plant.apply(u, 0.1, 0.05)):
                 with pytest.raises(LimitError):
                     act(wrong)
         with pytest.raises(LimitError):
-            plant._source.set([0.5, 0.0])
+            plant._source.set([125.0, 0.0])
         with pytest.raises(InstrumentError, match="cannot be opened: another program uses it"):
             connect(address)
         plant.safe()
         plant.close()
         said = commands(tmp_path)
     assert ["LINE", "3", "1"] in said
-    assert said[-5:] == [["SAFE"], *(["LINE", str(k), str(int(k < 3))] for k in range(4))]
+    assert said[-3:] == [["SAFE"], ["LINE", "0", "1"], ["LINE", "3", "0"]]
     sent = np.array([words[1:] for words in said if words[0] == "SET"], float)
     assert (sent >= 0).all()
-    assert (sent <= 0.4).all()
+    assert (sent <= 100).all()
     assert ["BEYOND"] not in [words[:1] for words in said]
 
 
@@ -160,8 +160,8 @@ def test_a_head_on_a_board_is_an_actuator_that_is_refused_what_is_beyond_its_lim
     ("options", "sentence"),
     [
         (["--late", "0.3"], "gave no answer within 0.1 s"),
-        (["--half", "12"], "gave no (whole )?answer within 0.1 s|no valid answer"),
-        (["--unit", "mA"], "pan current is in A, and ASRL.* has mA"),
+        (["--half", "6"], "gave no (whole )?answer within 0.1 s|no valid answer"),
+        (["--unit", "mV"], "x voltage is in V, and ASRL.* has mV"),
     ],
 )
 def test_a_board_that_cannot_be_used_is_named_in_one_sentence(tmp_path, options, sentence):
@@ -178,12 +178,12 @@ def test_a_board_that_cannot_be_used_is_named_in_one_sentence(tmp_path, options,
 def test_a_board_that_is_pulled_is_missing_and_says_that_it_may_be_on(tmp_path):
     with simulated_board(tmp_path) as (address, process):
         plant = connect(address)
-        plant.at_once([0.1, 0.1])
+        plant.at_once([25.0, 25.0])
         process.kill()
         process.wait()
         (tmp_path / "board").unlink()  # the number of its terminal may be given to another
         with pytest.raises(SafetyError, match=r"may still be on, switch it off by hand: in 0\.5 s"):
-            plant.at_once([0.1, 0.1])
+            plant.at_once([25.0, 25.0])
         plant.close()
         with pytest.raises(InstrumentError, match="cannot be opened") as found:
             connect(address)
@@ -192,13 +192,13 @@ def test_a_board_that_is_pulled_is_missing_and_says_that_it_may_be_on(tmp_path):
 
 @pytest.mark.usefixtures("pyvisa")
 def test_an_unknown_key_of_a_source_is_answered_with_all_that_there_are(tmp_path):
-    file = tmp_path / "head.toml"
-    text = (Path(__file__).parents[5] / "examples" / "head.toml").read_text()
-    assert "rate = 10.0 " in text
-    file.write_text(text.replace("rate = 10.0 ", "rat = 10.0 ", 1))
+    file = tmp_path / "stage.toml"
+    text = (Path(__file__).parents[5] / "examples" / "stage.toml").read_text()
+    assert "rate = 2500.0 " in text
+    file.write_text(text.replace("rate = 2500.0 ", "rat = 2500.0 ", 1))
     with pytest.raises(ParameterError) as found:
         connect(f"bench:{file}")
-    assert "source 'pan current' does not describe a source: " in str(found.value)
+    assert "source 'x voltage' does not describe a source: " in str(found.value)
     assert str(found.value).endswith(
         "unknown field `rat`; the fields there are name, low, high, unit, rate, device, rest, "
         "conversion, channel"

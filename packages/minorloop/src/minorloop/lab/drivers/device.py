@@ -57,7 +57,7 @@ class Meter(Protocol):
 
 
 class Lines(Protocol):
-    """Digital lines, such as for LEDs and a pump."""
+    """Digital lines, such as for lamps and valves."""
 
     @property
     def names(self) -> tuple[str, ...]:
