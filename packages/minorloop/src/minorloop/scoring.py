@@ -166,7 +166,7 @@ def simulate(
         _along(known, t if log.timed else None, inputs, parts, between),
         added + np.arange(added.size),
     )
-    unknown = ~known_memory(u, gaps.unknown, gaps)
+    unknown = ~known_memory(u, gaps.unknown)
     if unknown.any() and not isinstance(known.model, Polynomial | Oscillator):
         count = int(unknown.sum())
         y = np.where(unknown, np.nan, y)

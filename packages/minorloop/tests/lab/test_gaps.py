@@ -13,7 +13,6 @@ from minorloop.operators.preisach import Preisach
 SEEDS = st.integers(0, 2**32 - 1)
 T = 0.01 * np.arange(1000)
 SINE = np.cos(2 * np.pi * 0.5 * T)
-SAW = 2 * np.abs((T + 0.5) % 2 - 1) - 1
 
 
 def _cut(u, begin, count):
@@ -36,9 +35,6 @@ def test_a_gap_is_crossed_on_a_smooth_slope_only(seed, noise):
     assert _one_way(u, 345, 10)
     assert _one_way(u, 340, 20)
     assert not _one_way(u, 395, 10)  # it turned
-    found = bridged(*_cut(u, 380, 15))  # it did not, as other turns show
-    assert found.known.all()
-    assert not (found.u > 1 + 3 * noise + 1e-4).any()
     assert not bridged(*_cut(u, 350, 200)).known.any()  # a whole period
     assert not bridged(*_cut(u, 2, 10)).known.any()  # hardly anything before
 
@@ -50,61 +46,11 @@ def test_a_jump_in_a_gap_is_not_crossed_and_a_rest_is():
     assert not bridged(*_cut(steps, 250, 250)).known.any()  # a whole hold
 
 
-@pytest.mark.parametrize("fading", [0.0, 0.6])
-@pytest.mark.parametrize("noise", [0.0, 0.0005])
-@pytest.mark.parametrize("wave", [SINE, SAW], ids=["sine", "saw"])
-@pytest.mark.parametrize(("begin", "count"), [(396, 9), (390, 14), (401, 12)])
-def test_the_extreme_of_a_turn_in_a_gap_lies_within_its_doubt(wave, noise, fading, begin, count):
-    if wave is SAW:
-        begin -= 50
-    clean = wave * (1 - fading * T / T[-1])
-    u = clean + noise * np.random.default_rng(1002).normal(size=T.size)
-    found = bridged(*_cut(u, begin, count))
-    assert found.known.all()
-    extreme = np.abs(clean[begin - 1 : begin + count + 1]).max()
-    value = np.abs(found.u[0]) if found.turned[0] else np.abs(u[[begin - 1, begin + count]]).max()
-    doubt = found.doubt[0] if found.turned[0] else 0.0
-    assert abs(value - extreme) <= doubt + 4 * noise + 1e-12
-    assert doubt < 0.015
-
-
-def test_the_only_turn_of_a_record_lies_between_the_samples_and_the_tangents():
-    u = 1 - (T - 5) ** 2 / 25
-    found = bridged(*_cut(u, 480, 30))
-    assert found.known.all()
-    assert abs(found.u[0] - 1.0) <= found.doubt[0] < 0.005
-    jagged = 1 - np.abs(T - 5) / 5
-    found = bridged(*_cut(jagged, 480, 30))
-    assert abs(found.u[0] - 1.0) <= found.doubt[0] + 1e-12
-
-
-@pytest.mark.parametrize("seed", range(1000, 1004))
-@pytest.mark.parametrize("turns", [6, 30])
-def test_a_virgin_record_that_lost_a_third_of_its_rows_keeps_nearly_all_others(seed, turns):
-    chance = np.random.default_rng(seed)
-    t = np.arange(3000.0)
-    true = -np.cos(2 * np.pi * turns * t / t.size) * (1 - 0.9 * t / t.size)
-    weights = np.tril(chance.uniform(size=(20, 20)))
-    model = Preisach(np.linspace(-1, 1, 21), weights / np.abs(weights).sum())
-    kept = chance.random(t.size) > 0.33
-    u, y = true[kept], model.simulate(true)[kept]
-    log = Record(u, y, t[kept])
-    assert log.check.gaps.size >= 5
-    found = log.with_known_memory()
-    fitted = np.isfinite(found.y)
-    assert fitted.mean() > 0.97
-    # Up to four rows without a gap, whose turn is not estimated, change the extreme by 0.8 %.
-    assert np.abs(model.simulate(found.u) - y)[fitted].max() < 0.008 * np.ptp(y)
-    even = log.evenly_sampled()
-    np.testing.assert_allclose(even.u, np.interp(even.t, t, true), atol=0.03)
-
-
-def test_what_is_said_names_turned_and_crossed_gaps():
+def test_what_is_said_names_crossed_gaps_and_others():
     kept = np.delete(np.arange(T.size), np.r_[340:350, 395:405, 450:650])
     log = Record(SINE[kept], SINE[kept], T[kept])
     (said,) = log.of_memory
-    assert "after 1 of 3 gaps the memory is unknown" in said
-    assert "in 1 of 3 gaps the input turned: its extreme is estimated from both sides, to" in said
+    assert "after 2 of 3 gaps the memory is unknown" in said
     assert said.endswith("in 1 other the input cannot have turned and the memory continues")
 
 
@@ -152,6 +98,7 @@ class TestLostRows:
         assert "one row can hide a turn" in log.notes[-1]
         assert "uneven" not in " ".join(log.notes)
         record = log.with_known_memory()
+        assert "the input turned, at an extreme that the steps beside it show" in log.of_memory[0]
         assert np.isfinite(log.evenly_sampled().y).sum() <= kept.size
         errors = []
         for inputs, outputs in ((u[kept], y[kept]), (record.u, record.y)):

@@ -25,7 +25,7 @@ from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
 from minorloop.lab.codes import FEWEST, without_codes
 from minorloop.lab.faults import Fault
-from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
+from minorloop.lab.gaps import Bridges, bridged, known_memory, with_lost_rows
 from minorloop.lab.headers import split_header
 from minorloop.lab.readings import usable
 from minorloop.lab.timebase import (
@@ -404,10 +404,9 @@ class Record(Drawn):
                 "near both ends of its range or at one of them"
             )
         if turned:
-            furthest = float(np.nanmax(gaps.doubt))
             said.append(
-                f"in {_gaps(turned, count)} the input turned: its extreme is estimated from both "
-                f"sides, to {furthest:.2g} {self.input.unit}".rstrip()
+                f"in {_gaps(turned, count)} the input turned, at an extreme that the steps beside "
+                "it show"
             )
         crossed = count - turned - unknown
         if crossed:
@@ -453,7 +452,7 @@ class Record(Drawn):
     @cached_property
     def _known(self) -> BoolArray:
         """(T,) whether the memory is known."""
-        return known_memory(self.u, self.breaks, self.bridges)
+        return known_memory(self.u, self.breaks)
 
     def with_memory_reset(self) -> Record:
         """Return the record without its breaks, because each curve begins with a known memory."""
@@ -472,8 +471,8 @@ class Record(Drawn):
         if self._known.all() and not gaps.turned.any():
             return self
         u, y = self.u.copy(), np.where(self._known, self.y, np.nan)
-        for after, extreme, _ in gaps.turns():
-            row = after - int(abs(extreme - u[after - 1]) < abs(extreme - u[after]))
+        for after, extreme in zip(gaps.after[gaps.turned], gaps.u[gaps.turned], strict=True):
+            row = after + int(abs(extreme - u[after + 1]) < abs(extreme - u[after]))
             u[row], y[row] = extreme, np.nan
         return self.replace(u=u, y=y)
 
@@ -490,11 +489,11 @@ class Record(Drawn):
             return self.with_known_memory()
         y = np.where(self._known, self.y, np.nan)
         measured = np.count_nonzero(np.isfinite(y))
-        t, u, y = resample(self.t, self.u, y, check.interval, gap=_between_samples(check))
+        t, _, y = resample(self.t, self.u, y, check.interval, gap=_between_samples(check))
         if 2 * np.count_nonzero(np.isfinite(y)) < measured:  # read at single samples
             return self.with_known_memory()
-        smooth = between(self.t, self.u, t, self.bridges)
-        rows = {"t": t, "u": np.where(np.isnan(smooth), u, smooth), "y": y}
+        times, inputs, _ = self.bridges.inserted(self.t, self.u)
+        rows = {"t": t, "u": np.interp(t, times, inputs), "y": y}
         sd = None if self.weighted else self.sd
         return self.replace(**rows, curves=None, groups=None, sd=sd, first=0, last=None)
 
