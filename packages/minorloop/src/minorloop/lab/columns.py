@@ -7,10 +7,8 @@ from pathlib import Path
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError
 from minorloop.files import PathLike
-from minorloop.lab.bounds import LARGEST, Bounds
-from minorloop.lab.cells import Labels
 from minorloop.lab.sheets import is_sheet, read_sheet
-from minorloop.lab.tables import OpenTable
+from minorloop.lab.tables import LARGEST, Bounds, Labels, OpenTable
 from minorloop.lab.text_tables import opened_text
 
 __all__ = ["opened", "read_columns", "read_each", "read_headers", "read_labels", "row_number"]

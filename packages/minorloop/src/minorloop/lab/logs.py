@@ -10,12 +10,11 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples
 from minorloop.errors import ParameterError, RecordError, counted
 from minorloop.files import PathLike
-from minorloop.lab.cells import SparseColumnError
 from minorloop.lab.columns import opened, row_number
 from minorloop.lab.gaps import with_lost_rows
 from minorloop.lab.headers import deviation_column, split_header, with_unit
 from minorloop.lab.records import SAMPLE, Origin, Quantity, Record
-from minorloop.lab.tables import OpenTable
+from minorloop.lab.tables import OpenTable, SparseColumnError
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,

@@ -14,10 +14,8 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, MissingExtraError, RecordError
 from minorloop.files import PathLike
-from minorloop.lab.bounds import NUMBER, Bounds
-from minorloop.lab.cells import Cells
 from minorloop.lab.headers import check_headers, with_units
-from minorloop.lab.tables import Block, OpenTable, check_file
+from minorloop.lab.tables import NUMBER, Block, Bounds, Cells, OpenTable, check_file
 
 __all__ = ["is_sheet", "read_sheet"]
 

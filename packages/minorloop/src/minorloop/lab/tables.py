@@ -1,20 +1,142 @@
-"""A table: headers with units above columns of cells, from a text, a MATLAB file or a workbook."""
+"""A table: headers with units above columns of cells, from a text, a MATLAB file or a workbook.
+
+Columns of cells become numbers or labels; errors name the column and the row. Each reader checks a
+size by `Bounds` before it allocates what has that size.
+"""
 
 import os
+import re
 import stat
+import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import chain, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-from minorloop.errors import RecordError
-from minorloop.lab.cells import Cells, LabelCells, NumberCells
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import RecordError, counted
 from minorloop.lab.headers import find_column
 
-__all__ = ["Block", "OpenTable", "check_file"]
+__all__ = [
+    "Block",
+    "Bounds",
+    "Cells",
+    "Labels",
+    "OpenTable",
+    "SparseColumnError",
+    "check_file",
+    "is_number",
+]
 
 MAX_BYTES = 4 * 1024**3
 """Largest file that is read: 4 GiB."""
+NUMBER = 8
+"""Bytes that a number of a column takes."""
+Cells: TypeAlias = list[str] | FloatArray
+"""Cells of a column: texts, or numbers that are finite or NaN."""
+Labels: TypeAlias = FloatArray | npt.NDArray[np.str_]
+"""A column of labels: numbers, or texts."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_CLOCK = re.compile(r"(\d{1,3}):(\d{2}):(\d{2}(?:[.,]\d*)?)")
+_DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]*(.*)")
+"""Time of day, and a date as it is written in most of Europe, with or without one."""
+_MERGED = 0.1
+"""Share of empty cells from which a column is one of several loggers in one table."""
+DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
+_THOUSANDS = re.compile(
+    r"[-+]?\d{1,3}((,\d{3})+\.\d*|(\.\d{3})+,\d*|([,.]\d{3}){2,}"
+    r"|(['\u2019 \xa0\u202f]\d{3})+([.,]\d*)?)"
+)
+"""Numbers such as 1,234.5 and 1'234.5."""
+
+
+class SparseColumnError(RecordError):
+    """Many cells of a column are empty, as where the tables of two loggers were merged."""
+
+    values: FloatArray
+    """The column, (T,), NaN where it is empty."""
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell is a number with a point, or none."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """The largest table that is read."""
+
+    rows: int = sys.maxsize
+    columns: int = 10_000
+    """``rows`` and ``columns``: most of each."""
+    memory: int = 256 * 1024**2
+    """Bytes that the cells of a table may take, whatever the size of its file."""
+    share: int = 8
+    """Bytes that they may take for each byte of the file, where this is more. A text never needs as
+    many: its shortest number and separator are two bytes, which become ``NUMBER``."""
+    expansion: int = 50
+    """Most bytes for each byte of a compressed part of more than ``small`` bytes. Sheets have 4 to
+    17, also where all cells are alike, because each has its place."""
+    small: int = 8 * 1024**2
+    """Bytes up to which a part may expand from any size."""
+    advice: str = ""
+    """What to do otherwise, after the advice to give fewer rows or columns."""
+
+    def check(self, file: Path, *, rows: int = 0, columns: int = 0, held: int = 0) -> None:
+        """Refuse a table that is larger.
+
+        Raises a `RecordError` if one of them is beyond its bound.
+
+        Parameters
+        ----------
+        file : Path
+            The file that it is in.
+        rows, columns : int
+            Those that are known so far.
+        held : int
+            Bytes that its cells take, or will take.
+        """
+        if self is not LARGEST:  # what no bounds allow gets no advice to try others
+            LARGEST.check(file, rows=rows, columns=columns, held=held)
+        if held > self.memory:
+            size = file.stat().st_size
+            most = max(self.memory, self.share * size)
+            if held > most:
+                raise RecordError(
+                    f"{file} has a table that takes {_megabytes(held)} of memory or more; a file "
+                    f"of {_megabytes(size)} may take {_megabytes(most)}: split it, or save it as "
+                    "CSV"
+                )
+        for what, count, limit in (("columns", columns, self.columns), ("rows", rows, self.rows)):
+            if count > limit:
+                raise RecordError(
+                    f"{file} has {count} {what} or more; give at most {limit}{self.advice}"
+                )
+
+    def check_expansion(self, file: Path, packed: int, size: int) -> None:
+        """Refuse a part of ``packed`` bytes that expands to ``size`` bytes as no table does.
+
+        Raises a `RecordError` if it does.
+        """
+        if size > self.small and size > self.expansion * packed:
+            raise RecordError(
+                f"{file} expands from {_megabytes(packed)} to {_megabytes(size)}; a table expands "
+                f"at most {self.expansion} times: save it as CSV"
+            )
+
+
+LARGEST = Bounds()
+"""The largest table that a command reads."""
 
 
 class Block(NamedTuple):
@@ -84,35 +206,181 @@ class OpenTable:
             If the file lacks a column, or has a cell that is not a finite number or an empty label.
             The message gives the column and the row; the header is row 1.
         """
-        errors, rows = dict[str, RecordError](), 0
+        errors, rows = dict[str, RecordError](), list[Sequence[int]]()
         places = {name: self.headers.index(self.find(name)) for name in (*names, *labels)}
         where = {name: f"column '{self.headers[k]}' of {self.file}" for name, k in places.items()}
-        readers: dict[str, NumberCells | LabelCells] = {
-            name: NumberCells(where[name], self.decimal, name in gaps, name in dates)
-            for name in names
-        }
-        readers |= {name: LabelCells(where[name], self.decimal, self.file) for name in labels}
+        parts: dict[str, list[Any]] = {name: [] for name in places}
         for block in self.blocks:
-            rows += len(block.numbers)
-            for name, reader in readers.items():
-                if name not in errors:
-                    try:
-                        reader.add(block.cells(places[name]), block.numbers)
-                    except RecordError as error:
-                        if name not in tried:
-                            raise
-                        errors[name] = error
-        if not rows:
+            rows.append(block.numbers)
+            for name in [name for name in places if name not in errors]:
+                column = _Column(where[name], self.decimal, name in gaps, name in dates)
+                cells = block.cells(places[name])
+                try:
+                    part = cells if name in labels else column.numbers(cells, block.numbers)
+                    parts[name].append(part)
+                except RecordError as error:
+                    if name not in tried:
+                        raise
+                    errors[name] = error
+        if not any(map(len, rows)):
             raise RecordError(f"{self.file} has a header and no rows; there is nothing to read")
         found: dict[str, Any] = {}
-        for name, reader in readers.items():
+        for name, some in parts.items():
+            column = _Column(where[name], self.decimal, name in gaps)
             try:
-                found[name] = errors.get(name) or reader.joined()
+                if name in labels:
+                    found[name] = column.labels(some, rows, self.file)
+                else:
+                    found[name] = errors.get(name) or column.joined(some, rows)
             except RecordError as error:
                 if name not in tried:
                     raise
                 found[name] = error
         return found
+
+
+@dataclass(frozen=True)
+class _Column:
+    """How the cells of a column are converted."""
+
+    where: str
+    """The column, for messages."""
+    decimal: str
+    """Decimal separator of texts."""
+    gaps: bool = False
+    """Whether empty cells and ``nan`` are allowed, and give NaN."""
+    dates: bool = False
+    """Whether the cells may be dates or times of day."""
+
+    def numbers(self, cells: Cells, rows: Sequence[int]) -> FloatArray:
+        """Return the numbers of cells of rows with these numbers in the file, NaN where empty.
+
+        Raises a `RecordError` if one is no finite number.
+        """
+        if isinstance(cells, np.ndarray):
+            values = cells
+        elif self.dates and cells and not is_number(cells[0].replace(",", ".")):
+            values = self._moments(cells, rows)
+        else:
+            values = self._parsed(cells, rows)
+        bad = np.isinf(values) if self.gaps else ~np.isfinite(values)
+        for index in np.flatnonzero(bad).tolist():
+            if isinstance(cells, np.ndarray) or cells[index].strip():
+                raise RecordError(
+                    f"{self.where} has {_shown(str(cells[index]))} in row {rows[index]}; every "
+                    "cell must be a finite number"
+                )
+        return values
+
+    def joined(self, parts: Sequence[FloatArray], rows: Sequence[Sequence[int]]) -> FloatArray:
+        """Return the column, (T,), from its `numbers` in parts of the rows.
+
+        Raises a `RecordError` if a cell is empty that must not be, a `SparseColumnError` if many
+        are.
+        """
+        values = np.concatenate(parts)
+        empty = np.flatnonzero(np.isnan(values))
+        if self.gaps or not empty.size:
+            return values
+        more = f" and in {counted(empty.size - 1, 'other row')}" if empty.size > 1 else ""
+        first = f"{self.where} is empty in row {_at(rows, empty[0])}"
+        said = f"{first}{more}; give a number in every row"
+        if empty.size < _MERGED * values.size:
+            raise RecordError(said)
+        sparse = SparseColumnError(said)
+        sparse.values = values
+        raise sparse
+
+    def labels(self, parts: Sequence[Cells], rows: Sequence[Sequence[int]], file: Path) -> Labels:
+        """Return the column, (T,): numbers if all are, otherwise texts.
+
+        Raises a `RecordError` if a label is empty, or the texts are beyond the bounds of the file.
+        """
+        with suppress(RecordError):
+            return self.joined(list(map(self.numbers, parts, rows)), rows)
+        texts = [
+            list(map(repr, cells.tolist())) if isinstance(cells, np.ndarray) else cells
+            for cells in parts
+        ]
+        longest = max(max(map(len, cells), default=0) for cells in texts)
+        LARGEST.check(file, held=np.dtype(f"U{longest}").itemsize * sum(map(len, texts)))
+        labels = np.array([cell.strip() for cells in texts for cell in cells])
+        empty = np.isin(labels, ("", "nan", "NaN"))
+        if empty.any():
+            row = _at(rows, int(np.argmax(empty)))
+            raise RecordError(f"{self.where} is empty in row {row}; give every row a label")
+        return labels
+
+    def _parsed(self, cells: list[str], rows: Sequence[int]) -> FloatArray:
+        if self.decimal == ",":
+            cells = [cell.replace(",", ".") if cell.count(",") == 1 else cell for cell in cells]
+        try:
+            values = np.fromiter(map(float, cells), np.float64, len(cells))
+        except ValueError:
+            values = np.empty(len(cells))
+            for index, cell in enumerate(cells):
+                if cell.strip() and not is_number(cell):
+                    raise self._not_a_number(rows[index], cell) from None
+                values[index] = float(cell) if cell.strip() else np.nan
+        # float() reads 1_000 and digits of other scripts as numbers; a logger that writes them
+        # means something else.
+        for index, cell in enumerate(cells):
+            if "_" in cell or not (cell.isascii() or cell.strip().isascii()):
+                raise self._not_a_number(rows[index], cell)
+        return values
+
+    def _moments(self, cells: list[str], rows: Sequence[int]) -> FloatArray:
+        values = np.empty(len(cells))
+        for index, cell in enumerate(cells):
+            try:
+                values[index] = _seconds(cell)
+            except ValueError:
+                raise RecordError(
+                    f"{self.where} has the text {_shown(cell)} in row {rows[index]}; "
+                    "give time as numbers, or as 2026-03-01T12:00:00.5, 01.03.2026 12:00:00.5 or "
+                    "12:00:00.5"
+                ) from None
+        return values
+
+    def _not_a_number(self, row: int, cell: str) -> RecordError:
+        text = cell.strip()
+        advice = "every cell must be a number"
+        if _THOUSANDS.fullmatch(text):
+            advice = "write numbers without separators of thousands"
+        elif DECIMAL_COMMA.fullmatch(text):
+            advice = "write decimals with a point"
+        return RecordError(f"{self.where} has the text {_shown(text)} in row {row}; {advice}")
+
+
+def _at(rows: Sequence[Sequence[int]], index: int) -> int:
+    """Return the number in the file of a row of all the parts."""
+    return next(islice(chain.from_iterable(rows), index, None))
+
+
+def _seconds(text: str) -> float:
+    """Return seconds since 1970 of a date and time, or since midnight of a time of day.
+
+    They are as ISO 8601, ``01.03.2026 12:00:00.5`` or ``12:00:00.5``; without a zone they are UTC.
+    Raises a `ValueError` if the text is none of these.
+    """
+    cell = text.strip()
+    if clock := _CLOCK.fullmatch(cell):
+        hours, minutes, seconds = (float(part.replace(",", ".")) for part in clock.groups())
+        if minutes >= 60 or seconds >= 61:  # a leap second
+            raise ValueError
+        return 3600 * hours + 60 * minutes + seconds
+    if moment := _DAY_FIRST.fullmatch(cell):
+        day, month, year, rest = moment.groups()
+        date = datetime(int(year), int(month), int(day), tzinfo=UTC)
+        return (date - _EPOCH).total_seconds() + (_seconds(rest) if rest else 0.0)
+    found = datetime.fromisoformat(cell)
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
+def _shown(cell: str) -> str:
+    """Return the begin of a cell for a message."""
+    text = cell.strip()
+    return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
 def check_file(file: Path) -> None:
@@ -135,3 +403,7 @@ def check_file(file: Path) -> None:
         )
     if not os.access(file, os.R_OK):
         raise RecordError(f"{file} cannot be read: permission denied")
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.3g} MB" if size < 1e9 else f"{size / 1e6:.0f} MB"

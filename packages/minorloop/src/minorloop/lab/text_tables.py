@@ -23,10 +23,16 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError, counted
 from minorloop.files import kind_of_file, unquoted
-from minorloop.lab.bounds import LARGEST, Bounds
-from minorloop.lab.cells import DECIMAL_COMMA, is_number
 from minorloop.lab.headers import check_headers, with_units
-from minorloop.lab.tables import Block, OpenTable, check_file
+from minorloop.lab.tables import (
+    DECIMAL_COMMA,
+    LARGEST,
+    Block,
+    Bounds,
+    OpenTable,
+    check_file,
+    is_number,
+)
 
 __all__ = ["opened_text"]
 

@@ -26,11 +26,11 @@ from minorloop.identification import Dynamics, Plane, Viscosity, identify, read
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
 from minorloop.identification.pipeline import Options
 from minorloop.identification.result import Fit
-from minorloop.lab.bounds import Bounds
 from minorloop.lab.columns import read_each
 from minorloop.lab.headers import split_header
 from minorloop.lab.logs import AUTO, read_times
 from minorloop.lab.records import Record
+from minorloop.lab.tables import Bounds
 from minorloop.lab.timebase import time_column
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach

@@ -8,8 +8,8 @@ from scipy.io import savemat
 from benchmarks._floods import HEADERS, matlab, variable, workbook
 from minorloop.errors import RecordError
 from minorloop.lab import text_tables
-from minorloop.lab.bounds import LARGEST, Bounds
 from minorloop.lab.columns import read_each, read_headers, read_labels
+from minorloop.lab.tables import LARGEST, Bounds
 
 MOST = LARGEST.memory + 2**25
 """Bytes that a table at its bound may take, with what is needed to read it."""
@@ -103,7 +103,7 @@ class TestExcel:
 
     def test_what_its_rows_take_is_counted(self, monkeypatch):
         bounds = Bounds(memory=2**20)
-        monkeypatch.setattr("minorloop.lab.bounds.LARGEST", bounds)
+        monkeypatch.setattr("minorloop.lab.tables.LARGEST", bounds)
         row = "<row><c><v>0.5</v></c><c><v>1.25</v></c></row>"
         file = workbook(self.file, (HEADERS, 1), (row, 20_000))
         refused(lambda each: read_each(each, bounds), file, "of memory or more; a file of .* CSV")
