@@ -13,7 +13,7 @@ import typer.main
 
 from minorloop import cli
 from minorloop.cli import _common
-from minorloop.errors import MinorloopError, ParameterError
+from minorloop.errors import MinorloopError, ParameterError, all_done
 from minorloop.files import make_folder, write_atomically
 from minorloop.lab.signals import ended_by_signals
 from papers.claims import claim_table
@@ -110,7 +110,7 @@ def run(
         steps.insert(0, partial(write_atomically, out / _FIGURES, _common.json_text(shown)))
         if only is None:
             steps.insert(0, partial(_report, study, found, out, as_json))
-    _common.do_all(steps)
+    all_done(steps)
 
 
 def _module_of(name: str) -> str:

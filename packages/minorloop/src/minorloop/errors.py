@@ -18,6 +18,13 @@
 A message says what is wrong, the value, the allowed range, and what to do.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
 
 class MinorloopError(Exception):
     """Root of the tree: catch it to catch all errors of minorloop."""
@@ -94,3 +101,20 @@ def counted(count: int, noun: str) -> str:
 def are(count: int) -> str:
     """Return the verb that a count needs: ``is`` for one, ``are`` otherwise."""
     return "is" if count == 1 else "are"
+
+
+def all_done(steps: Iterable[Callable[[], object]]) -> None:
+    """Do every step, even if an earlier one fails; then raise the first error.
+
+    Parameters
+    ----------
+    steps : iterable of callable
+    """
+    first: Exception | None = None
+    for step in steps:
+        try:
+            step()
+        except Exception as error:
+            first = first or error
+    if first is not None:
+        raise first

@@ -111,3 +111,16 @@ def numbers(text: str, counts: Any, where: str, form: str) -> list[float]:
     if len(found) not in counts:
         raise ParameterError(f"{where} is {text!r}; give {form}, numbers separated by commas")
     return found
+
+
+def ends(text: str, what: str, kind: Callable[[str], T], form: str) -> tuple[T, T]:
+    """Return the two ends of a range ``A:B``, as a kind makes them of texts.
+
+    Raises a `ParameterError` if there are not two, or the kind raises a `ValueError`; ``what`` is
+    the key, and ``form`` says what to give.
+    """
+    try:
+        first, last = map(kind, text.split(":"))
+    except ValueError:
+        raise ParameterError(f"{what} is {text!r}; give {form}") from None
+    return first, last

@@ -65,9 +65,9 @@ def test_every_step_is_done_and_the_first_error_is_raised():
 
     steps = [lambda: fails("a"), lambda: done.append("b"), lambda: fails("c")]
     with pytest.raises(OutputError, match=r"^a$"):
-        _common.do_all(steps)
+        _common.all_done(steps)
     assert done == ["a", "b", "c"]
-    _common.do_all([])
+    _common.all_done([])
 
 
 def test_an_interruption_ends_the_steps_at_once():
@@ -75,7 +75,7 @@ def test_an_interruption_ends_the_steps_at_once():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        _common.do_all([interrupted, lambda: pytest.fail("went on")])
+        _common.all_done([interrupted, lambda: pytest.fail("went on")])
 
 
 def test_a_report_that_cannot_be_drawn_is_one_sentence():

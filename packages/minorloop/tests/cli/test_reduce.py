@@ -51,11 +51,3 @@ def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model)
     assert without["sd"] is noise["sd"] is None
     assert recognised["rmse_train"] == named["rmse_train"] > without["rmse_train"]
     assert "is no standard deviation of 'y [um]'" in refused(f"{line} --record sd=other")
-
-
-def test_a_second_clock_is_named_and_a_duration_is_not(answer):
-    header, *rows = Path("log.csv").read_text().splitlines()
-    two = [f"{header},t2 [s],held [s]", *(f"{row},{k},{-k}" for k, row in enumerate(rows))]
-    Path("two.csv").write_text("\n".join(two) + "\n")
-    said = " ".join(answer(LINE.replace("log.csv", "two.csv"))["notes"])
-    assert "is the time; 't2 [s]' could be too: name it with time= (--time)" in said

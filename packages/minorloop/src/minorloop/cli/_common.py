@@ -7,7 +7,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -19,11 +19,7 @@ import typer
 from minorloop import values
 from minorloop.cli._compilation import compilation_said
 from minorloop.cli._completion import addresses, one_of
-from minorloop.errors import (
-    MinorloopError,
-    OutputError,
-    ParameterError,
-)
+from minorloop.errors import MinorloopError, OutputError, ParameterError, all_done
 
 if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
@@ -339,21 +335,6 @@ def write_report(draw: Callable[[], Drawn], path: Path, *, force: bool) -> None:
         raise OutputError(f"{path} was not written, the report cannot be drawn: {error}") from error
 
 
-def do_all(steps: Iterable[Callable[[], object]]) -> None:
-    """Do every step, even if an earlier one fails; then raise the first error.
-
-    After a long computation, one result that cannot be written must not prevent the others.
-    """
-    errors: list[Exception] = []
-    for step in steps:
-        try:
-            step()
-        except Exception as error:
-            errors.append(error)
-    if errors:
-        raise errors[0]
-
-
 @dataclass(frozen=True)
 class Written:
     """A file that a verb writes, if its name is given."""
@@ -385,7 +366,10 @@ def finish(
     show: Callable[[], object],
     *files: Written,
 ) -> None:
-    """Write files, then print the content as JSON or show it: the reader of the output may end."""
+    """Write files, then print the content as JSON or show it: the reader of the output may end.
+
+    After a long computation, one result that cannot be written must not prevent the others.
+    """
 
     def write(file: Written, path: Path) -> None:
         file.write(path)
@@ -393,7 +377,7 @@ def finish(
             typer.echo(file.said.format(path))
 
     steps = [partial(write, one, one.path) for one in files if one.path is not None]
-    do_all([*steps, (lambda: print_json(content())) if as_json else show])
+    all_done([*steps, (lambda: print_json(content())) if as_json else show])
 
 
 def check_outputs(

@@ -13,7 +13,7 @@ import typer
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError
-from minorloop.values import TextValue, called, merged, parsed, plain
+from minorloop.values import TextValue, called, ends, merged, parsed, plain
 
 if TYPE_CHECKING:
     from minorloop.identification.pipeline import Law
@@ -118,7 +118,8 @@ class RecordReader:
             progress=_common.reading(file, now),
         )
         if self.rows is not None:
-            record = record.only(*_ends(self.rows))
+            form = "two whole numbers A:B, such as 200:7000"
+            record = record.only(*ends(self.rows, "rows", _row, form))
         if noise is not None:
             record = record.replace(sd=noise)
         return record.replace(**self.settings)
@@ -129,15 +130,9 @@ class RecordReader:
         return {name: getattr(self, name) for name in ("start", "start_of_curve", "skip")}
 
 
-def _ends(text: str) -> tuple[int | None, int | None]:
-    """Return the rows ``A:B``, from A up to but not including B, counted from 0."""
-    try:
-        first, last = (int(part) if part.strip() else None for part in text.split(":"))
-    except ValueError:
-        raise ParameterError(
-            f"rows is {text!r}; give two whole numbers A:B, such as 200:7000"
-        ) from None
-    return first, last
+def _row(text: str) -> int | None:
+    """Return the number of a row; None for an end that is left out."""
+    return int(text) if text.strip() else None
 
 
 def law_value(texts: Sequence[str] | None) -> TextValue:

@@ -8,8 +8,8 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
-from minorloop.errors import ParameterError, RecordError
-from minorloop.values import called, parsed
+from minorloop.errors import RecordError
+from minorloop.values import called, ends, parsed
 
 NAME = "reduce"
 EXAMPLE = (
@@ -67,11 +67,14 @@ def run(
     if flip is not None:
         _common.check_word("side to flip", flip, _SIDES)
     keys: dict[str, Any] = dict(parsed(holds).options)
-    keys["limits"] = _limits(keys.pop("range", None))
+    if limits := keys.pop("range", None):
+        keys["limits"] = ends(limits, "range", float, "LOW:HIGH, such as 10:30")
     with _common.working(f"reading {file.name}") as now:
         names: dict[str, Any] = {"input": input, "output": output, "time": _common.named(time)}
         progress = _common.reading(file, now)
-        record = read_log(file, **names, sd=None, strict=True, progress=progress)
+        record = read_log(file, **names, sd=None, progress=progress)
+        if record.origin.why_untimed:
+            raise RecordError(record.origin.why_untimed)
         now(f"reducing {len(record)} samples")
         reduction = called(
             reduce,
@@ -104,13 +107,3 @@ def run(
         _common.Written(save, save_points, "points written to {}"),
         _common.drawn(report, draw, force),
     )
-
-
-def _limits(text: str | None) -> tuple[float, float] | None:
-    if text is None:
-        return None
-    try:
-        low, high = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise ParameterError(f"range is {text!r}; give LOW:HIGH, such as 10:30") from None
-    return low, high

@@ -465,9 +465,9 @@ def response_of_file(
         if input is None or output is None:
             missing = "input (--input)" if input is None else "output (--output)"
             raise ParameterError(f"{missing} is missing; name a column of {path}")
-        record = read_log(
-            path, input=input, output=output, time=time, sd=None, strict=True, progress=progress
-        )
+        record = read_log(path, input=input, output=output, time=time, sd=None, progress=progress)
+        if record.origin.why_untimed:
+            raise RecordError(record.origin.why_untimed)
         hertz = read_column(path, frequency, "Hz", "frequencies are")
         held = read_column(path, HELD) if HELD in read_headers(path) else None
         if not record.timed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -20,7 +20,6 @@ from minorloop.lab.timebase import (
     SECONDS,
     TimeCheck,
     check_times,
-    other_clocks,
     split_time,
     time_column,
 )
@@ -42,7 +41,6 @@ def read_log(
     curves: str | None = None,
     groups: str | None = None,
     sd: Named = AUTO,
-    strict: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Record:
     """Read an input, an output, and what each row has beside them, from a file.
@@ -66,28 +64,27 @@ def read_log(
     sd : str, optional
         Column of the standard deviation of the output, in its unit; it may have gaps. ``"auto"``:
         the column ``sd`` with this unit, if there is one. None: outputs count alike.
-    strict : bool
-        Whether a column of time that is found must be usable.
     progress : callable, optional
         Called with the share that has been read, as text.
     """
     with opened(path, progress or (lambda share: None)) as table:
         found, why = time, ""
         if time == AUTO:
-            found, why = _time_column(table, (input, output), strict)
-        others = [] if found is None else other_clocks(table.headers, found, but=(input, output))
+            try:
+                found = time_column(table.headers, source=table.file, but=(input, output))
+            except RecordError as error:
+                found, why = None, str(error)
         named = {"input": input, "output": output, "time": found}
         headers = _headers(table, {key: name for key, name in named.items() if name is not None})
         deviation = _deviation(table, headers["output"], sd)
         clock = [] if found is None else [found]
         columns = table.read(
-            [input, output, *clock, *([] if deviation is None else [deviation]), *others],
+            [input, output, *clock, *([] if deviation is None else [deviation])],
             [name for name in (curves, groups) if name is not None],
             gaps=[output] if deviation is None else [output, deviation],
             dates=clock,
-            tried=[input, *clock, *others],
+            tried=[input, *clock],
         )
-    other = [one for one in others if _is_clock(columns.pop(one))]
     said, kept, check, quantity = table.notes, None, None, SAMPLE
     try:
         if found is not None:
@@ -97,7 +94,7 @@ def read_log(
             quantity, check = _checked(columns[found], headers["time"])
             check = with_lost_rows(check, _usable(columns[input]))
     except RecordError as error:
-        if strict or time != AUTO:
+        if time != AUTO:
             raise
         found, why = None, str(error)
     if isinstance(columns[input], SparseColumnError):
@@ -107,10 +104,7 @@ def read_log(
         )
     u, y = _usable(columns[input]), columns[output]
     chosen = (f"time: none, because {why}",) if why else ()
-    if found is not None and time == AUTO and other:
-        shown = ", ".join(f"'{header}'" for header in other)
-        said += (f"'{found}' is the time; {shown} could be too: name it with time= (--time)",)
-    elif found is not None and time == AUTO:
+    if found is not None and time == AUTO:
         chosen = (f"time: column '{found}'; name another one, or none, with time= (--time)",)
     return Record(
         u,
@@ -122,18 +116,8 @@ def read_log(
         curves=None if curves is None else columns[curves],
         groups=None if groups is None else columns[groups],
         sd=None if deviation is None else known_deviations(columns[deviation], y),
-        origin=Origin(check, found, deviation or "", said, chosen, rows=kept),
+        origin=Origin(check, found, deviation or "", said, chosen, why, rows=kept),
     )
-
-
-def _time_column(table: OpenTable, but: Sequence[str], strict: bool) -> tuple[str | None, str]:
-    """Return the column of time, if there is one, or why there is none although it is sought."""
-    try:
-        return time_column(table.headers, source=table.file, but=but), ""
-    except RecordError as error:
-        if strict:
-            raise
-        return None, str(error)
 
 
 def _headers(table: OpenTable, named: Mapping[str, str]) -> dict[str, str]:
@@ -176,13 +160,6 @@ def _usable(column: FloatArray | RecordError) -> FloatArray:
     if isinstance(column, RecordError):
         raise column
     return column
-
-
-def _is_clock(column: FloatArray | RecordError) -> bool:
-    """Whether a column has a time in every row, and never runs backwards."""
-    if isinstance(column, RecordError) or column.size < 2:
-        return False
-    return bool(column[0] < column[-1] and (np.diff(column) >= 0).all())
 
 
 def _merged(

@@ -100,6 +100,8 @@ class Origin:
     """What was found in the file itself, one sentence each."""
     chosen: tuple[str, ...] = ()
     """Which columns were chosen that nobody named, one sentence each."""
+    why_untimed: str = ""
+    """Why the column of time was not used that was sought; empty where none was or it was used."""
     rows: IntArray | None = None
     """Rows of the file that the samples are, counted from 0; None if they are all."""
     settled: bool = False

@@ -16,7 +16,6 @@ __all__ = [
     "TimeCheck",
     "check_times",
     "delayed",
-    "other_clocks",
     "parse_lag",
     "resample",
     "split_time",
@@ -123,19 +122,6 @@ def time_column(
             "(--time)"
         )
     return found[0] if found else None
-
-
-def other_clocks(headers: Sequence[str], time: str, *, but: Sequence[str] = ()) -> list[str]:
-    """Return the columns with a unit of time beside ``time``, the one that is used.
-
-    Other parameters are as of `time_column`.
-    """
-    found = []
-    for header in headers:
-        name, unit = split_time(header)
-        if unit and unit in SECONDS and header != time and not {header, name} & set(but):
-            found.append(header)
-    return found
 
 
 def split_time(header: str) -> tuple[str, str]:

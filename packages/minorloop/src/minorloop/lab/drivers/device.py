@@ -8,7 +8,7 @@ device are those of the instrument, such as volts; `Wiring` converts to the unit
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, LimitError, ParameterError
+from minorloop.errors import InstrumentError, LimitError, ParameterError, all_done
 from minorloop.lab.actuator import Value
 from minorloop.lab.conversion import Conversion
 
@@ -34,7 +34,6 @@ __all__ = [
     "Source",
     "Wired",
     "Wiring",
-    "all_done",
     "parsed",
 ]
 
@@ -358,20 +357,3 @@ class Wiring:
 def converted(conversion: Conversion | None, value: float) -> float:
     """Return a converted number; the number itself without a conversion."""
     return value if conversion is None else float(conversion.convert(value))
-
-
-def all_done(steps: Iterable[Callable[[], None]]) -> None:
-    """Do every step, even if an earlier one fails; then raise the first error.
-
-    Parameters
-    ----------
-    steps : iterable of callable
-    """
-    first: Exception | None = None
-    for step in steps:
-        try:
-            step()
-        except Exception as error:
-            first = first or error
-    if first is not None:
-        raise first

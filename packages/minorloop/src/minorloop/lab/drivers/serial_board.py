@@ -25,9 +25,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, ParameterError
+from minorloop.errors import InstrumentError, ParameterError, all_done
 from minorloop.lab.actuator import ROUNDING
-from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, Section, all_done, parsed
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, Section, parsed
 from minorloop.lab.drivers.link import Link, LinkSettings, number, opened
 from minorloop.lab.drivers.serial_line import BoardLine
 

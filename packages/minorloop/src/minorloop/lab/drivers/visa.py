@@ -21,10 +21,10 @@ import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, ParameterError
+from minorloop.errors import InstrumentError, ParameterError, all_done
 from minorloop.lab.actuator import SIX_DIGITS
 from minorloop.lab.drivers.bench_file import open_bench
-from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section, all_done
+from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section
 from minorloop.lab.drivers.link import Link, LinkSettings, number, opened
 
 __all__ = [
