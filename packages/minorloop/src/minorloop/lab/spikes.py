@@ -13,19 +13,17 @@ from minorloop.lab.noise import noise_of
 
 __all__ = ["input_without_spikes", "spikes", "without_spikes"]
 
-_WIDTHS = (7, 21)
-"""Readings of the running medians, which follow every rise or fall exactly. The narrow one finds
-single readings, the wide one bursts."""
+_WIDTH = 21
+"""Readings of the running median, which follows every rise or fall exactly."""
 _FAR, _STEPS = 8.0, 4.0
 """Distance of a spike from it, in standard deviations of the noise, and in steps of the sensor."""
 _AROUND, _TIMES = 3, 8.0
 """Widths around a spike, over whose usual distance its own is so many times: in an oscillation all
 are off."""
-_ALONE, _IN_BURST, _TWICE = 0.8, 0.3, 3.0
-"""Least difference of a spike, and of each reading of a burst, from its neighbours over its largest
-distance, and the greatest; what lies between two spikes differs by more."""
-_LONGEST, _BURST = 2, 8
-"""Most readings of a spike and of a burst, which is found by the wide median only."""
+_LONGEST = 8
+"""Most readings of a burst."""
+_SHARP = 0.3
+"""Least difference of each reading of a spike from its neighbours, over its largest distance."""
 _LARGE = 0.25
 """Distance over the largest, of those that are found at once."""
 _MOST = 0.1
@@ -53,11 +51,10 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
     if known.size < _FEWEST:
         return found
     left = known
-    for width in _WIDTHS:
-        # A large one shifts the median beside it.
-        while left.size >= _FEWEST and (more := _largest(values[left], width)).any():
-            found[left[more]] = True
-            left = left[~more]
+    # A large one shifts the median beside it.
+    while left.size >= _FEWEST and (more := _largest(values[left])).any():
+        found[left[more]] = True
+        left = left[~more]
     return found if np.count_nonzero(found) <= _MOST * known.size else np.zeros_like(found)
 
 
@@ -85,48 +82,29 @@ def input_without_spikes(u: FloatArray, name: str) -> tuple[FloatArray, tuple[Fa
     return level, (far_from_others(u, np.flatnonzero(found), name),)
 
 
-def _largest(y: FloatArray, width: int) -> BoolArray:
+def _largest(y: FloatArray) -> BoolArray:
     """Return the largest spikes: far from a running median, and from both neighbours alike."""
-    longest = _LONGEST if width == _WIDTHS[0] else _BURST
-    away = y - median_filter(y, width, mode="mirror")
-    usual = median_filter(np.abs(away), _AROUND * width, mode="mirror")
+    away = y - median_filter(y, _WIDTH, mode="mirror")
+    usual = median_filter(np.abs(away), _AROUND * _WIDTH, mode="mirror")
     noise = max(_FAR * noise_of(np.diff(y, 2), 2), _STEPS * _step(y))
     limit = np.maximum(noise, _TIMES * usual)
     size = np.zeros(y.size)
     for way in (1, -1):
-        begins, ends = _runs(way * away > limit)
-        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+        edges = np.flatnonzero(np.diff(way * away > limit, prepend=False, append=False))
+        for begin, end in edges.reshape(-1, 2).tolist():
             far = float(np.abs(away[begin:end]).max())
-            rise, apart = _least_rise(way * y, begin, end)
-            alone = _ALONE if end - begin <= _LONGEST else _IN_BURST
-            # The first readings of a hold may be those of the hold before. Where the next ones
-            # differ by more than a reading rises above them, it may be an overshoot.
-            sharp = max(alone * far, apart) <= rise <= _TWICE * far
-            calms = far > _TIMES * _next(np.abs(away[end : end + _AROUND * width]))
-            if begin and end - begin <= longest and sharp and calms:
+            beside = [way * y[k] for k in (begin - 1, end) if k < y.size]
+            rise = float((way * y[begin:end]).min() - max(beside))
+            # Where the next readings differ by more than one rises, it may be an overshoot.
+            sharp = rise >= max(_SHARP * far, max(beside) - min(beside))
+            # The first readings of a hold may be those of the hold before.
+            if sharp and begin and end - begin <= _LONGEST:
                 size[begin:end] = far
     found: BoolArray = (size > 0) & (size >= _LARGE * size.max())
     return found
-
-
-def _least_rise(y: FloatArray, begin: int, end: int) -> tuple[float, float]:
-    """Return by how much the readings are above both neighbours, and how far apart these are."""
-    next_to = [y[k] for k in (begin - 1, end) if k < y.size]
-    return float(y[begin:end].min() - max(next_to)), float(max(next_to) - min(next_to))
-
-
-def _next(away: FloatArray) -> float:
-    """Return the third greatest distance of those that follow; two may be those of a spike."""
-    return float(np.partition(away, -3)[-3]) if away.size > _LONGEST else 0.0
 
 
 def _step(y: FloatArray) -> float:
     """Return the least difference of two readings, 0 where all are equal."""
     steps = np.diff(np.unique(y))
     return float(steps.min()) if steps.size else 0.0
-
-
-def _runs(marked: BoolArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return where runs of marked readings begin, and where they end."""
-    edges = np.diff(np.concatenate([[0], marked.astype(np.int8), [0]]))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
