@@ -18,8 +18,9 @@ for library in ("OMP", "OPENBLAS", "MKL"):
 os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(1 << 28))
 os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(1 << 29))
 
-settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=60)
-settings.load_profile("repeatable")
+settings.register_profile("short", deadline=None, derandomize=True, max_examples=30)
+settings.register_profile("whole", settings.get_profile("short"), max_examples=100)
+settings.load_profile("short")
 
 # A shell without job control, and nohup, let commands ignore these, and some tests send them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -96,10 +97,12 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 
 def pytest_configure(config):
-    """Let each worker begin to collect the whole at another file.
+    """Try more examples where all tests run, and let each worker begin to collect at another file.
 
     Where no test was compiled before, each then compiles its share and loads those of the others.
     """
+    if not config.option.markexpr:
+        settings.load_profile("whole")
     whole = [HERE / each for each in config.args] == [
         HERE / each for each in config.getini("testpaths")
     ]

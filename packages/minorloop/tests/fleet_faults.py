@@ -1,9 +1,9 @@
 """What a worker can be made to do instead of a fit, by the name of its specimen.
 
-`hang` runs for ever in compiled code that holds the interpreter, `die` ends the process as a lack
-of memory does, `stop` stops it, and `wait` waits until the file ``wait.closed`` beside its record
-is gone. With ``-once`` after it only the first time. A file that ends in ``.seen`` says that it
-began. This module is imported by worker processes.
+`hang` runs for ever in compiled code that holds the interpreter, behind all other processes. `die`
+ends the process as a lack of memory does, `stop` stops it, and `wait` waits until the file
+``wait.closed`` beside its record is gone. With ``-once`` after it only the first time. A file that
+ends in ``.seen`` says that it began. This module is imported by worker processes.
 """
 
 import os
@@ -24,6 +24,7 @@ def work(task, scratch):
     what, *once = task.specimen.name.split("-")
     if _first(task) or once[:1] != ["once"]:
         if what == "hang":
+            os.nice(19)
             deque(repeat(0), maxlen=0)
         if what in ENDS:
             os.kill(os.getpid(), ENDS[what])

@@ -72,6 +72,7 @@ def test_records_of_other_formats_are_read_as_their_text_is(tmp_path):
     assert models[1].nrmse == models[0].nrmse
 
 
+@pytest.mark.usefixtures("here")
 def test_failures_are_reported_and_a_stopped_fleet_continues(six, tmp_path):
     out, seen = tmp_path / "out", []
 
@@ -80,7 +81,7 @@ def test_failures_are_reported_and_a_stopped_fleet_continues(six, tmp_path):
 
     def identify(**options):
         seen.clear()
-        summary = identify_fleet(six, out, workers=1, watch=watch, **options, **OPTIONS)
+        summary = identify_fleet(six, out, watch=watch, **options, **OPTIONS)
         return summary, sorted(name for _, _, name in seen)
 
     summary, _ = identify()
