@@ -5,6 +5,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import minorloop as ml
 from benchmarks import one_model
@@ -73,6 +74,43 @@ def test_a_record_of_arrays_has_its_times_checked():
     found = ml.identify(Record(u, u + 0.1 * u**2, t), ml.Plane(4, lag=0))
     assert any("1 gap in column 'time [s]'" in said for said in found.advice)
     assert found.samples < 300
+
+
+def uneven(late=0.0):
+    """A record of which rows are 5 to 15 ms apart."""
+    t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 900))
+    u = np.exp(-t / 8) * np.sin(4 * t)
+    model = ml.Preisach(np.linspace(-1, 1, 7), np.tril(np.ones((6, 6))))
+    return Record(u, model.simulate(np.interp(t - late, t, u)), t)
+
+
+def test_uneven_samples_are_named_where_a_lag_in_rows_needs_even_ones():
+    for lag in (0, 3):
+        law = ml.Plane(6, lag=lag, diagonal="uniform", slope=False)
+        advice = " ".join(ml.identify(uneven(), law).advice)
+        assert ("samples are uneven" in advice) == (lag > 0)
+
+
+def test_a_lag_in_seconds_needs_no_even_samples():
+    prompt, late = (ml.identify(uneven(0.025), ml.Plane(6, lag=lag)) for lag in ("0 s", "25 ms"))
+    assert late.nrmse < 0.65 * prompt.nrmse
+
+
+def test_with_dynamics_the_advice_on_lost_rows_can_be_followed():
+    t = 0.01 * np.delete(np.arange(900), slice(150, 450))
+    u = np.exp(-t / 8) * np.sin(4 * t)
+    law = ml.Dynamics(ml.Plane(4, diagonal="uniform"), first="operator", poles=1, creep=False)
+    said = ml.identify(Record(u, u + 0.1 * u**2, t), law).warnings[0]
+    assert "--record rows=A:B" in said
+    assert "--time" not in said
+    assert "--curves" not in said
+
+
+def test_a_raw_log_is_not_to_be_trusted():
+    u = np.repeat(np.random.default_rng(1000).uniform(-1, 1, 12), 60)
+    y = lfilter([1 / 12], [1, -11 / 12], u)
+    said = ml.identify(u, y, ml.Plane(6, lag=0)).warnings[0]
+    assert "this looks like a raw log: 720 samples with 12 holds of about 60" in said
 
 
 def test_what_cannot_be_is_refused(tables):
