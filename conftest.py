@@ -134,25 +134,16 @@ def shared_data():
 
 
 @pytest.fixture
-def laid_out():
-    """Pictures of reports with their layout, where all others are without."""
+def drawn():
+    """Pictures of reports drawn, where all others are not."""
 
 
 @pytest.fixture
-def without_layout(request, monkeypatch):
-    """Pictures of reports without a layout, which takes two thirds of a report.
+def without_pictures(request, monkeypatch):
+    """Reports whose figures are made and not drawn, which takes two thirds of a report.
 
-    The tests of reports, those with `laid_out` and the code blocks of the pages lay them out.
+    The tests of reports, those with `drawn`, the code blocks of the pages and the whole tests draw
+    them.
     """
-    from minorloop.report import Picture
-
-    if "laid_out" in request.fixturenames:
-        return
-
-    address = Picture.address.fget
-
-    def drawn(picture):
-        picture.figure.set_layout_engine("none")
-        return address(picture)
-
-    monkeypatch.setattr(Picture, "address", property(drawn))
+    if request.config.option.markexpr and "drawn" not in request.fixturenames:
+        monkeypatch.setattr("minorloop.report.Picture.address", "data:image/svg+xml;base64,")

@@ -29,7 +29,7 @@ def test_the_law_and_the_free_slopes_meet_their_bounds(study):
     assert figures["held"]["multisine"] == pytest.approx(1e-4, rel=0.3)
 
 
-@pytest.mark.usefixtures("without_layout")
+@pytest.mark.usefixtures("without_pictures")
 def test_the_report_has_our_rows_among_the_published(study):
     figures = study.figures()
     rows = benchmark.published_table(figures).rows

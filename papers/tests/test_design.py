@@ -45,7 +45,7 @@ def test_shares_and_means_are_gathered(study):
         assert np.isfinite(figure(found, claim.key))
 
 
-@pytest.mark.usefixtures("without_layout")
+@pytest.mark.usefixtures("without_pictures")
 def test_the_report_has_the_curves_and_the_bands(study):
     figures = study.figures()
     html = design_report.STUDY.report(study, design.gather([figures]), [figures]).html()

@@ -38,7 +38,7 @@ def test_the_marker_leaves_the_left_two_columns_on():
     assert np.isnan(states[0][~there]).all()
 
 
-@pytest.mark.usefixtures("without_layout")
+@pytest.mark.usefixtures("without_pictures")
 def test_the_report_shows_every_figure_of_the_paper(study):
     figures = study.figures()
     html = fibre_report.STUDY.report(study, figures, [figures]).html()

@@ -36,7 +36,7 @@ def test_what_no_model_can_follow_explains_most_of_the_error(study):
     assert found["preisach_nrmse"] < found["plays_nrmse"] < found["quadratic_nrmse"]
 
 
-@pytest.mark.usefixtures("without_layout")
+@pytest.mark.usefixtures("without_pictures")
 def test_the_report_shows_every_figure_of_the_paper(study):
     figures = study.figures()
     report = ipmc_report.STUDY.report(study, figures, [figures, figures])

@@ -33,7 +33,7 @@ def test_the_inverse_with_dynamics_meets_its_bounds(study):
     assert study.tracked[100]["targets"].size == 500
 
 
-@pytest.mark.usefixtures("without_layout")
+@pytest.mark.usefixtures("without_pictures")
 def test_the_report_has_every_claim(study):
     figures = study.figures()
     for name in ("dynamics", "without_time"):

@@ -15,7 +15,7 @@ MODEL = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(size=(8, 8))),
 
 
 @pytest.fixture(autouse=True)
-def _somewhere(tmp_path, monkeypatch, without_layout):
+def _somewhere(tmp_path, monkeypatch, without_pictures):
     """A separate folder with a record, targets and a model."""
     monkeypatch.chdir(tmp_path)
     u = np.concatenate([[-1, 1], np.random.default_rng(1).uniform(-1, 1, 398)])

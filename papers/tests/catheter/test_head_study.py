@@ -135,7 +135,7 @@ def test_a_plan_is_better_on_the_wire_too(figures):
 
 
 @pytest.mark.whole
-@pytest.mark.usefixtures("without_layout")
+@pytest.mark.usefixtures("without_pictures")
 def test_the_report_has_every_figure(study, figures):
     page = head_report.STUDY.report(study, figures, [figures, figures]).html()
     for number in (2, 5, 6, 8, 10, 11):

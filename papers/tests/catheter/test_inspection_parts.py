@@ -525,7 +525,7 @@ def swept():
     return ScoredSweep(scan, pipe_map(scan, []), Pipe(bores=(truth,)), 0.1e-3, 60.0)
 
 
-@pytest.mark.usefixtures("without_layout")
+@pytest.mark.usefixtures("without_pictures")
 def test_everything_is_gathered_and_reported(mission):
     trial = scan_trials.draw_trial(60_000)
     scored = scan_trials.measured(trial, [])

@@ -663,7 +663,7 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
     assert error.startswith("the drive has not begun, and nothing is kept")
 
 
-@pytest.mark.usefixtures("laid_out")
+@pytest.mark.usefixtures("drawn")
 def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, monkeypatch):
     from minorloop_head.procedures import inspection, probing
 

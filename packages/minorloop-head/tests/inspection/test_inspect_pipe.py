@@ -13,7 +13,7 @@ from scripted_inspection import hole
 NOT_VISITED = "seen, not visited"
 
 
-@pytest.mark.usefixtures("laid_out")
+@pytest.mark.usefixtures("drawn")
 def test_an_inspection_writes_findings_pictures_and_a_report(script):
     found = script.run()
     assert (found.content["ended"], found.content["safe"], script.safe) == ("finished", True, True)
@@ -209,7 +209,7 @@ def ending(error):
         (KeyboardInterrupt(), "interrupted; 1 of 1 depths known"),
     ],
 )
-@pytest.mark.usefixtures("laid_out")
+@pytest.mark.usefixtures("drawn")
 def test_one_that_ends_early_keeps_what_it_found(script, error, said):
     script.before = ending(error)
     with pytest.raises(type(error)) as ended:

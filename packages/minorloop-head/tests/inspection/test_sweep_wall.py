@@ -118,7 +118,7 @@ def test_an_interrupted_sweep_is_kept(script, ending):
     assert script.safe
 
 
-@pytest.mark.usefixtures("laid_out")
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.whole
 def test_a_sweep_of_the_twin_that_was_cut_off_finds_the_same_pit(tmp_path, monkeypatch):
     """The pit of the pipe is on both sides of the cut."""

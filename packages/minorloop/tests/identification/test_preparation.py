@@ -15,7 +15,7 @@ from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.manifest import Specimen
 from minorloop.lab.records import Record
 
-pytestmark = pytest.mark.usefixtures("without_layout")
+pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 from minorloop.page import lab_work
 
-pytestmark = pytest.mark.usefixtures("without_layout")
+pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 @pytest.fixture
