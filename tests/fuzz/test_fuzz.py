@@ -6,13 +6,13 @@ from fuzz.__main__ import SHARES
 from fuzz.counts import run_cases, table
 from fuzz.readers import WrongAcceptance, cells_of, readers
 
-CASES = {"model files": 500, "records": 500, "plans": 200, "manifests": 200, "floods": 60}
+CASES = {"model files": 250, "records": 250, "floods": 40}
 
 
 @pytest.mark.parametrize("number", range(len(SHARES)))
 def test_what_is_damaged_is_refused_or_right(number, tmp_path):
     reader = readers(tmp_path)[number]
-    counts = run_cases(reader, range(CASES.get(reader.name, 300)))
+    counts = run_cases(reader, range(CASES.get(reader.name, 150)))
     assert counts.sound, "\n".join([*counts.notes, table([counts])])
     assert 0 < counts.accepted < counts.cases
 

@@ -73,8 +73,7 @@ def test_a_repeated_reading_is_accepted_flagged_and_widens_the_bands():
     assert sd.min() > 2.0  # It read 3.0 too much.
 
 
-@pytest.mark.parametrize("at", [2, 8, 13])
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize(("at", "bad"), [(2, np.nan), (8, np.inf), (13, np.nan)])
 def test_a_missing_reading_is_measured_again(done, at, bad):
     chooser, u, y = done
     y = [*y[:at], bad]

@@ -101,7 +101,7 @@ class TestKeeping:
         assert list(columns)[2:5] == ["curvature [1/m]", "sd [1/m]", "verdict"]
         assert _folder_is_clean(tmp_path, "a.sqlite")
 
-    @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+    @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
     @given(data=st.data())
     def test_every_float_is_kept_to_the_last_bit(self, tmp_path, data):
         numbers = st.floats(allow_infinity=False)
@@ -495,7 +495,7 @@ class TestDamage:
         begin, end = {"header": (0, 100), "schema": (100, 4096), "rows": (4096, len(whole))}[part]
         bits = np.arange(8 * begin, 8 * end)
         harmless = []
-        for bit in chance.choice(bits, 250, replace=False):
+        for bit in chance.choice(bits, 120, replace=False):
             damaged = bytearray(whole)
             damaged[bit // 8] ^= 1 << bit % 8
             path.write_bytes(damaged)
