@@ -18,6 +18,11 @@ MODEL = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(size=(8, 8))),
 def _somewhere(tmp_path, monkeypatch, without_pictures):
     """A separate folder with a record, targets and a model."""
     monkeypatch.chdir(tmp_path)
+    write_files()
+
+
+def write_files():
+    """Write a record, targets and a model into the folder that is the current one."""
     u = np.concatenate([[-1, 1], np.random.default_rng(1).uniform(-1, 1, 398)])
     write("good.csv", "voltage [V],length [um]", np.column_stack([u, MODEL.simulate(u)]))
     write("targets.csv", "length [um]", [[0.3], [1.5], [-2.0]])

@@ -88,16 +88,23 @@ def test_importing_it_imports_nothing_slow():
     assert not slow & set(loaded.split())
 
 
-@pytest.mark.parametrize(
-    "before",
-    [
-        "import minorloop",
-        "import minorloop.connect",
-        "import minorloop; minorloop.connect; import minorloop.connect",
-        "import minorloop; from minorloop.connect import connect",
-        "import minorloop; from minorloop import connect",
-        "import minorloop; minorloop.Memory",
-    ],
-)
-def test_connect_is_the_function_whatever_was_imported_before(before):
-    assert run(f"{before}; print(type(minorloop.connect).__name__)") == "function"
+IMPORTS = [
+    "import minorloop",
+    "import minorloop.connect",
+    "import minorloop; minorloop.connect; import minorloop.connect",
+    "import minorloop; from minorloop.connect import connect",
+    "import minorloop; from minorloop import connect",
+    "import minorloop; minorloop.Memory",
+]
+ANEW = f"""
+import sys
+for before in {IMPORTS}:
+    for name in [name for name in sys.modules if name.startswith("minorloop")]:
+        del sys.modules[name]
+    exec(before)
+    print(type(sys.modules["minorloop"].connect).__name__)
+"""
+
+
+def test_connect_is_the_function_whatever_was_imported_before():
+    assert run(ANEW).split() == ["function"] * len(IMPORTS)

@@ -1,11 +1,12 @@
 """What verbs refuse: one line on stderr, exit status 2, and no file is written."""
 
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from command_line import MODEL, write
+from command_line import MODEL, write, write_files
 from minorloop import modelfile
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
@@ -47,8 +48,7 @@ TEXTS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _files(_somewhere):
+def write_more_files():
     for name, model in MODELS.items():
         units = {} if isinstance(model, Oscillator) else UNITS
         modelfile.save(model, f"{name}.json", **units)
@@ -60,6 +60,20 @@ def _files(_somewhere):
     t, u = np.arange(60) / 750, np.sin(np.arange(60.0))
     write("moved.csv", "time [s],force [N],displacement [m]", np.column_stack([t, u, 1e-6 * u]))
     write("mm.csv", "time [s],force [N],displacement [mm]", np.column_stack([t, u, 1e-3 * u]))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """One folder for all of these tests, which write nothing."""
+    with chdir(tmp_path_factory.mktemp("refusals")):
+        write_files()
+        write_more_files()
+        yield Path.cwd()
+
+
+@pytest.fixture(autouse=True)
+def _there(_somewhere, folder, monkeypatch):
+    monkeypatch.chdir(folder)
 
 
 FORCES = "moved.csv --input force --time time"

@@ -11,7 +11,7 @@ from minorloop.modelfile import save
 from minorloop.operators.preisach import Preisach
 from offspring import started
 
-KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
+KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "3"))
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 TWIN = "--actuator twin:ipmc,noise=0.05,specimen=3,seed=4"
 RUN = f"run {TWIN} --plan plan.csv"
