@@ -10,8 +10,6 @@ from expected.case import MEASURED
 
 PIEZO = "piezo_micromanipulator_minor_loops.csv"
 FERRITE = "bh_mnzn_ferrite.csv"
-NANOWIRES = "forc_feco_nanowires.csv"
-STRUCTURE = "structural_test_spc1.csv"
 
 
 def measured(name: str) -> str:

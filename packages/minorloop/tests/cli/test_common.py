@@ -7,14 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from hypothesis import strategies as st
 
 from minorloop.cli import _common
 from minorloop.errors import OutputError
 from minorloop.lab.conversion import read_column
 from minorloop.report import Report
-
-ends = st.none() | st.integers(-20, 20)
 
 
 @pytest.mark.parametrize(

@@ -88,10 +88,6 @@ def gapped(y):
     return np.where(np.arange(y.size) % 10 == 0, y, np.nan)
 
 
-def steady(t):
-    return np.arange(t.size)
-
-
 def late(t):
     return np.where(np.arange(t.size) == 3, t[2], t)
 
