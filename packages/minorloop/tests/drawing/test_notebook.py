@@ -30,7 +30,7 @@ from minorloop.registry import registered
 LEVELS = np.linspace(-1, 1, 5)
 MODEL = Preisach(LEVELS, np.tril(np.ones((4, 4))))
 U = np.array([-1.0, 0.6, -0.4, 1.0, -1.0, 0.1, -0.7, 0.9, -1.0])
-Y = MODEL.simulate(U)
+Y = U + 0.3 * U**2
 GAINS = np.array([[1.0, 0.5 - 0.5j]])
 
 
