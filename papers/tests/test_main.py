@@ -61,10 +61,7 @@ def one_by_one(work, count, seed):
 
 @pytest.mark.parametrize(
     ("ends", "done", "kept"),
-    [
-        (7, 0, "nothing is kept"),
-        (9, 2, f"their figures are in {Path('made', 'unfinished.json')}"),
-    ],
+    [(7, 0, "nothing is kept"), (9, 2, f"their figures are in {Path('made', 'unfinished.json')}")],
 )
 def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept):
     made = Specimen(ends)

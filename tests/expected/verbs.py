@@ -113,9 +113,7 @@ def _fleet() -> Any:
 def _measured(file: str, columns: str) -> Case:
     line = f"identify {inputs.measured(file)} {columns}"
     return Case(
-        f"measured_{file.partition('_')[0]}",
-        lambda: commands({"default": line}),
-        measured=(file,),
+        f"measured_{file.partition('_')[0]}", lambda: commands({"default": line}), measured=(file,)
     )
 
 

@@ -131,11 +131,7 @@ def _resumed(supply: Supply, folder: Path, found: Outcome) -> None:
 
 
 def _ended(
-    line: str,
-    supply: Supply,
-    folder: Path,
-    found: Outcome,
-    signals: tuple[tuple[float, str], ...],
+    line: str, supply: Supply, folder: Path, found: Outcome, signals: tuple[tuple[float, str], ...]
 ) -> tuple[int, list[str]]:
     """Exit status of a command line, and its log, after the instrument has heard all of it."""
     with started(line, folder) as (process, log):

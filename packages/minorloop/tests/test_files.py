@@ -143,8 +143,7 @@ def test_refuses_names_with_control_characters(letter):
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["=1+1", "+1+1", "-1-1", "@SUM(1)", "\tx", " =1", "'=1", "\uff1dx", "-", "=cmd|'x'!A0"],
+    "text", ["=1+1", "+1+1", "-1-1", "@SUM(1)", "\tx", " =1", "'=1", "\uff1dx", "-", "=cmd|'x'!A0"]
 )
 def test_texts_that_begin_like_formulas_are_quoted(text):
     written = table_text([text], [[text, 1.5]])

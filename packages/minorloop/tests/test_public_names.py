@@ -8,42 +8,19 @@ import pytest
 import minorloop
 from minorloop import errors
 
-NAMES = {
-    *("Preisach", "RelayModel", "PrandtlIshlinskii", "GeneralisedPrandtlIshlinskii"),
-    *("Polynomial", "Memory", "Tracker", "Inversion"),
-    *("identify", "Fit", "excitation", "densities"),
-    *(
-        "Dynamics",
-        "Plane",
-        "Gaussian",
-        "Smooth",
-        "from_loop",
-        "DataSheetModel",
-    ),
-    *("AfterEffect", "Viscosity"),
-    *("Linear", "Cascade", "Trajectory", "Creep", "fit_creep"),
-    *("Actuator", "Adaptive", "Channel", "Prediction", "NextInput", "next_input", "design"),
-    *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),
-    *(
-        "fit_response",
-        "Recursive",
-        "representability",
-        "Plan",
-        "Store",
-        "Setup",
-        "run",
-        "reduce",
-        "Fault",
-    ),
-    *("Fault", "Apparatus", "measure", "drive_to", "resume"),
-    *("Record", "read", "curvature_from_displacement", "displacement_from_curvature"),
-    *("score", "ModelScore", "save", "load", "connect", "plot", "ModelWarning", "__version__"),
-    *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
-    *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
-    *("OutputError", "StoreError", "InstrumentError", "SafetyError", "FleetError"),
-    "MissingExtraError",
-    *("Oscillator", "BoucWen", "Duhem", "Vibration"),
-}
+PUBLIC = """
+Preisach RelayModel PrandtlIshlinskii GeneralisedPrandtlIshlinskii Polynomial Memory Tracker
+Inversion identify Fit excitation densities Dynamics Plane Gaussian Smooth from_loop
+DataSheetModel AfterEffect Viscosity Linear Cascade Trajectory Creep fit_creep Actuator
+Adaptive Channel Prediction NextInput next_input design arx step_response frequency_response
+Preamble describing_function fit_response Recursive representability Plan Store Setup run
+reduce Fault Apparatus measure drive_to resume Record read curvature_from_displacement
+displacement_from_curvature score ModelScore save load connect plot ModelWarning __version__
+MinorloopError ParameterError SignalError UnreachableError NotInvertibleError RecordError
+ModelFileError LimitError OutputError StoreError InstrumentError SafetyError FleetError
+MissingExtraError Oscillator BoucWen Duhem Vibration
+"""
+NAMES = set(PUBLIC.split())
 
 
 def run(code):

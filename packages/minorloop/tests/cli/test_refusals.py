@@ -115,10 +115,7 @@ SECONDS = "give a positive number of seconds"
         (f"{IDENTIFY} --law level=3", "the law plane has no 'level'; it has levels, relay"),
         (f"{IDENTIFY} --law dynamics", "name the column of time"),
         (f"{IDENTIFY} --record rows=5", "give two whole numbers A:B, such as 200:7000"),
-        (
-            f"{IDENTIFY} --record rows=9:3",
-            "rows 9 to 3 are given, and there are 400",
-        ),
+        (f"{IDENTIFY} --record rows=9:3", "rows 9 to 3 are given, and there are 400"),
         (f"{IDENTIFY} --record start=odd", "start is 'odd'; give one of 'negative', 'positive'"),
         (f"{IDENTIFY} --record start_of_curve=positive", "give curves (--record curves=COLUMN)"),
         (f"{IDENTIFY} --record between=band", "--record has no 'between'; it has curves"),

@@ -1,12 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop.dynamics.sampling import (
-    checked_stages,
-    pulses,
-    refined,
-    sampled,
-)
+from minorloop.dynamics.sampling import checked_stages, pulses, refined, sampled
 
 
 def sine(t, frequency):

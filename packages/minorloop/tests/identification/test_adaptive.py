@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.identification.adaptive import (
-    REPEATS,
-    VALIDATION,
-    Adaptive,
-    _Progress,
-    design_holds,
-)
+from minorloop.identification.adaptive import REPEATS, VALIDATION, Adaptive, _Progress, design_holds
 
 
 def experiment(chooser, specimen=1, outlier_at=None, upto=1000):

@@ -3,11 +3,7 @@ import pytest
 
 from minorloop.errors import SignalError
 from minorloop.identification import Viscosity, identify
-from minorloop.identification.after_effect import (
-    Constants,
-    Design,
-    TimedRecord,
-)
+from minorloop.identification.after_effect import Constants, Design, TimedRecord
 from minorloop.identification.after_effect_result import along
 from minorloop.identification.curves import as_curves
 from minorloop.identification.design_matrix import PlaneSpec, pack

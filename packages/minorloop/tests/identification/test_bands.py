@@ -43,11 +43,7 @@ def test_no_outputs_are_printed_as_none(fit):
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"noise": 1e300}, "noise is 1e"),
-        ({"noise": True}, "noise is True"),
-    ],
+    ("options", "says"), [({"noise": 1e300}, "noise is 1e"), ({"noise": True}, "noise is True")]
 )
 def test_refuses_what_the_prior_cannot_use(options, says):
     with pytest.raises(ParameterError, match=says):

@@ -16,9 +16,7 @@ def test_the_solution_is_that_of_scipy():
     rows /= np.linalg.norm(rows, axis=0)
     gram = rows.T @ rows
     found = dense_solver.solve(
-        Quadratic(GramRows.of(gram), rows.T @ y),
-        np.ones(12, dtype=bool),
-        float(np.linalg.norm(y)),
+        Quadratic(GramRows.of(gram), rows.T @ y), np.ones(12, dtype=bool), float(np.linalg.norm(y))
     )
     np.testing.assert_allclose(found.z, nnls(rows, y)[0], atol=1e-10)
     assert found.kkt <= active_set.TOLERANCE

@@ -13,11 +13,7 @@ from plane_records import a_record
         ([0, 1, 2], [0, 1], "3 samples and y has 2"),
         ([0, 1, 2, 3], [0, np.nan, np.nan, 1], "2 outputs are finite"),
         ([1, 1, 1], [0, 1, 2], "the input is 1 throughout"),
-        (
-            [0, 1, 2],
-            [9.9e37, 9.9e37, 9.9e37],
-            r"all 3 outputs are overload codes, as 9.9e\+37 is",
-        ),
+        ([0, 1, 2], [9.9e37, 9.9e37, 9.9e37], r"all 3 outputs are overload codes, as 9.9e\+37 is"),
         ([0, 1, 2], [1, 1, 1], "the output is 1 throughout"),
         ([0, np.nan, 2], [1, 2, 3], "u is nan at index 1"),
         ([[0, 1, 2]], [[1, 2, 3]], "give one record"),

@@ -107,11 +107,7 @@ REFUSED = [
     *TOO_LARGE,
     (ParameterError, "1 to 4", lambda: fit_response(HERTZ, LAG, order=5)),
     (ParameterError, "order is .best.; give", lambda: fit_response(HERTZ, LAG, order="best")),
-    (
-        ParameterError,
-        "zeros is 3; .* 0 to 2",
-        lambda: fit_response(HERTZ, LAG, order=2, zeros=3),
-    ),
+    (ParameterError, "zeros is 3; .* 0 to 2", lambda: fit_response(HERTZ, LAG, order=2, zeros=3)),
     (ParameterError, "zeros is -1; .* from 0 to 4", lambda: fit_response(HERTZ, LAG, zeros=-1)),
     (SignalError, "shape", lambda: fit_response([1.0, 2.0], [1.0])),
     (SignalError, "positive", lambda: fit_response([0.0, 2.0], [1.0, 1.0])),

@@ -2,11 +2,7 @@ import numpy as np
 
 from fault_records import record
 from minorloop.identification.curves import Curves
-from minorloop.identification.rough_model import (
-    RoughRecord,
-    chebyshev_sums,
-    least_error,
-)
+from minorloop.identification.rough_model import RoughRecord, chebyshev_sums, least_error
 from minorloop.lab.noise import spread
 
 WHOLE = Curves.whole("negative")

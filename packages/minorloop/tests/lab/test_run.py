@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import (
-    InstrumentError,
-    LimitError,
-    ParameterError,
-    SafetyError,
-    StoreError,
-)
+from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError, StoreError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record

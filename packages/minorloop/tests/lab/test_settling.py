@@ -245,8 +245,7 @@ class TestHonesty:
         )
 
     @pytest.mark.parametrize(
-        ("address", "hold"),
-        [("ipmc", 100.0), ("ipmc", 200.0), ("fibre", 200.0), ("fibre", 300.0)],
+        ("address", "hold"), [("ipmc", 100.0), ("ipmc", 200.0), ("fibre", 200.0), ("fibre", 300.0)]
     )
     def test_of_the_twins(self, address, hold):
         chance = np.random.default_rng(0)

@@ -4,13 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, RecordError
-from minorloop.lab.timebase import (
-    check_times,
-    delayed,
-    parse_lag,
-    resample,
-    time_column,
-)
+from minorloop.lab.timebase import check_times, delayed, parse_lag, resample, time_column
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -5,13 +5,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import (
-    InstrumentError,
-    LimitError,
-    ParameterError,
-    SafetyError,
-    SignalError,
-)
+from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError, SignalError
 from minorloop.lab.actuator import Actuator, Channel
 from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable
 from minorloop.lab.drivers.bench import Bench

@@ -4,11 +4,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from minorloop.errors import UnreachableError
-from minorloop.operators.inversion import (
-    Inversion,
-    refuse_unreachable,
-    within_reach,
-)
+from minorloop.operators.inversion import Inversion, refuse_unreachable, within_reach
 
 
 def inversion(count):

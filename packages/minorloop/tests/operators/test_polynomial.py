@@ -3,9 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import (
-    NotInvertibleError,
-)
+from minorloop.errors import NotInvertibleError
 from minorloop.operators.polynomial import Polynomial
 
 QUADRATIC = Polynomial([0.34, 8.2, -0.35], -1.2, 1.2)
@@ -70,11 +68,7 @@ def test_the_message_names_the_widest_monotone_interval(coefficients, ends, stre
     assert cut.invert([sum(cut.range) / 2]).worst < 1e-14
 
 
-@given(
-    st.lists(st.floats(-5, 5), min_size=2, max_size=5),
-    st.floats(-100, 100),
-    st.floats(0.1, 10),
-)
+@given(st.lists(st.floats(-5, 5), min_size=2, max_size=5), st.floats(-100, 100), st.floats(0.1, 10))
 def test_fit_follows_a_polynomial(coefficients, low, width):
     u = np.linspace(low, low + width, 50)
     y = np.polynomial.polynomial.polyval((u - low) / width, coefficients)

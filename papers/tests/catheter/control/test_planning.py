@@ -39,10 +39,7 @@ def test_a_plan_is_never_worse_than_inverse_feedforward(wanted):
 
 @pytest.mark.parametrize(
     "wanted",
-    [
-        np.repeat([40.0, 10.0], [10, 20]),
-        np.repeat([40.0, 25.0, 40.0, 20.0, 45.0, 10.0], 8),
-    ],
+    [np.repeat([40.0, 10.0], [10, 20]), np.repeat([40.0, 25.0, 40.0, 20.0, 45.0, 10.0], 8)],
 )
 def test_where_cooling_is_the_bottleneck_a_plan_begins_it_early(wanted):
     wire = identified().model
