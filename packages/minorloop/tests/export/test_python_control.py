@@ -26,7 +26,7 @@ T = 0.1 * np.arange(U.size)
 
 @pytest.fixture(autouse=True)
 def _installed():
-    # The folder of that name among the tests of the head passes for an empty package.
+    # A folder of that name among the tests of another package passes for an empty one.
     pytest.importorskip("control.nlsys", reason=REASON)
 
 
