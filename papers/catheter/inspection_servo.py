@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,11 +21,11 @@ from minorloop_head.control.head import HeadControl, head_control
 from minorloop_head.control.sensing import SensorWatch
 from minorloop_head.geometry import Mount, meet_wall
 from minorloop_head.procedures.calibration import STRAIGHT, HeadCalibration
-from minorloop_head.procedures.centre import CONE, CentreState, Centring
-from minorloop_head.procedures.go import Go
-from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.centre import CONE, Centred, Centring
+from minorloop_head.procedures.go import go
+from minorloop_head.procedures.meter import meter
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.values import Procedure, Reading, Request, apply_to_tip
+from minorloop_head.procedures.values import Procedure, Reading, Request, Result
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
@@ -165,21 +165,23 @@ class Scene:
 class Watch:
     """Truth of a run, tick by tick. For scoring only."""
 
-    def __init__(self, scene: Scene, rig: InspectionRig) -> None:
+    def __init__(self, scene: Scene, rig: InspectionRig, point: Centred | None = None) -> None:
         assert isinstance(rig.plant, Rig)
+        self.point = point
         self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
         self.place: list[tuple[float, float]] = []
         self.left: list[float] = []
         self.verdicts: list[str] = []
         self.pixel = self._pixel()
 
-    def __call__(self, state: Any) -> None:
+    def __call__(self) -> None:
         """Record the truth after a tick; ticks before the first tracked frame are omitted."""
         before, self.pixel = self.pixel, self._pixel()
-        verdict = getattr(state, "verdict", TRACKED)
+        verdict, shown = TRACKED, None
+        if self.point is not None:
+            verdict, shown = self.point.verdict, self.point.shown
         if not verdict:
             return
-        shown = getattr(state, "shown", None)
         x, y, z = self._point()
         self.place.append((float(FOCAL * x / z), float(FOCAL * y / z)))
         self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
@@ -226,25 +228,37 @@ def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
     """Hold the angles at which the hole is in the middle, without the camera."""
     rig = scene.rig(sway)
     watch = Watch(scene, rig)
-    go = Go(still=math.inf, turning=APPROACH + seconds)
-    rig.run(go, go.begin(angles=scene.aim), watch)
+    rig.run(go(angles=scene.aim, still=math.inf, turning=APPROACH + seconds), watch)
     return watch.run(round(APPROACH / TICK))
 
 
-@dataclass(frozen=True, eq=False)
-class Swinging(Procedure[CentreState]):
-    """Track a point while the head swings about it."""
+def changed(
+    procedure: Procedure[Result], change: Callable[[Request, Reading | None], Request]
+) -> Procedure[Result]:
+    """Carry out a procedure with other requests; each is changed with the reading before it."""
+    request, now = next(procedure), None
+    try:
+        while True:
+            now = yield change(request, now)
+            request = procedure.send(now)
+    except StopIteration as end:
+        return cast(Result, end.value)
 
-    centring: Centring
-    """What tracks."""
-    aim: FloatArray
-    """Shape (2,). Middle of the swing, in radians."""
 
-    def _next(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
-        state, request = self.centring.step(state, reading)
-        phase = MOTION / SWING * (reading.t - (state.began or 0.0))
+def swinging(procedure: Procedure[Result], aim: FloatArray) -> Procedure[Result]:
+    """Track a point as a procedure does, while the head swings about angles (2,) instead."""
+    began: float | None = None
+
+    def swung(request: Request, now: Reading | None) -> Request:
+        nonlocal began
+        if now is None or request.now:
+            return request
+        began = now.t if began is None else began
+        phase = MOTION / SWING * (now.t - began)
         swing = SWING * np.sin(phase) * np.array([1.0, 0.6])
-        return state, replace(request, angles=CONE.clip(self.aim + swing))
+        return replace(request, angles=CONE.clip(aim + swing))
+
+    return changed(procedure, swung)
 
 
 def run_motion(scene: Scene) -> ServoRun:
@@ -252,22 +266,26 @@ def run_motion(scene: Scene) -> ServoRun:
     rig = scene.rig()
     patience = MOTION_SECONDS + TICK
     centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
-    return watched(scene, rig, centring, Swinging(centring, scene.aim)).run()
+    return watched(scene, rig, centring, swings=True).run()
 
 
-def watched(
-    scene: Scene, rig: InspectionRig, centring: Centring, procedure: Swinging | None = None
-) -> Watch:
+def watched(scene: Scene, rig: InspectionRig, centring: Centring, *, swings: bool = False) -> Watch:
     """Bring the head to where the servo takes over, and track the patch that is picked there."""
-    metering = Metering(calibration=rig.calibration)
-    go = Go(still=math.inf, turning=APPROACH - metering.seconds)
-    rig.run(go, go.begin(angles=scene.start))
-    rig.run(metering, metering.begin())
-    watch = Watch(scene, rig)
-    state = centring.begin((scene.hole.phi, scene.hole.z), watch.pixel)
-    picked, request = centring.step(state, rig.reading(Request(frame=True)))
-    apply_to_tip(rig.tip, request)
-    rig.run(procedure or centring, picked, watch)
+    seconds = 1.0
+    rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - seconds))
+    rig.run(meter(rig.calibration, rig.light, seconds))
+    point = Centred(place=np.array([scene.hole.phi, scene.hole.z]))
+    watch = Watch(scene, rig, point)
+    point.shown = watch.pixel
+
+    def at_once(request: Request, now: Reading | None) -> Request:
+        """Pick the patch before the head moves."""
+        if now is None:
+            return Request(frame=True, now=True)
+        return request if request.focus is None else Request(focus=request.focus, now=True)
+
+    procedure = changed(centring.centre(point), at_once)
+    rig.run(swinging(procedure, scene.aim) if swings else procedure, watch)
     return watch
 
 

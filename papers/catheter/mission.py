@@ -27,7 +27,7 @@ from minorloop_head.procedures.probe_steps import (
     reach_words,
     scanned_pit,
 )
-from minorloop_head.procedures.rig import InspectionRig, LogEntry
+from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.ring import ring_sweep
 from minorloop_head.procedures.steps import (
     CENTRED_PX,
@@ -46,6 +46,7 @@ from minorloop_head.procedures.steps import (
     touch,
 )
 from minorloop_head.procedures.trace import likely, one_course, traces_of
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.depth_map import DepthMap, WaterLine
 from minorloop_head.reconstruction.findings import Finding, finding_of, kind_of
 from minorloop_head.twins.pipe import Bore, Crack

@@ -19,10 +19,10 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.geometry import Mount, Probe, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.measure import has_coupling, wall_about
-from minorloop_head.procedures.meter import Metering
-from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.meter import Light
+from minorloop_head.procedures.scan import SHOTS, RasterScan, ScannedRaster
 from minorloop_head.procedures.seen_base import SeenBase
-from minorloop_head.procedures.values import NOTHING, Reading, Request, apply_to_tip
+from minorloop_head.procedures.values import NOTHING, Reading, Request, Running, apply_to_tip
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 from minorloop_head.sources import Shot
 from minorloop_head.twins.camera import LENS
@@ -176,7 +176,7 @@ def draw_trial(
     if kind in ("pit", "dished", "dented", "dry"):
         quiet = Ultrasound(pipe, true, transducer, noise=0.0, temperature=warm, **seeds)
         level = scoring.floor_level(quiet)
-    noise = level * 10 ** (-snr / 20) * math.sqrt(RasterScan.shots)
+    noise = level * 10 ** (-snr / 20) * math.sqrt(SHOTS)
     gain = min(0.5, 0.5 / (0.7 + 4 * noise))
     settings: dict[str, Any] = {"noise": noise, "gain": gain, "temperature": warm}
     twin = Ultrasound(pipe, true, transducer, **seeds, **settings)
@@ -242,25 +242,27 @@ def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     the place of the scan.
     """
     head = _Head(trial)
-    scanning = RasterScan(calibration=head.view, metering=head.metering)
-    state, request = scanning.begin(trial.centre), NOTHING
-    while not state.done:
-        state, request = scanning.step(state, head.reading(request))
+    made, request = ScannedRaster(), NOTHING
+    scan = RasterScan(calibration=head.view).scan(made, trial.centre, light=head.light)
+    running = Running(scan, lambda request: None)
+    while not running.done:
+        request = running.advance(head.reading(request))
         trial.twin.wait(_TICK)
-    return scanning.calibration.probe_at(state.reference), state.bursts
+    return head.view.probe_at(made.reference), made.bursts
 
 
 class _Head:
     """A head before the place of a trial, which sways once the pipe is flooded.
 
-    ``view`` is what is known of it; ``metering`` exposes its camera, None without one.
+    ``view`` is what is known of it; ``light`` is that of its camera, None without one.
     """
 
     def __init__(self, trial: Scanned) -> None:
         self._trial, self._wet = trial, False
         self._place = self._start = np.array([trial.probe.mount.advance, trial.probe.mount.roll])
         self._joints, self._begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
-        self.view, self.metering = _calibration(trial.probe), None
+        self.view = _calibration(trial.probe)
+        self.light: Light | None = None
         self._base: SeenBase | None = None
         if trial.pose != "camera":
             return
@@ -270,7 +272,7 @@ class _Head:
         self._tip = SimulatedTip(wall, mount=trial.mount, specimen=seed, seed=seed, optics=optics)
         camera = self._tip.camera
         self.view = replace(self.view, lens=camera.calibration, leds=camera.leds)
-        self.metering, self._base = Metering(calibration=self.view), SeenBase(self.view)
+        self.light, self._base = Light(), SeenBase(self.view)
 
     def reading(self, request: Request) -> Reading:
         """Carry out a request, and read joints, catheter, and what else gives the pose."""

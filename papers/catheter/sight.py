@@ -15,11 +15,11 @@ from minorloop.report import Table
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import Mount, wall_distance, wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.centre import CentreState, Centring
-from minorloop_head.procedures.focus import Focusing
-from minorloop_head.procedures.go import Go
-from minorloop_head.procedures.mark import TOUCHED, Marking, aim_at
-from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.centre import Centred, Centring
+from minorloop_head.procedures.focus import focus
+from minorloop_head.procedures.go import go as go_to
+from minorloop_head.procedures.mark import TOUCHED, Marking, Touch, aim_at
+from minorloop_head.procedures.meter import wall_ahead
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.steps import acquire, bring_in_reach, go, meter, search
 from minorloop_head.procedures.values import Request
@@ -31,7 +31,7 @@ from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
-from papers.catheter.inspection_servo import APPROACH, Scene, Swinging, within_stroke
+from papers.catheter.inspection_servo import APPROACH, Scene, swinging, within_stroke
 from papers.catheter.tracking_trials import WALLS, run_tracking, tracking_figures
 from papers.claims import cell
 from papers.drawing import draw, panel, photo
@@ -87,34 +87,35 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Results:
     test = Marking(calibration=calibration)
     metres = np.array([radius, 1.0])
     bring_in_reach(rig, test, place - beside / metres)
-    tried = rig.run(test, test.begin(place, rig.gain, -beside))
+    tried = rig.run(test.touch(Touch(place=place, beside=-beside), rig.light))
     tip.tool.marks.clear()
     marking = Marking(calibration=replace(calibration, tool=tried.tool or calibration.tool))
     bring_in_reach(rig, marking, place + beside / metres)
     pictures: list[npt.NDArray[np.uint8]] = []
 
-    def watch(state: Any) -> None:
-        if state.stage == "near" and not pictures:
+    touch = Touch(place=place, beside=beside)
+
+    def watch() -> None:
+        if touch.stop == "near" and not pictures:
             pictures.append(tip.frame().image)
 
-    state = rig.run(marking, marking.begin(place, rig.gain, beside), watch)
+    rig.run(marking.touch(touch, rig.light), watch)
     after = rig.reading(Request(frame=True)).image
     assert after is not None
-    return _scored(rig, tip, hole, beside, state, [*pictures, after])
+    return _scored(rig, tip, hole, touch, [*pictures, after])
 
 
 def _scored(
     rig: InspectionRig,
     tip: SimulatedTip,
     hole: Bore,
-    beside: FloatArray,
-    state: Any,
+    touch: Touch,
     pictures: Sequence[npt.NDArray[np.uint8]],
 ) -> Results:
     """Compare with the truth."""
     radius = tip.pipe.radius
     metres = np.array([radius, 1.0])
-    wanted = np.array([hole.phi, hole.z]) + beside / metres
+    wanted = np.array([hole.phi, hole.z]) + touch.beside / metres
     off = said = math.inf
     pixel, seen = np.full(2, np.nan), math.nan
     if tip.tool.marks:
@@ -122,12 +123,12 @@ def _scored(
         off = float(wall_distance(mark, wanted, radius))
         pixel = scoring.true_pixel(tip.camera, *mark)
         seen = _contrast(pictures[-1], pixel)
-        if state.touch is not None:
-            told = (state.touch - state.place) * metres
+        if touch.touch is not None:
+            told = (touch.touch - touch.place) * metres
             true = np.array([radius * float(wrapped(mark[0] - hole.phi)), mark[1] - hole.z])
             said = float(np.hypot(*(told - true)))
     return Results(
-        verdict=state.verdict, off=off, said=said, before=pictures[0], after=pictures[-1],
+        verdict=touch.verdict, off=off, said=said, before=pictures[0], after=pictures[-1],
         pixel=pixel, seen=seen,
     )  # fmt: skip
 
@@ -186,10 +187,8 @@ def run_pick(scene: Scene) -> dict[str, float]:
     tip = rig.tip
     assert isinstance(tip, SimulatedTip)
     assert isinstance(rig.plant, Rig)
-    metering = Metering(calibration=rig.calibration)
-    there = Go(still=math.inf, turning=APPROACH - metering.seconds)
-    rig.run(there, there.begin(angles=scene.start))
-    rig.run(metering, metering.begin())
+    rig.run(go_to(angles=scene.start, still=math.inf, turning=APPROACH - 1.0))
+    meter(rig)
     true = scoring.true_pixel(tip.camera, scene.hole.phi, scene.hole.z)
     click = true + CLICK / math.sqrt(2) * rng.standard_normal(2)
     centring = Centring(calibration=rig.calibration)
@@ -197,13 +196,10 @@ def run_pick(scene: Scene) -> dict[str, float]:
     pixel = centring.outlined(frames, click, rig.reading())
     camera = rig.calibration.camera_at(rig.place)
     place = camera.place(pixel, frames[-1].pan, frames[-1].tilt)
-    state = rig.run(centring, centring.begin(place, pixel))
+    state = rig.run(centring.centre(Centred(place=np.asarray(place), shown=pixel)))
     meter(rig, state.place)
     lens = rig.calibration.lens
-    focusing = Focusing(lens=lens)
-    guess = metering.ahead(rig.reading())
-    found = rig.run(focusing, focusing.begin(lens.centre, guess)).found
-    assert found is not None
+    found = rig.run(focus(lens, lens.centre, wall_ahead(rig.calibration, rig.reading())))
     reading = rig.reading(Request(frame=True))
     assert state.track is not None
     now = scoring.true_pixel(tip.camera, scene.hole.phi, scene.hole.z)
@@ -290,25 +286,25 @@ def _turned(
     shots: list[tuple[Image, FloatArray]] = []
     before = scoring.true_pixel(tip.camera, hole.phi, hole.z)
 
-    def watch(state: CentreState) -> None:
+    def watch() -> None:
         """Compare with the truth of the frame, which was taken before the tick."""
         nonlocal before
         then, before = before, scoring.true_pixel(tip.camera, hole.phi, hole.z)
-        if not state.verdict or state.track is None or state.shown is None:
+        if not point.verdict or point.track is None or point.shown is None:
             return
-        seen.append(state.verdict == TRACKED)
-        errors.append(0.5 * math.dist(then, state.shown))
+        seen.append(point.verdict == TRACKED)
+        errors.append(0.5 * math.dist(then, point.shown))
         share = len(seen) * _TICK / ATTITUDE_SECONDS
         if len(shots) < len(SNAPSHOTS) and share > SNAPSHOTS[len(shots)]:
-            shots.append((state.track.before, state.shown))
+            shots.append((point.track.before, point.shown))
 
     reading = rig.reading(Request(frame=True))
     assert reading.image is not None
     camera = rig.calibration.camera_at(reading.place)
     pixel = camera.pixel(found, *reading.angles.tolist())
     frame = LitFrame(reading.image, *reading.angles.tolist())
-    picked = centring.begin(found, centring.outlined([frame], pixel, reading))
-    rig.run(Swinging(centring, aim), picked, watch)
+    point = Centred(place=found, shown=centring.outlined([frame], pixel, reading))
+    rig.run(swinging(centring.centre(point), aim), watch)
     return shots, np.array(errors), np.array(seen)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,10 +18,10 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop.threads import one_thread
 from minorloop_head.geometry import Mount, Probe, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.meter import Light, meter
 from minorloop_head.procedures.probe_steps import resampled
-from minorloop_head.procedures.sweep import ProbeSweep, SweepState
-from minorloop_head.procedures.values import NOTHING, Reading, apply_to_tip
+from minorloop_head.procedures.sweep import ProbeSweep, SweptArea
+from minorloop_head.procedures.values import NOTHING, Reading, Running, apply_to_tip
 from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, coupled_at
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_pit
@@ -155,18 +156,19 @@ def sweep(
     trial: Results,
     around: tuple[float, float] = AROUND,
     along: tuple[float, float] = ALONG,
-) -> SweepState:
+) -> SweptArea:
     """Sweep by the procedure, while flow sways the head and friction holds the catheter.
 
     The joints follow at once; joints, base and catheter are measured with noise.
     """
     scanning = ProbeSweep(calibration=trial.calibration)
-    state, request = scanning.begin(around, along), NOTHING
+    area, request = scanning.area(around, along), NOTHING
+    running = Running(scanning.sweep(area), lambda request: None)
     tip, rng, catheter = trial.tip, trial.rng, trial.catheter
     joints, begin = np.zeros(2), float(rng.uniform(0.0, _PHASES))
     place, ticks = np.zeros(2), 0
     before = now = scoring.catheter_place(catheter)
-    while not state.done:
+    while not running.done:
         t = ticks * catheter.tick
         joints = joints if request.angles is None else request.angles
         apply_to_tip(tip, replace(request, frame=False))
@@ -181,11 +183,11 @@ def sweep(
         reading = Reading(
             t=t, angles=angles, place=place, base=base, shots=tuple(shots), fired=bool(shots)
         )
-        state, request = scanning.step(state, reading)
+        request = running.advance(reading)
         before, place = now, np.asarray(catheter.exchange(request.rates / _UNITS)) * _UNITS
         now = scoring.catheter_place(catheter)
         ticks += 1
-    return state
+    return area
 
 
 def pictures(trial: Results, patch: Patch) -> list[FloatArray]:
@@ -195,16 +197,15 @@ def pictures(trial: Results, patch: Patch) -> list[FloatArray]:
         way = 2 * math.pi * k / _VIEWS
         true = _RING * np.array([math.cos(way), math.sin(way)])
         angles = true + _JOINT_NOISE * rng.standard_normal(2)
-        metering, place = Metering(calibration=trial.calibration), np.array([_FROM, 0.0])
-        state, request, ticks = metering.begin(), NOTHING, 0
-        while not state.done:
+        place, request, ticks = np.array([_FROM, 0.0]), NOTHING, 0
+        metering = Running(meter(trial.calibration, Light()), partial(apply_to_tip, tip))
+        while not metering.done:
             tip.move_to((*true, 0.0, 0.0, *place))
             image = tip.frame().image if request.frame else None
             reading = Reading(
                 t=ticks * trial.catheter.tick, angles=angles, place=place, image=image
             )
-            state, request = metering.step(state, reading)
-            apply_to_tip(tip, request)
+            request = metering.advance(reading)
             ticks += 1
         tip.move_to((*true, 0.0, 0.0, *place))
         frame = LitFrame(tip.frame().image, *angles.tolist())

@@ -13,9 +13,9 @@ from minorloop_head.inspection import InspectedHead, inspect
 from minorloop_head.inspection import inspect_pipe as module
 from minorloop_head.procedures import inspection, probe_steps, probing
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.probe_steps import ScannedRaster
-from minorloop_head.procedures.rig import LogEntry
 from minorloop_head.procedures.ring import Ring
+from minorloop_head.procedures.scan import ScannedRaster
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.depth_map import WaterLine
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import Burst

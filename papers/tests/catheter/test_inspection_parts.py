@@ -13,9 +13,9 @@ from minorloop_head.procedures import steps
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile
 from minorloop_head.procedures.mark import Marking
-from minorloop_head.procedures.rig import LogEntry
 from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.trace import likely
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.depth_map import (
     BOTH,
     CAMERA,

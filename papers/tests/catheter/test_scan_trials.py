@@ -9,8 +9,8 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Probe, wrapped
 from minorloop_head.procedures.measure import NO_COUPLING
-from minorloop_head.procedures.scan import RasterScan
-from minorloop_head.procedures.values import NOTHING
+from minorloop_head.procedures.scan import DWELL, SHOTS, RasterScan, ScannedRaster
+from minorloop_head.procedures.values import NOTHING, Running
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.fusion import fuse
 from minorloop_head.twins.pipe import Bore
@@ -121,26 +121,27 @@ def test_the_scan_is_that_of_mission_and_console():
     across = wrapped(probe.spots(targets)[:, 0] - place.centre[0])
     assert across.mean() == pytest.approx(0.0, abs=6e-3)
     assert [burst.verdict for burst in bursts] == [NO_COUPLING] * len(targets)
-    assert {burst.fired for burst in bursts} == {RasterScan.shots}
+    assert {burst.fired for burst in bursts} == {SHOTS}
     off = np.degrees([burst.angles for burst in bursts] - targets)
     np.testing.assert_array_less(np.abs(off), 1.4)  # a sway of 1 degree, and noise
     assert (off.std(axis=0) > 0.4).all()
-    assert place.twin.clock >= (len(targets) - 1) * RasterScan.dwell
+    assert place.twin.clock >= (len(targets) - 1) * DWELL
 
 
 @pytest.mark.parametrize(("pose", "most"), [("camera", 0.15), ("gyroscope", 0.4), ("joints", 1.3)])
 def test_the_pose_of_a_burst_is_what_the_camera_sees_of_the_swaying_head(pose, most):
     head = scan_trials._Head(draw_trial(3, kind="dry", pose=pose))
-    scanning, off = RasterScan(calibration=head.view, metering=head.metering, points=3), []
-    state, request = scanning.begin((0.3, 20e-3)), NOTHING
-    while not state.done:
+    made, off, request = ScannedRaster(), [], NOTHING
+    scan = RasterScan(calibration=head.view, points=3).scan(made, (0.3, 20e-3), light=head.light)
+    running = Running(scan, lambda request: None)
+    while not running.done:
         reading = head.reading(request)
         if reading.shots and np.isfinite(reading.base).all():
             true = head._joints + head._sway(reading.t)
             off.append(np.degrees(np.abs(reading.line_of_sight - true)))
-        state, request = scanning.step(state, reading)
+        request = running.advance(reading)
         head._trial.twin.wait(0.04)
-    assert len(state.bursts) == 9
+    assert len(made.bursts) == 9
     assert 0.3 * (pose == "joints") < np.max(off) < most
 
 

@@ -8,9 +8,9 @@ import pytest
 from console_rig import PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop_head.console import messages
 from minorloop_head.console.mark import NO_CONTACT, OUT_OF_REACH, TOUCHED
+from minorloop_head.console.scanning import STOPPED
 from minorloop_head.console.session import Session
 from minorloop_head.console.settings import LoopSettings
-from minorloop_head.console.sweep import STOPPED
 from minorloop_head.procedures.actuator_plant import NO_PROBE
 from minorloop_head.procedures.mark import tool_pixel
 from minorloop_head.procedures.scan import RasterScan
@@ -563,7 +563,7 @@ def sweeping():
 
 
 def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
-    monkeypatch.setattr("minorloop_head.console.sweep.ALONG", 0.5e-3)  # a few lines
+    monkeypatch.setattr("minorloop_head.console.scanning.ALONG", 0.5e-3)  # a few lines
     pilot, before = sweeping()
     scans = []
     pilot.until(

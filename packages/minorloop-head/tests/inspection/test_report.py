@@ -8,7 +8,7 @@ from minorloop_head.inspection.lines import StepRow, visit_row
 from minorloop_head.inspection.report import _map_caption, wall_words
 from minorloop_head.procedures.inspected_view import InspectedView, with_finding
 from minorloop_head.procedures.pictures import InspectedPicture
-from minorloop_head.procedures.rig import LogEntry
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.depth_map import WaterLine
 from scripted_inspection import hole
 

@@ -5,7 +5,6 @@ import json
 import math
 import signal
 from contextlib import contextmanager
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,11 +25,11 @@ AROUND, ALONG = (0.0, math.pi), (19e-3, 19.5e-3)
 
 
 class Script:
-    """A head that ends each sweep at once; a test changes ``run``."""
+    """A head that ends each sweep at once; a test changes ``run``, which is given the area."""
 
     def __init__(self, folder):
         self.folder, self.safe, self.told = folder, False, []
-        self.run = lambda procedure, state, told: replace(state, trouble="stopped", done=True)
+        self.run = lambda area, told: setattr(area, "trouble", "stopped")
 
     @contextmanager
     def opened(self, logged):
@@ -65,7 +64,8 @@ class Script:
 
 
 @pytest.fixture
-def script(tmp_path):
+def script(tmp_path, monkeypatch):
+    monkeypatch.setattr(sweep_wall.ProbeSweep, "sweep", lambda _, area: area)
     return Script(tmp_path / "swept")
 
 
@@ -87,8 +87,9 @@ def signals_as_before():
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.usefixtures("signals_as_before")
 def test_an_interrupted_sweep_is_kept(script, ending):
-    def interrupted(procedure, state, told):
-        told(replace(state, stage="line", progress=0.25))
+    def interrupted(area, told):
+        area.stage, area.progress = "line", 0.25
+        told()
         signal.raise_signal(ending)
 
     script.run = interrupted
@@ -209,7 +210,7 @@ def test_another_sweep_and_a_finished_one_are_refused(script, unreported):
     script.write()
     with pytest.raises(ParameterError, match=r"along .mm..1 was 19.5 and is 20.0"):
         script.sweep((19e-3, 20e-3))
-    script.run = lambda procedure, state, told: replace(state, done=True)
+    script.run = lambda area, told: None
     script.sweep()
     with pytest.raises(ParameterError, match="is finished"):
         script.sweep()
@@ -218,9 +219,10 @@ def test_another_sweep_and_a_finished_one_are_refused(script, unreported):
 def test_a_full_disk_ends_it_in_one_sentence_once_the_head_is_safe(script, full_disk):
     """What was fired before is kept."""
 
-    def swept(procedure, state, told):
+    def swept(area, told):
         full_disk()
-        told(replace(state, bursts=(*state.bursts, state.bursts[-1])))
+        area.bursts.append(area.bursts[-1])
+        told()
 
     script.run = swept
     script.write()

@@ -6,7 +6,7 @@ import numpy as np
 
 from minorloop_head.geometry import Mount
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.values import Reading, Request
+from minorloop_head.procedures.values import NOW, Reading, Request
 from minorloop_head.sources import Shot
 from minorloop_head.twins.camera import LENS, Camera, led_positions
 from minorloop_head.twins.pipe import Pipe
@@ -55,16 +55,20 @@ class Loop:
         if not self.stuck:
             self.place += TICK * request.rates
 
-    def run(self, procedure, state, ticks=3000):
-        """Run to the end."""
-        request = Request()
-        for _ in range(ticks):
-            state, request = procedure.step(state, self.reading(request))
-            if state.done:
-                self.asked.append(request)
-                return state
-            self.tick(request)
-        raise AssertionError(f"it never ended; {state}")
+    def run(self, procedure, each=lambda: None, ticks=3000):
+        """Run to the end, and return the result."""
+        try:
+            request = next(procedure)
+            for _ in range(ticks):
+                if not request.now:
+                    self.tick(request)
+                elif request is not NOW:
+                    self.asked.append(request)
+                each()
+                request = procedure.send(self.reading(request))
+        except StopIteration as end:
+            return end.value
+        raise AssertionError(f"it never ended; {request}")
 
 
 def eye() -> CalibratedCamera:

@@ -11,6 +11,7 @@ from minorloop_head.procedures.centre import (
     STUCK_FOR,
     STUCK_PX,
     TWO_TICKS,
+    Centred,
     Centring,
 )
 from minorloop_head.vision.tracking import TRACKED
@@ -24,7 +25,7 @@ AIM = np.array(eye().mount.aim(wall_point(*PLACE, 10e-3)))
 def test_a_point_is_brought_to_the_middle_and_held_there():
     loop = Loop(AIM + np.array([0.05, -0.03]), (1e-3, 0.0), share=1.0, sees=True)
     centring = Centring(calibration=CALIBRATION, gain=1.8, patience=8.0)
-    state = loop.run(centring, centring.begin(PLACE))
+    state = loop.run(centring.centre(Centred(place=PLACE)))
     assert state.verdict == "tracked"
     assert state.error < centring.in_middle
     assert loop.angles == pytest.approx(AIM, abs=0.01)
@@ -36,7 +37,7 @@ def test_a_point_is_brought_to_the_middle_and_held_there():
 def test_a_point_that_the_first_frame_does_not_show_whole_is_not_tracked():
     loop = Loop((0.0, 0.0), (1e-3, 0.0), sees=True)
     centring = Centring(calibration=CALIBRATION)
-    state = loop.run(centring, centring.begin((0.5, 1e-3)))
+    state = loop.run(centring.centre(Centred(place=(0.5, 1e-3))))
     assert state.verdict == NOT_IN_VIEW
     assert all(request.angles is None for request in loop.asked)
 
@@ -56,7 +57,7 @@ def test_a_point_that_is_lost_is_given_up_unless_it_is_to_be_held(still, ends):
     centring = Centring(
         calibration=CALIBRATION, still=still, in_middle=0.0, patience=4.0, interval=TWO_TICKS
     )
-    assert loop.run(centring, centring.begin(PLACE)).verdict != TRACKED
+    assert loop.run(centring.centre(Centred(place=PLACE))).verdict != TRACKED
     assert loop.t == pytest.approx(ends, abs=0.2)
 
 
@@ -64,7 +65,7 @@ def test_a_point_that_is_lost_is_given_up_unless_it_is_to_be_held(still, ends):
 def test_a_head_that_comes_no_nearer_is_stuck_unless_the_point_is_to_be_held(still, ends):
     loop = Loop(AIM + np.array([0.1, 0.0]), (1e-3, 0.0), share=0.0, sees=True)
     centring = Centring(calibration=CALIBRATION, still=still, patience=8.0, interval=TWO_TICKS)
-    state = loop.run(centring, centring.begin(PLACE))
+    state = loop.run(centring.centre(Centred(place=PLACE)))
     assert state.verdict == TRACKED
     assert state.stuck == np.isfinite(still)
     assert state.error > STUCK_PX
@@ -75,7 +76,7 @@ def test_without_sensors_the_angles_follow_from_the_image():
     true = AIM + np.array([0.02, 0.0])
     loop = Loop(true, (1e-3, 0.0), share=0.0, sees=True)
     centring = Centring(calibration=CALIBRATION, by_image=True, patience=0.4)
-    loop.run(centring, centring.begin(PLACE))
+    loop.run(centring.centre(Centred(place=PLACE)))
     told = [request.sighted for request in loop.asked if request.sighted is not None]
     assert told
     assert told[-1] == pytest.approx(true, abs=2e-3)

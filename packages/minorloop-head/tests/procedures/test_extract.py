@@ -1,6 +1,6 @@
 import numpy as np
 
-from minorloop_head.procedures.extract import SAME, Acquisition, nearest
+from minorloop_head.procedures.extract import SAME, acquisition, nearest
 from minorloop_head.vision.defects import SEQUENCE, Hole
 from minorloop_head.vision.reflectance_map import ALONE
 
@@ -12,9 +12,9 @@ def hole(z, evidence=1.0, phi=0.5):
 
 
 def test_each_frame_is_under_its_lights_and_all_are_on_afterwards():
-    acquisition, loop = Acquisition(), Loop(sees=True)
-    state = loop.run(acquisition, acquisition.begin(3.0))
-    assert [frame.lights for frame in state.frames] == list(SEQUENCE)
+    loop = Loop(sees=True)
+    frames = loop.run(acquisition(3.0))
+    assert [frame.lights for frame in frames] == list(SEQUENCE)
     asked = [request for request in loop.asked if request.lights is not None]
     assert [request.lights for request in asked] == list(SEQUENCE)
     longer = [request.exposure[0] / loop.asked[-1].exposure[0] for request in asked]
@@ -23,12 +23,10 @@ def test_each_frame_is_under_its_lights_and_all_are_on_afterwards():
 
 
 def test_lights_are_not_set_again_while_a_picture_under_them_is_awaited():
-    acquisition, loop = Acquisition(), Loop(sees=True)
-    state, asked = acquisition.step(acquisition.begin(1.0), loop.reading())
-    state, again = acquisition.step(state, loop.reading())  # without a picture
+    frames, loop = acquisition(1.0), Loop(sees=True)
+    asked, again = next(frames), frames.send(loop.reading())  # without a picture
     assert (asked.lights, again.lights, again.frame) == (SEQUENCE[0], None, True)
-    state, after = acquisition.step(state, loop.reading(again))
-    assert (len(state.frames), after.lights) == (1, SEQUENCE[1])
+    assert frames.send(loop.reading(again)).lights == SEQUENCE[1]
 
 
 def test_the_nearest_hole_is_chosen_unless_it_is_too_far():

@@ -6,8 +6,8 @@ from scipy import ndimage
 
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import wall_point
-from minorloop_head.procedures.focus import Focusing
-from minorloop_head.procedures.values import Reading
+from minorloop_head.procedures.focus import focus
+from minorloop_head.procedures.values import Reading, Running
 from minorloop_head.sources import Frame
 from vision.walls import CAMERA, photograph
 
@@ -15,18 +15,19 @@ AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
 MIDDLE = (319.5, 239.5)
 
 
-def autofocus(lens, camera, pixel, guess, wait=0.0, travel=0.0, **options):
+def autofocus(lens, camera, pixel, guess):
     """Run a sweep to its end."""
-    focusing = Focusing(lens=camera.lens, wait=wait, travel=travel, **options)
-    state, image = focusing.begin(pixel, guess), None
-    for tick in range(200):
-        reading = Reading(t=0.04 * tick, angles=np.zeros(2), image=image)
-        state, request = focusing.step(state, reading)
+
+    def carry_out(request):
         if request.focus is not None:
             lens.focus_at(request.focus)
-        if state.done:
-            return state.found
-        image = lens.frame().image if request.frame else None
+
+    running, image = Running(focus(camera.lens, pixel, guess), carry_out), None
+    for tick in range(1000):
+        asked = running.advance(Reading(t=0.04 * tick, angles=np.zeros(2), image=image))
+        if running.done:
+            return running.result
+        image = lens.frame().image if asked.frame else None
     raise AssertionError("the sweep did not end")
 
 

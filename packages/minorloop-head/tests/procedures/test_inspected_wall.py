@@ -8,8 +8,7 @@ from minorloop_head.procedures.inspected_wall import (
     SeenWall,
     c_scan_of,
 )
-from minorloop_head.procedures.probe_steps import ScannedRaster
-from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.scan import RasterScan, ScannedRaster
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.ultrasound.echoes import Burst, Pulse
 from minorloop_head.ultrasound.pits import raster

@@ -19,7 +19,7 @@ from minorloop_head.procedures.inspection import (
     views_of,
 )
 from minorloop_head.procedures.pictures import InspectedPicture
-from minorloop_head.procedures.rig import LogEntry
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.ultrasound.pits import PitDepth

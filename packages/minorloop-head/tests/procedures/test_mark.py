@@ -6,8 +6,16 @@ import pytest
 
 from minorloop_head.geometry import Tool, wall_distance
 from minorloop_head.procedures.centre import CONE
-from minorloop_head.procedures.go import Go
-from minorloop_head.procedures.mark import BEYOND, NO_TOOL, TOUCHED, Marking, aim_at, tool_pixel
+from minorloop_head.procedures.mark import (
+    BEYOND,
+    NO_TOOL,
+    TOUCHED,
+    Marking,
+    Touch,
+    aim_at,
+    tool_pixel,
+)
+from minorloop_head.procedures.meter import Light
 from minorloop_head.procedures.values import Request
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.twins.rig import SimulatedTip
@@ -59,9 +67,11 @@ class Bench(Loop):
 
 @cache
 def touched(blind=()):
-    bench = Bench(blind)
-    marking = Marking(calibration=CALIBRATED, go=Go(still=0.08))
-    return bench, bench.run(marking, marking.begin(PLACE, beside=BESIDE))
+    bench, light = Bench(blind), Light()
+    touch = Touch(place=np.array(PLACE), beside=np.array(BESIDE))
+    found = bench.run(Marking(calibration=CALIBRATED).touch(touch, light))
+    assert light.gain != 1.0
+    return bench, found
 
 
 def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
@@ -73,7 +83,6 @@ def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
     axis = eye().place(eye().lens.centre, *bench.angles)
     assert wall_distance(axis, wanted, 10e-3) > 1e-3
     assert bench.tip.tool.extension == 0.0
-    assert state.gain != 1.0
 
 
 def test_a_tool_moves_sideways_through_a_point_and_part_of_the_way():
@@ -97,9 +106,9 @@ def test_a_place_out_of_reach_and_a_head_without_a_tool_are_said():
     marking = Marking(calibration=CALIBRATED)
     assert marking.angles((0.5, 8e-3), CATHETER) is None
     assert marking.angles(PLACE, CATHETER) is not None
-    assert loop.run(marking, marking.begin((0.5, 8e-3))).verdict == BEYOND
-    bare = Marking(calibration=CALIBRATION)
-    assert loop.run(bare, bare.begin(PLACE)).verdict == NO_TOOL
+    beyond, bare = Touch(place=np.array((0.5, 8e-3))), Marking(calibration=CALIBRATION)
+    assert loop.run(marking.touch(beyond, Light())).verdict == BEYOND
+    assert loop.run(bare.touch(Touch(place=np.array(PLACE)), Light())).verdict == NO_TOOL
 
 
 def test_the_tool_meets_the_wall_where_it_is_seen():
@@ -114,8 +123,9 @@ def test_the_tool_meets_the_wall_where_it_is_seen():
 
 def test_a_feature_at_the_edge_of_the_picture_is_marked_by_a_patch_beside_it():
     """The picture shows the outline, but not the whole patch about it."""
-    bench, marking, beside = Bench(), Marking(calibration=CALIBRATED, go=Go(still=0.08)), EDGE
-    state = bench.run(marking, marking.begin(PLACE, beside=beside))
+    bench, marking, beside = Bench(), Marking(calibration=CALIBRATED), EDGE
+    touch = Touch(place=np.array(PLACE), beside=np.array(beside))
+    state = bench.run(marking.touch(touch, Light()))
     assert (state.verdict, state.outlined) == (TOUCHED, True)
     assert wall_distance(state.tracked, state.place, 10e-3) > 1e-3
     wanted = PLACE + np.array(beside) / np.array([10e-3, 1.0])
@@ -123,14 +133,20 @@ def test_a_feature_at_the_edge_of_the_picture_is_marked_by_a_patch_beside_it():
     assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3
 
 
+class Hiding(Bench):
+    """A bench whose tool hides everything once it touches the wall."""
+
+    def reading(self, request=None):
+        now = super().reading(request)
+        hidden = now.touching and now.image is not None
+        return replace(now, image=np.zeros_like(now.image)) if hidden else now
+
+
 def test_a_tool_that_hides_what_is_tracked_waits_and_touches():
-    marking, loop = Marking(calibration=CALIBRATED), Loop(place=CATHETER)
-    _, state = touched()
-    state = replace(state, stage="contact", done=False, verdict="", since=0.0, touch=None)
-    state = replace(state, seen_at=0.0, extension=9e-3)
-    dark = replace(loop.reading(), image=np.zeros((480, 640), np.uint8), extension=8e-3)
-    waits, request = marking.step(state, replace(dark, t=0.2, touching=True))
-    assert (waits.stage, waits.extension, request.extension) == ("contact", 9e-3, 8e-3)
-    ends, request = marking.step(waits, replace(dark, t=0.6, touching=True))
-    assert (ends.stage, ends.verdict, request.extension) == ("withdraw", TOUCHED, 0.0)
-    assert ends.touch is None
+    bench, touch = Hiding(), Touch(place=np.array(PLACE), beside=np.array(BESIDE))
+    bench.run(Marking(calibration=CALIBRATED).touch(touch, Light()))
+    assert touch.verdict == TOUCHED
+    mark = bench.tip.tool.marks[-1]
+    assert wall_distance(touch.touch, mark, 10e-3) < 0.1e-3  # by its mark
+    assert touch.touch is touch.mark
+    assert bench.tip.tool.extension == 0.0

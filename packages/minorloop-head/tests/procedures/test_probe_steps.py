@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from minorloop_head.procedures import probe_steps
-from minorloop_head.procedures.probe_steps import ScannedRaster, scanned_crack, scanned_pit
-from minorloop_head.procedures.rig import LogEntry
+from minorloop_head.procedures.probe_steps import scanned_crack, scanned_pit
+from minorloop_head.procedures.scan import ScannedRaster
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.pits import PitDepth

@@ -8,10 +8,10 @@ import pytest
 from minorloop_head.procedures import probing as module
 from minorloop_head.procedures.inspected_view import InspectedView, with_finding
 from minorloop_head.procedures.pictures import InspectedPicture
-from minorloop_head.procedures.probe_steps import ScannedRaster
 from minorloop_head.procedures.probing import Probing
-from minorloop_head.procedures.rig import LogEntry
 from minorloop_head.procedures.ring import Ring
+from minorloop_head.procedures.scan import ScannedRaster
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.pits import PitDepth
 

@@ -18,12 +18,12 @@ from minorloop_head.procedures import rig as module
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.calibration import STRAIGHT
 from minorloop_head.procedures.camera_tip import CameraTip
-from minorloop_head.procedures.centre import CentreState, Centring
-from minorloop_head.procedures.extract import Acquisition
-from minorloop_head.procedures.focus import Focusing
-from minorloop_head.procedures.go import Go
+from minorloop_head.procedures.centre import Centred, Centring
+from minorloop_head.procedures.extract import acquisition
+from minorloop_head.procedures.focus import focus
+from minorloop_head.procedures.go import go
 from minorloop_head.procedures.head_file import HeadFile, save_head
-from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.meter import meter
 from minorloop_head.procedures.rig import InspectionRig, rig_at
 from minorloop_head.procedures.values import Request
 from minorloop_head.sources import Frame
@@ -91,10 +91,10 @@ def rig(**options):
 
 
 def test_a_lost_reading_keeps_its_value_and_control_gets_nan():
-    it, go = rig(), Go()
-    it.run(go, go.begin(angles=(0.1, 0.1)))
+    it = rig()
+    it.run(go(angles=(0.1, 0.1)))
     it.plant.lost = [0, 3]
-    it.run(Go(turning=0.2), go.begin(angles=(0.3, 0.3)))
+    it.run(go(angles=(0.3, 0.3), turning=0.2))
     assert it.angles == pytest.approx([0.1, 0.3])
     assert np.isnan(it.control.read[-1][0])
     assert not np.isnan(it.control.read[-1][1])
@@ -104,13 +104,11 @@ def test_without_sensors_control_gets_the_angles_from_the_image():
     it = rig(sensors=False)
     assert it.angles == pytest.approx(np.radians([12.0, 12.0]) - STRAIGHT)
 
-    class Sighting:
-        def step(self, state, reading):
-            done = reading.t > 0.05
-            sighted = np.zeros(2) if reading.t > 0 else None
-            return CentreState(place=np.zeros(2), done=done), Request(sighted=sighted)
+    def sighting():
+        yield Request()
+        yield Request(sighted=np.zeros(2))
 
-    it.run(Sighting(), CentreState(place=np.zeros(2)))
+    it.run(sighting())
     assert np.isnan(it.control.read[0]).all()
     assert it.control.read[1] == pytest.approx([30.0, 30.0])
 
@@ -230,15 +228,14 @@ def test_procedures_run_on_a_bench_with_a_camera():
     it = on_bench(devices)
     place = np.array([0.5, 20e-3])
     aim = view.camera_at((0.0, 0.0)).mount.aim(wall_point(*place, view.radius))
-    assert it.run(Go(), Go().begin(angles=np.array(aim) + 0.015)).reached
-    metered = it.run(Metering(calibration=view, seconds=0.3), Metering(calibration=view).begin())
+    assert it.run(go(angles=np.array(aim) + 0.015))
+    it.run(meter(view, it.light, 0.3))
     centring = Centring(calibration=view, gain=1.8, patience=4.0, still=0.08)
-    centred = it.run(centring, centring.begin(place))
+    centred = it.run(centring.centre(Centred(place=place)))
     assert (centred.verdict, centred.error < centring.in_middle) == ("tracked", True)
     assert it.angles == pytest.approx(aim, abs=0.01)
-    focusing = Focusing(lens=view.lens, tries=5, wait=0.0, travel=0.0, frames=1, sweeps=1)
-    assert it.run(focusing, focusing.begin((319.5, 239.5), 20e-3)).found is not None
-    frames = it.run(Acquisition(), Acquisition().begin(metered.gain)).frames
+    assert it.run(focus(view.lens, (319.5, 239.5), 20e-3)).distance > 0
+    frames = it.run(acquisition(it.light.gain))
     assert [frame.lights for frame in frames] == list(SEQUENCE)
     assert devices.lights == list(SEQUENCE)
     assert devices.time == pytest.approx(it.t, abs=0.05)  # each tick took its time, on their clock
@@ -275,9 +272,12 @@ def test_on_a_loaded_machine_the_wires_are_where_control_expects_them():
     """Where each tick counted as 0.04 s, readings contradicted the model until a wire cooled."""
     devices = Loaded()
     plant = ActuatorPlant(bench_of(devices), devices)
-    it, go, faults = InspectionRig(plant, Tip(), control(), CALIBRATION), Go(turning=6.0), set()
+    it, faults = InspectionRig(plant, Tip(), control(), CALIBRATION), set()
     for turn in ((0.3, 0.2), (-0.3, 0.1), (0.1, -0.35)):
-        it.run(go, go.begin(angles=turn), lambda _: faults.update(a.fault for a in it._state.axes))
+        it.run(
+            go(angles=turn, turning=6.0),
+            lambda: faults.update(axis.fault for axis in it._state.axes),
+        )
     assert faults == {""}
     assert it.angles == pytest.approx(turn, abs=0.06)
     assert plant.time == pytest.approx(devices.t, abs=0.4)
@@ -361,7 +361,7 @@ def head_file(monkeypatch, tmp_path):
 def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(head_file, monkeypatch):
     (devices, closed, file), on = head_file, datetime(2026, 1, 31, tzinfo=UTC)
     with rig_at("bench:head.toml", "camera:0", file) as it:
-        assert it.run(Go(), Go().begin(angles=np.array([0.1, 0.0]))).reached
+        assert it.run(go(angles=(0.1, 0.0)))
         with pytest.raises(InstrumentError, match="no ultrasonic probe"):
             it.reading(Request(shots=1))
         assert devices.angles.any()
@@ -438,9 +438,9 @@ def test_a_head_without_sensors_goes_by_the_pictures_under_all_lights(monkeypatc
     it.begin()
     assert seen.cold == [True] * 4
     assert not devices.angles.any()
-    assert it.run(Go(), Go().begin(angles=np.array([0.1, -0.05]))).reached
+    assert it.run(go(angles=(0.1, -0.05)))
     assert it.angles == pytest.approx([0.1, -0.05], abs=0.01)
-    frames = it.run(Acquisition(), Acquisition().begin(1.0)).frames
+    frames = it.run(acquisition(1.0))
     assert [frame.lights for frame in frames] == list(SEQUENCE)
     assert set(seen.lights) == {(True,) * 3}
     it._state = HeadState((Axis(), Axis(fault="lost")))

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from minorloop_head.control.head import head_control
-from minorloop_head.procedures.go import GO
-from minorloop_head.procedures.scan import RasterScan
-from minorloop_head.procedures.values import Request
+from minorloop_head.procedures.go import go
+from minorloop_head.procedures.scan import AIMED, RasterScan, ScannedRaster
 from minorloop_head.sources import Shot
 from minorloop_head.twins.catheter import Catheter
+from minorloop_head.ultrasound.pits import PITCH
 from wires import identified
 
 from .fakes import CALIBRATION, Loop
@@ -26,7 +26,7 @@ def shot_at(loop):
 def spots_of(shift, onward=1):
     """Places (N, 2) of the targets about the centre, in metres, for a catheter that rolls."""
     first = SCAN.rolled(CENTRE[0] - 0.08 * onward, (CENTRE[1], 0.0))
-    step = onward * SCAN.pitch / CALIBRATION.radius
+    step = onward * PITCH / CALIBRATION.radius
     rows = SCAN.targets(CENTRE, first, shift, onward).reshape(SCAN.points, SCAN.points, 2)
     spots = [
         CALIBRATION.probe_at((first[0], first[1] + n * step)).spots(row)
@@ -38,7 +38,7 @@ def spots_of(shift, onward=1):
 @pytest.fixture(scope="module")
 def scanned():
     loop = Loop()
-    return loop, loop.run(SCAN, SCAN.begin(CENTRE, home=((0.0, 0.0), (0.1, 0.0))))
+    return loop, loop.run(SCAN.scan(ScannedRaster(), CENTRE))
 
 
 def test_a_scan_visits_every_point_once(scanned):
@@ -56,7 +56,7 @@ def test_a_burst_is_where_the_head_is(scanned):
         for burst, aim in zip(state.bursts, state.targets, strict=True)
     ]
     known = [each for each in off if np.isfinite(each)]
-    assert max(known, default=0.0) < SCAN.aimed
+    assert max(known, default=0.0) < AIMED
 
 
 def test_the_pipe_is_flooded_once_the_probe_is_over_the_place(scanned):
@@ -69,14 +69,14 @@ def test_the_pipe_is_flooded_once_the_probe_is_over_the_place(scanned):
 
 def test_a_place_out_of_reach_is_not_scanned():
     loop = Loop(place=(0.0, -2.0), stuck=True)
-    state = loop.run(SCAN, SCAN.begin(CENTRE, home=((0.0, -2.0), (0.0, 0.0))))
+    state = loop.run(SCAN.scan(ScannedRaster(), CENTRE))
     assert shot_at(loop) == []
     assert not len(state.targets)
 
 
 @pytest.mark.parametrize("onward", [1, -1])
 def test_the_catheter_rolls_on_from_row_to_row_until_the_raster_is_covered(onward):
-    steps = SCAN.pitch * (np.arange(SCAN.points) - 0.5 * (SCAN.points - 1))
+    steps = PITCH * (np.arange(SCAN.points) - 0.5 * (SCAN.points - 1))
     spots = spots_of(0.0, onward)
     assert sorted(spots[:, 0]) == pytest.approx(np.repeat(steps, SCAN.points), abs=1e-9)
     assert sorted(spots[:, 1]) == pytest.approx(np.repeat(steps, SCAN.points), abs=1e-9)
@@ -125,8 +125,8 @@ class Carried(Loop):
 def test_a_row_that_the_catheter_has_jumped_past_is_come_to_again(seed, centre, start, offset):
     scan = replace(SCAN, calibration=replace(CALIBRATION, offset=offset, roll=0.0))
     loop = Carried(seed)
-    loop.run(GO, GO.begin(place=start))
-    state = loop.run(scan, scan.begin(centre))
+    loop.run(go(start))
+    state = loop.run(scan.scan(ScannedRaster(), centre))
     assert state.again == 1
     assert len(set(shot_at(loop))) == SCAN.points**2
 
@@ -145,32 +145,37 @@ class Swaying(Loop):
 def test_a_burst_whose_pose_is_not_seen_is_fired_again_and_left_out_if_it_stays_unseen():
     loop = Swaying()
     loop.blind = lambda bursts: bursts == 1
-    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    state = loop.run(SCAN.scan(ScannedRaster(), CENTRE))
     assert len(state.bursts) == SCAN.points**2
     assert len(shot_at(loop)) == SCAN.points**2 + 1
     assert all(request.frame for request in loop.asked if request.shots)
     loop = Swaying()
     loop.blind = lambda bursts: bursts < 40
-    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    state = loop.run(SCAN.scan(ScannedRaster(), CENTRE))
     assert 0 < len(state.bursts) < SCAN.points**2
     assert state.point == SCAN.points**2
 
 
 @pytest.mark.parametrize("points", [1, 6, 20])
 def test_a_scan_that_was_cut_off_goes_on_with_its_next_point(points):
-    loop = Loop()
-    cut, request = SCAN.begin(CENTRE), Request()
-    while cut.point < points:
-        cut, request = SCAN.step(cut, loop.reading(request))
-        loop.tick(request)
+    cut, known = ScannedRaster(), {}
+
+    def each():
+        if cut.point == points:
+            known.update(vars(cut))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Loop().run(SCAN.scan(cut, CENTRE), each)
     after = Loop(place=(0.0, 0.4))
-    state = after.run(SCAN, SCAN.begin(CENTRE, before=cut))
+    state = after.run(SCAN.scan(cut, CENTRE))
     assert len(shot_at(after)) == SCAN.points**2 - points
     assert len(state.bursts) == state.point == SCAN.points**2
-    assert state.bursts[:points] == cut.bursts
-    assert (state.onward, *state.reference) == (cut.onward, *cut.reference)
+    assert state.bursts[:points] == known["bursts"]
+    assert (state.onward, *state.reference) == (known["onward"], *known["reference"])
     assert [request.water for request in after.asked if request.water is not None] == [True]
-    last = SCAN.rolled(SCAN._phi(state, SCAN.points - 1), after.place)
+    off = (SCAN.points - 1 if state.onward > 0 else 0) - 0.5 * (SCAN.points - 1)
+    last = SCAN.rolled(CENTRE[0] + off * PITCH / CALIBRATION.radius, after.place)
     assert after.place[1] == pytest.approx(last[1], abs=0.01)
 
 
@@ -178,20 +183,16 @@ def control():
     return head_control("observer", (identified().model,) * 2)
 
 
-def test_what_cold_water_puts_out_of_reach_is_said_before_travel():
+def test_what_cold_water_puts_out_of_reach_is_said():
     cold = replace(SCAN, calibration=replace(CALIBRATION, temperature=1.0))
-    state = cold.begin(CENTRE, control=control())
     words = r"out of reach: (pan|tilt) needs 1\d degrees, has 1\d \(\d to \d+\) in water of 1 C"
-    assert re.fullmatch(words, state.refused)
-    loop = Loop()
-    assert loop.run(cold, state).bursts == ()
-    assert (loop.place == 0.0).all()
-    assert shot_at(loop) == []
+    assert re.fullmatch(words, cold.out_of_reach(control()))
+    assert not SCAN.out_of_reach(control())
 
 
 def test_a_burst_that_is_never_fired_is_skipped():
     loop = Loop()
     loop.reading = lambda request=None: Loop.reading(loop)  # shots never come
-    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    state = loop.run(SCAN.scan(ScannedRaster(), CENTRE))
     assert len(shot_at(loop)) == SCAN.points**2
     assert state.bursts == ()

@@ -8,7 +8,7 @@ from minorloop.errors import ParameterError
 from minorloop_head.control.head import head_control
 from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.scan import RasterScan
-from minorloop_head.procedures.sweep import NOT_THERE, STUCK, ProbeSweep
+from minorloop_head.procedures.sweep import NOT_THERE, SHOTS, STUCK, ProbeSweep
 from wires import identified
 
 from .fakes import CALIBRATION, Loop
@@ -20,14 +20,14 @@ PHI, Z = (0.4, 1.2), (12e-3, 13e-3)
 @pytest.fixture(scope="module")
 def swept():
     loop = Loop()
-    return loop, loop.run(SWEEP, SWEEP.begin(PHI, Z))
+    return loop, loop.run(SWEEP.sweep(SWEEP.area(PHI, Z)))
 
 
 def test_every_burst_that_was_fired_is_kept_with_its_time_and_place(swept):
     loop, state = swept
     asked = [request for request in loop.asked if request.shots]
     assert len(state.bursts) == len(asked)
-    assert all(one.burst.fired == SWEEP.shots for one in state.bursts)
+    assert all(one.burst.fired == SHOTS for one in state.bursts)
     assert (np.diff([one.t for one in state.bursts]) > 0).all()
     assert all(one.burst.verdict == "dropout" for one in state.bursts)  # traces of zeros
 
@@ -61,30 +61,15 @@ def test_pan_and_tilt_are_held_where_the_beam_is_square(swept):
     assert loop.angles == pytest.approx(wanted, abs=math.radians(0.2))
 
 
-def test_a_sweep_that_is_no_longer_stepped_has_stopped_with_its_bursts():
-    loop, state, request = Loop(), SWEEP.begin(PHI, Z), None
-    while len(state.bursts) < 30:
-        state, request = SWEEP.step(state, loop.reading(request))
-        loop.tick(request)
-    place = loop.place.copy()
-    loop.reading()
-    assert (loop.place == place).all()
-    assert len(state.bursts) == 30
-
-
 def test_a_catheter_that_sticks_ends_the_sweep():
-    loop, state, request = Loop(), SWEEP.begin(PHI, Z), None
-    while not state.done:
-        loop.stuck = state.lines > 0
-        state, request = SWEEP.step(state, loop.reading(request))
-        loop.tick(request)
-    assert (state.trouble, state.lines) == (STUCK, 1)
-    assert (loop.asked[-1].rates == 0).all()
+    loop, area = Loop(), SWEEP.area(PHI, Z)
+    loop.run(SWEEP.sweep(area), lambda: setattr(loop, "stuck", area.lines > 0))
+    assert (area.trouble, area.lines) == (STUCK, 1)
 
 
 def test_a_catheter_that_does_not_get_to_the_first_line_ends_the_sweep_before_the_flood():
     loop = Loop(stuck=True)
-    state = loop.run(SWEEP, SWEEP.begin(PHI, Z))
+    state = loop.run(SWEEP.sweep(SWEEP.area(PHI, Z)))
     assert state.trouble == NOT_THERE
     assert not any(request.water for request in loop.asked)
 
@@ -92,10 +77,8 @@ def test_a_catheter_that_does_not_get_to_the_first_line_ends_the_sweep_before_th
 def test_a_sweep_out_of_reach_is_refused():
     control = head_control("observer", (identified().model,) * 2)
     cold = ProbeSweep(calibration=replace(CALIBRATION, temperature=1.0))
-    state = cold.begin(PHI, Z, control=control)
-    assert "out of reach" in state.refused
-    assert Loop().run(cold, state).bursts == ()
-    assert not SWEEP.begin(PHI, Z, control=control).done
+    assert "out of reach" in cold.point.out_of_reach(control)
+    assert not SWEEP.point.out_of_reach(control)
 
 
 @pytest.mark.parametrize(
@@ -110,17 +93,17 @@ def test_a_sweep_out_of_reach_is_refused():
 )
 def test_an_area_that_cannot_be_swept_is_refused(phi, z, words):
     with pytest.raises(ParameterError, match=words):
-        ProbeSweep(calibration=replace(CALIBRATION, length=50e-3)).begin(phi, z)
+        ProbeSweep(calibration=replace(CALIBRATION, length=50e-3)).area(phi, z)
 
 
 def test_a_sweep_that_was_cut_off_goes_on_with_its_last_line(swept):
     _, whole = swept
     half = whole.bursts[: len(whole.bursts) // 2]
-    state = SWEEP.begin(PHI, Z, bursts=half)
+    state = SWEEP.area(PHI, Z, half)
     assert 0 < state.lines < whole.lines
     last = [one for one in half if one.place[0] >= Z[0] + state.lines * SWEEP.pitch - 1e-4]
     loop = Loop()
-    state = loop.run(SWEEP, state)
+    state = loop.run(SWEEP.sweep(state))
     assert state.bursts[: len(half)] == half
     assert state.lines == whole.lines
     anew = np.array([one.place[0] for one in state.bursts[len(half) :]])

@@ -15,7 +15,7 @@ from minorloop_head.console.messages import Pair
 from minorloop_head.procedures import mark as touches
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import Centring
-from minorloop_head.procedures.mark import Marking, tool_pixel
+from minorloop_head.procedures.mark import BEHIND, Marking, tool_pixel
 from minorloop_head.procedures.steps import WITHIN
 from minorloop_head.procedures.values import Reading
 from minorloop_head.vision.tracking import PatchTracker
@@ -29,7 +29,7 @@ texture this is one picture of ten, and a loaded machine gives them late. TRACK 
 TOUCHED = "the tool has touched the wall, and is withdrawn"
 NOT_SHOWN = "the camera does not show its mark"
 NO_CONTACT = (
-    f"the tool was withdrawn: no contact up to {1e3 * Marking.beyond:g} mm behind the wall; "
+    f"the tool was withdrawn: no contact up to {1e3 * BEHIND:g} mm behind the wall; "
     "if the point is in a hole, pick one beside it; if it is on plain wall, pick it again from "
     "nearer"
 )

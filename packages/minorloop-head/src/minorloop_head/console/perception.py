@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -22,22 +22,22 @@ from minorloop_head.console.camera_protocol import FEW_PICTURES, CameraReport, C
 from minorloop_head.console.finder import Finder
 from minorloop_head.console.mark import marking
 from minorloop_head.console.plant import reading_at
-from minorloop_head.console.scan_echoes import ScanEchoes
-from minorloop_head.console.sweep import SweepEchoes
+from minorloop_head.console.scan_echoes import ScanEchoes, SweepEchoes
 from minorloop_head.console.units import Position
 from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import Centring
-from minorloop_head.procedures.extract import Acquisition, nearest
-from minorloop_head.procedures.focus import Focusing
-from minorloop_head.procedures.mark import TOUCHED, MarkState, seen_mark
-from minorloop_head.procedures.meter import LIMITS, Metering
+from minorloop_head.procedures.extract import acquisition, nearest
+from minorloop_head.procedures.focus import focus
+from minorloop_head.procedures.mark import Touch, seen_mark
+from minorloop_head.procedures.meter import Light, meter, wall_ahead
 from minorloop_head.procedures.seen_angles import SeenAngles
 from minorloop_head.procedures.values import (
     ALL_LIGHTS,
     Procedure,
     Reading,
     Request,
+    Running,
     Tip,
     ToolTip,
     apply_to_tip,
@@ -45,6 +45,7 @@ from minorloop_head.procedures.values import (
 from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.defects import Findings
+from minorloop_head.vision.focus import FocusPeak
 from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED, TrackState
 
@@ -70,15 +71,6 @@ def _unpicked(picked: tuple[float, float], pixel: FloatArray, error: MinorloopEr
     moved = ", by the middle of the outline there," if math.dist(picked, pixel) > 1.0 else ""
     u, v = picked
     return f"pixel ({u:.0f}, {v:.0f}) was not picked{moved} and there is no target now: {error}"
-
-
-@dataclass(eq=False)
-class _Work:
-    """A procedure that uses the camera, and what to do with its last state."""
-
-    procedure: Procedure[Any]
-    state: Any
-    after: Callable[[Any], None]
 
 
 class Perception:
@@ -107,17 +99,17 @@ class Perception:
         self._seen_angles = seen
         self._finder = Finder(view)
         self._centring = Centring(calibration=view)
-        self._metering = Metering(calibration=view, seconds=math.inf)
-        self._meter = self._metering.begin()
+        self._light = Light()
+        self._metering = Running(meter(view, self._light, math.inf), self._carry_out)
         self._track: TrackState | None = None
         self._picked: tuple[float, float] | None = None
         self._wanted: tuple[float, float] | None = None
         self._visible, self._score = False, 0.0
-        self._work: _Work | None = None
+        self._work: tuple[Running[Any], Callable[[Any], None]] | None = None
         self._all_lights = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._marking = marking(view)
-        self._mark: MarkState | None = None
+        self._mark: tuple[Running[Touch], Touch] | None = None
         self._queue: list[Callable[[], None]] = []
         self._echoes: ScanEchoes | None = None
         self._sweep: SweepEchoes | None = None
@@ -180,8 +172,8 @@ class Perception:
             joints = self._joints(self._seen_angles, frame, request.cold)
         if self._echoes is not None and self._all_lights:
             self._scanned(self._echoes, None if frame is None else frame.image)
-        place = self._track.place if self._track is not None and request.centring else None
-        self._meter = replace(self._meter, place=place)
+        centred = self._track is not None and request.centring
+        self._light.place = self._track.place if centred and self._track is not None else None
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         events, self._events = self._events, []
@@ -215,10 +207,9 @@ class Perception:
                 self._try(self._begin_track, [reading])
         target = self._follow(reading, lit and fresh and free)
         if self._work is not None:
-            self._continue(self._work, reading)
+            self._continue(reading)
         else:
-            self._meter, wanted = self._metering.step(self._meter, reading)
-            apply_to_tip(self._tip, wanted)
+            self._metering.advance(reading)
         return target
 
     def _frame(self, request: CameraRequest) -> Frame | None:
@@ -307,7 +298,7 @@ class Perception:
         pixel = self._pixel_of(self._track)
         if self._mark is not None:
             image = reading.image if usable else None
-            self._go_on_marking(self._mark, replace(reading, image=image))
+            self._go_on_marking(*self._mark, replace(reading, image=image))
             pixel = self._pixel_of(self._track)
         elif usable:  # under other lights, or out of focus, only the angles are used
             now, self._track = self._centring.follow(self._track, reading, reading.image)
@@ -326,38 +317,38 @@ class Perception:
 
     # --- procedures that use the camera
 
-    def _use(self, procedure: Procedure[Any], state: Any, after: Callable[[Any], None]) -> None:
-        """Give the camera to a procedure, from the frame of this tick on."""
-        self._work = _Work(procedure, state, after)
-        self._continue(self._work, self._reading())
+    def _use(self, procedure: Procedure[Any], after: Callable[[Any], None]) -> None:
+        """Give the camera to a procedure, from the frame of this tick on; then use its result."""
+        lit = Request(lights=ALL_LIGHTS, exposure=self._light.exposure)
+        self._work = Running(procedure, self._carry_out, lit), after
+        self._continue(self._reading())
 
-    def _continue(self, work: _Work, reading: Reading) -> None:
+    def _continue(self, reading: Reading) -> None:
         """Do one step of the procedure that uses the camera."""
-        work.state, request = work.procedure.step(work.state, reading)
+        assert self._work is not None
+        running, after = self._work
+        running.advance(reading)
+        if running.done:
+            self._work = None
+            after(running.result)
+
+    def _carry_out(self, request: Request) -> None:
         if request.lights is not None:
             self._all_lights = all(request.lights)
         apply_to_tip(self._tip, request)
-        if work.state.done:
-            self._work = None
-            work.after(work.state)
 
     def _abort(self) -> None:
         """End the procedure that uses the camera, and restore lights and exposure."""
         if self._work is not None:
-            self._work, self._all_lights = None, True
-            exposure = LIMITS.exposure, self._meter.gain
-            apply_to_tip(self._tip, Request(lights=ALL_LIGHTS, exposure=exposure))
-
-    def _set_autofocus(self, on: bool) -> None:
-        """Choose whether the focus follows the wall ahead, or stays where it was set."""
-        self._metering = replace(self._metering, focusing=on)
+            self._work[0].close()
+            self._work = None
 
     def _focus(self, distance: float) -> None:
-        self._set_autofocus(False)
+        self._light.focusing = False
         self._tip.focus_at(distance)
 
     def _autofocus(self) -> None:
-        self._set_autofocus(True)
+        self._light.focusing = True
 
     def _sharpen(self) -> None:
         """Sweep the focus on the tracked point."""
@@ -366,57 +357,63 @@ class Perception:
         if self._work is not None:
             self._queue.append(self._sharpen)
             return
-        focusing = Focusing(lens=self.view.lens)
-        guess = self._metering.ahead(self._reading())
-        self._use(focusing, focusing.begin(self._pixel_of(self._track), guess), self._sharpened)
+        guess = wall_ahead(self.view, self._reading())
+        self._use(focus(self.view.lens, self._pixel_of(self._track), guess), self._sharpened)
 
-    def _sharpened(self, state: Any) -> None:
-        self._set_autofocus(False)
-        self._report("focused", distance=float(state.found.distance), verdict=state.found.verdict)
+    def _sharpened(self, found: FocusPeak) -> None:
+        self._light.focusing = False
+        self._report("focused", distance=float(found.distance), verdict=found.verdict)
 
     # --- the micro-tool
 
     def _begin_mark(self) -> None:
         """Touch the tracked point, and look for the mark."""
         if self._track is not None:
-            self._mark = self._marking.resume(self._track, self._meter.gain)
+            home = self._track.home
+            touch = Touch(place=home, tracked=home, track=self._track)
+
+            def carry_out(request: Request) -> None:
+                apply_to_tip(self._tip, Request(extension=request.extension))
+
+            withdrawn = Request(extension=0.0)
+            self._mark = Running(self._marking.resume(touch), carry_out, withdrawn), touch
 
     def _end_mark(self) -> None:
         """Withdraw the tool, whatever it does."""
         self._mark = None
         apply_to_tip(self._tip, Request(extension=0.0))
 
-    def _go_on_marking(self, before: MarkState, reading: Reading) -> None:
+    def _go_on_marking(self, running: Running[Touch], touch: Touch, reading: Reading) -> None:
         """Do one step of a touch, which tracks the point too."""
         extension, touching = self._tip.tool_state() if isinstance(self._tip, ToolTip) else (0, 0)
         reading = replace(reading, extension=extension, touching=bool(touching))
-        self._mark, request = self._marking.step(before, reading)
+        before = touch.met
         try:
-            apply_to_tip(self._tip, Request(extension=request.extension))
+            running.advance(reading)
         except MinorloopError as error:
             self._mark = None
             self._report("not extended", text=str(error))
             return
-        assert self._mark.track is not None
-        self._track, self._visible = self._mark.track, self._mark.track.missed == 0
-        if self._mark.verdict == TOUCHED != before.verdict:
+        assert touch.track is not None
+        self._track, self._visible = touch.track, touch.track.missed == 0
+        if touch.met is not before:
             self._report("touched")
-        if self._mark.done:
-            off = self._mark_off(self._mark, self._track, reading)
-            self._report("marked", verdict=self._mark.verdict, off=off)
+        if running.done:
             self._mark = None
+            self._report("marked", verdict=touch.verdict, off=self._mark_off(touch, reading))
 
-    def _mark_off(self, state: MarkState, track: TrackState, reading: Reading) -> float | None:
+    def _mark_off(self, touch: Touch, reading: Reading) -> float | None:
         """Return the distance of the mark from the picked point; None if it is not seen."""
-        if state.mark is None or reading.image is None:
+        if touch.mark is None or reading.image is None:
             return None
-        assert state.before is not None
-        assert state.contact is not None
+        assert touch.before is not None
+        assert touch.met is not None
+        assert touch.track is not None
         # The edge of a pit may be off by a pixel: it is as much brighter as it is darker.
-        after = reading.image, reading.angles + track.turn
-        if seen_mark(self.view, reading.place, state.contact, after, state.before) is not None:
+        after = reading.image, reading.angles + touch.track.turn
+        if seen_mark(self.view, reading.place, touch.met, after, touch.before) is not None:
             return None
-        return float(wall_distance(state.mark, state.place, self.view.radius))
+        return float(wall_distance(touch.mark, touch.place, self.view.radius))
 
     # --- defects
 
@@ -470,13 +467,11 @@ class Perception:
         position = self._position
         self._finder.searched(position)
 
-        def after(state: Any) -> None:
-            frames = state.frames
+        def after(frames: tuple[LitFrame, ...]) -> None:
             self._finder.keep(frames)
             self._pending.append((self._later(lambda: self._finder.find(frames, position)), then))
 
-        acquisition = Acquisition()
-        self._use(acquisition, acquisition.begin(self._meter.gain), after)
+        self._use(acquisition(self._light.gain), after)
 
     @property
     def _busy(self) -> bool:

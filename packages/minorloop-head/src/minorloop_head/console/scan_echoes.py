@@ -1,4 +1,4 @@
-"""The echoes of a scan of a finding, collected point by point."""
+"""The echoes of a scan of a finding, point by point, and of a sweep, burst by burst."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop_head.console.messages import Pair
+from minorloop_head.console.plant import reading_at
 from minorloop_head.console.units import Position
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.measure import has_coupling
-from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.scan import SHOTS, RasterScan
 from minorloop_head.procedures.seen_base import SeenBase
+from minorloop_head.procedures.sweep import SHOTS as SWEEP_SHOTS
+from minorloop_head.procedures.sweep import ProbeSweep
 from minorloop_head.procedures.values import Tip
 from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import Burst
+from minorloop_head.ultrasound.wall_echoes import SweptBurst
 from minorloop_head.vision.calibrated_camera import Image
 
 _PATIENCE = 0.5
@@ -92,7 +96,7 @@ class ScanEchoes:
 
     def fire(self, tip: Tip, t: float, position: Position, wanted: Pair) -> None:
         """Fire a burst at a time in seconds, at a position, where a pan and tilt were wanted."""
-        self._fired = _Fired(t, tip.shots(self._scan.shots), position, wanted)
+        self._fired = _Fired(t, tip.shots(SHOTS), position, wanted)
 
     def arrived(self, t: float) -> str | None:
         """Return the verdict of the burst that was fired; None until pictures show its pose.
@@ -136,4 +140,52 @@ class ScanEchoes:
             ),
             "centre": self._centre,
             "diameter": self._diameter,
+        }
+
+
+class SweepEchoes:
+    """Bursts of a sweep in progress.
+
+    Parameters
+    ----------
+    view : HeadCalibration
+    phi, z : (float, float)
+        Ends of the area around and along the pipe, in radians and metres.
+    """
+
+    def __init__(self, view: HeadCalibration, phi: Pair, z: Pair) -> None:
+        self._view, self._phi, self._z = view, phi, z
+        self._sweep = ProbeSweep(calibration=view)
+        self._last: tuple[float, FloatArray] = (0.0, np.full(2, np.nan))
+        self._now: tuple[float, Position] = (0.0, (0.0, 0.0, 0.0, 0.0))
+        self.bursts: list[SweptBurst] = []
+
+    def read(self, t: float, position: Position) -> None:
+        """Note where joints and catheter are at a time in seconds."""
+        before, place = self._now
+        self._last = before, np.array(place[2:])
+        self._now = t, position
+
+    def fire(self, tip: Tip) -> None:
+        """Fire a burst where they are now."""
+        t, position = self._now
+        shots = tuple(tip.shots(SWEEP_SHOTS))
+        reading = reading_at(position, t=t, shots=shots, fired=True)
+        self.bursts.append(self._sweep.burst(self._last, reading))
+
+    def job(self, *, whole: bool) -> dict[str, Any]:
+        """Return the arguments of `minorloop_head.console.depth_work.sweep`.
+
+        Parameters
+        ----------
+        whole : bool
+            Whether the sweep was not cut.
+        """
+        return {
+            "bursts": self.bursts,
+            "probe": self._view.probe_at((0.0, 0.0)),
+            "phi": self._phi,
+            "z": self._z,
+            "radius": self._view.radius,
+            "whole": whole,
         }

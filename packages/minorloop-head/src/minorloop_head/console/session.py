@@ -23,9 +23,7 @@ from minorloop_head.console.numbered_findings import NumberedFindings
 from minorloop_head.console.outgoing import Outgoing
 from minorloop_head.console.plant import reading_at
 from minorloop_head.console.reports import introduction, pair
-from minorloop_head.console.scan import ConsoleScan
-from minorloop_head.console.scanning import Scanning
-from minorloop_head.console.sweep import ConsoleSweep
+from minorloop_head.console.scanning import ProbeRun, Scanning
 from minorloop_head.console.units import Position, to_shown
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import AXES
@@ -120,7 +118,7 @@ class Session:
         return self._found.all
 
     @property
-    def scan(self) -> ConsoleScan | ConsoleSweep | None:
+    def scan(self) -> ProbeRun | None:
         """The scan or sweep that is on."""
         return self._scanning.scan
 

@@ -17,8 +17,9 @@ from minorloop_head.console.plant import FULL_PIPE, flowing_water, head_at, open
 from minorloop_head.console.settings import PIPE, is_pipe
 from minorloop_head.procedures.head_file import HeadFile, read_head
 from minorloop_head.procedures.probing import Probing
-from minorloop_head.procedures.rig import InspectionRig, LogEntry, rig_at
+from minorloop_head.procedures.rig import InspectionRig, rig_at
 from minorloop_head.procedures.seen_base import SeenBase
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.twins.surroundings import GASES
 
 if TYPE_CHECKING:

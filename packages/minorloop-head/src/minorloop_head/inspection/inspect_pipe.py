@@ -54,11 +54,12 @@ from minorloop_head.procedures.inspected_view import (
 from minorloop_head.procedures.inspected_wall import SeenWall, c_scan_of, seen_wall, wall_of
 from minorloop_head.procedures.inspection import inspect_wall, unvisited
 from minorloop_head.procedures.pictures import annotated
-from minorloop_head.procedures.probe_steps import ScannedRaster
 from minorloop_head.procedures.probing import Probing
-from minorloop_head.procedures.rig import InspectionRig, LogEntry
+from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.ring import Ring as RingSweep
+from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.steps import REFUSED
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.findings import finding_table
 from minorloop_head.reconstruction.mesh import save_mesh
 from minorloop_head.vision.frame_checks import GOOD

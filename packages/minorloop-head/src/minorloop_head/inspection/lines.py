@@ -34,9 +34,9 @@ from minorloop_head.procedures.inspected_view import (
     with_finding,
 )
 from minorloop_head.procedures.pictures import InspectedPicture
-from minorloop_head.procedures.probe_steps import ScannedRaster
-from minorloop_head.procedures.rig import LogEntry
 from minorloop_head.procedures.ring import Ring as RingSweep
+from minorloop_head.procedures.scan import ScannedRaster
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.depth_map import WaterLine
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import DEAD_TIME

@@ -27,7 +27,7 @@ from minorloop_head.inspection.journal import (
 )
 from minorloop_head.inspection.lines import BurstLine, SweepLine, check_burst, check_new
 from minorloop_head.inspection.report import Reported, written
-from minorloop_head.procedures.sweep import ProbeSweep, SweepState
+from minorloop_head.procedures.sweep import ProbeSweep, SweptArea
 from minorloop_head.procedures.sweep_map import (
     draw_pipe_map,
     find_rows,
@@ -122,38 +122,39 @@ def sweep(
         head.opened(lambda entry: None) as rig,
     ):
         procedure = ProbeSweep(calibration=rig.calibration)
-        state = procedure.begin(phi, z, control=rig.control, bursts=bursts)
-        if state.refused:
-            raise ParameterError(f"the sweep is {state.refused}")
-        first = state.lines
+        area = procedure.area(phi, z, bursts)
+        if refused := procedure.point.out_of_reach(rig.control):
+            raise ParameterError(f"the sweep is {refused}")
+        first, known, stage = area.lines, len(bursts), area.stage
         if before.damaged:
             told(before.set_aside(counted(len(bursts), "burst")), kept=True)
         journal = Journal(folder, begun, before, bursts=len(bursts))
         about = {**begun, "head": head.begun["head"], "began": journal.began}
 
-        def each(new: SweepState) -> None:
-            nonlocal state
-            for burst in new.bursts[len(state.bursts) :]:
+        def each() -> None:
+            nonlocal known, stage
+            for burst in area.bursts[known:]:
                 journal.note(BurstLine, **BurstLine.values(burst))
             # A short sweep ends before the next text of a log is due.
-            begins = new.stage == "line" and state.stage != "line" and new.lines == first
-            state = new
-            told(progress(new), kept=begins)
+            begins = area.stage == "line" and stage != "line" and area.lines == first
+            known, stage = len(area.bursts), area.stage
+            told(progress(area), kept=begins)
 
         def kept(ended: str) -> SweptWall:
             patch = Patch.ring(*z, radius=rig.calibration.radius)
-            scan = c_scan(state.bursts, rig.calibration.probe_at((0.0, 0.0)), patch)
-            found = SweptWall(_content(scan, ended, state, about), folder, scan)
+            scan = c_scan(area.bursts, rig.calibration.probe_at((0.0, 0.0)), patch)
+            found = SweptWall(_content(scan, ended, area, about), folder, scan)
             _write(found, phi)
             journal.note(EndLine, why=ended)
             return found
 
         try:
             try:
-                each(rig.run(procedure, state, each))
+                rig.run(procedure.sweep(area), each)
+                each()
             finally:
                 rig.plant.safe()
-            return kept(state.trouble or FINISHED)
+            return kept(area.trouble or FINISHED)
         except KeyboardInterrupt as error:
             error.add_note(f"{kept('interrupted').summary}; kept in {folder}")
             raise
@@ -175,21 +176,21 @@ def _kept_bursts(before: Before, along: tuple[float, float]) -> list[SweptBurst]
     return found
 
 
-def progress(state: SweepState) -> str:
+def progress(area: SweptArea) -> str:
     """Return what a sweep does now, and how much of its area and how many bursts are fired."""
-    done = f"{state.progress:.0%} of the area, {counted(len(state.bursts), 'burst')}"
-    return f"{_STAGES[state.stage]} line {state.lines + 1}: {done}"
+    done = f"{area.progress:.0%} of the area, {counted(len(area.bursts), 'burst')}"
+    return f"{_STAGES[area.stage]} line {area.lines + 1}: {done}"
 
 
-def _content(found: CScan, ended: str, state: SweepState, about: dict[str, Any]) -> dict[str, Any]:
+def _content(found: CScan, ended: str, area: SweptArea, about: dict[str, Any]) -> dict[str, Any]:
     """Return the content of ``findings.json``."""
     water = found.water
     return {
         **about,
         "ended": ended,
-        "bursts": len(state.bursts),
-        "lines": state.lines,
-        "mapped": round(mapped_share(found, state.phi), 3),
+        "bursts": len(area.bursts),
+        "lines": area.lines,
+        "mapped": round(mapped_share(found, area.phi), 3),
         "water line below the axis [mm]": [round(1e3 * v, 2) for v in (water.height, water.sd)]
         if water.seen
         else None,

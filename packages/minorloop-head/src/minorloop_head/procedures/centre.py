@@ -15,9 +15,16 @@ from minorloop.errors import SignalError
 from minorloop_head.geometry import REACH
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.meter import LIMITS
-from minorloop_head.procedures.values import Procedure, Reading, Request, held_since, passed
+from minorloop_head.procedures.values import (
+    NOW,
+    Procedure,
+    Reading,
+    Request,
+    held_since,
+    passed,
+)
 from minorloop_head.vision.calibrated_camera import Image
-from minorloop_head.vision.hold import HoldState, PointHold
+from minorloop_head.vision.hold import PointHold
 from minorloop_head.vision.jacobian import wall_depth
 from minorloop_head.vision.recentre import CLICKED, outline_about
 from minorloop_head.vision.reflectance_map import LitFrame
@@ -29,35 +36,32 @@ CONE = Cone(half=REACH)
 """Directions in which the head may look."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CentreState:
-    """State of centring.
+@dataclass(eq=False, kw_only=True)
+class Centred:
+    """How far a point is centred: the procedure keeps it up to date.
 
-    ``place`` (2,) is phi and z of the point, as the first frame shows it once there is one;
-    ``pixel`` (2,) its pixel in the first frame, if known; ``shown`` (2,) the pixel where it was
-    tracked last; ``sighted`` (2,) the angles of a head without sensors by the last frame.
-    ``verdict`` is that of the tracker, or ``not in view`` if the first frame does not show the
-    point whole; ``error`` in pixels from the middle, NaN if the point is not tracked. The point
-    has been in the middle without a break from ``near_since``, and lost from ``lost_since``. It
-    was ``least`` pixels from the middle from ``least_since`` on, and is ``stuck`` if it comes no
-    nearer.
+    Parameters
+    ----------
+    place : (2,) array
+        Phi and z of the point, as the first frame shows it once there is one.
+    verdict : str
+        Of the tracker, or ``not in view`` if the first frame does not show the point whole; empty
+        before it was tracked.
+    error : float
+        Distance from the middle in pixels; NaN if the point is not tracked.
+    shown : (2,) array, optional
+        The pixel where it was tracked last; before, that in the first frame, if it is known.
+    track : TrackState, optional
+    stuck : bool
+        Whether it comes no nearer to the middle.
     """
 
     place: FloatArray
-    pixel: FloatArray | None = None
-    track: TrackState | None = None
-    hold: HoldState | None = None
-    shown: FloatArray | None = None
-    sighted: FloatArray | None = None
     verdict: str = ""
     error: float = math.nan
-    began: float | None = None
-    near_since: float | None = None
-    lost_since: float | None = None
-    least: float = math.inf
-    least_since: float = 0.0
+    shown: FloatArray | None = None
+    track: TrackState | None = None
     stuck: bool = False
-    done: bool = False
 
 
 NOT_IN_VIEW = "not in view"
@@ -71,7 +75,7 @@ TWO_TICKS = 0.08
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Centring(Procedure[CentreState]):
+class Centring:
     """Tracker and hold in one loop: the wanted angles are those at which the point is centred.
 
     Parameters
@@ -119,31 +123,51 @@ class Centring(Procedure[CentreState]):
     interval: float = 0.04
     by_image: bool = False
 
-    def begin(self, place: npt.ArrayLike, pixel: npt.ArrayLike | None = None) -> CentreState:
-        """Return the state before centring phi and z (2,) of the wall, or what a pixel shows."""
-        shown = None if pixel is None else np.asarray(pixel, dtype=np.float64)
-        return CentreState(place=np.asarray(place, dtype=np.float64), pixel=shown)
-
-    def _next(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
-        state = replace(state, began=reading.t if state.began is None else state.began)
-        if reading.image is None:
-            return state, Request(frame=True)
-        if state.track is None:
-            state = self._picked(state, reading, reading.image)
-            return state, Request(focus=self._distance(state, reading), frame=not state.done)
-        near = reading if state.sighted is None else replace(reading, angles=state.sighted)
-        track, tracked = self.follow(state.track, near, reading.image)
-        seen = track.pixel if track.verdict == TRACKED else None
-        shown = state.shown if seen is None else seen
-        angles, sighted = self._angles(state.place, seen, reading)
-        state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
-        assert state.hold is not None
-        move, hold = self._hold(reading).step(state.hold, seen, angles)
-        state = replace(state, hold=hold)
-        state = self._checked(state, move, reading.t)
-        # Without a frame now, the next tick requests one.
-        every_tick = self.interval < TWO_TICKS
-        return state, Request(angles=move.angles, sighted=sighted, frame=every_tick)
+    def centre(self, point: Centred) -> Procedure[Centred]:
+        """Centre a point by its place, or what its pixel shows in the first frame; return it."""
+        now = yield NOW
+        began = now.t
+        while now.image is None:
+            now = yield Request(frame=True)
+        camera = self.calibration.camera_at(now.place)
+        if point.shown is None:
+            point.shown = np.asarray(camera.pixel(point.place, *now.angles.tolist()))
+        try:
+            picked, point.track = self.pick(now.image, point.shown, now)
+        except SignalError:
+            point.verdict = NOT_IN_VIEW
+            return point
+        point.place, hold = picked.place, self._hold(now).begin(now.angles)
+        depth = wall_depth(camera, camera.lens.normalised(point.shown), *now.angles.tolist())
+        now = yield Request(focus=LIMITS.focus(depth), frame=True)
+        sighted = near_since = lost_since = None
+        least, least_since, ends = math.inf, 0.0, math.isfinite(self.still)
+        while True:
+            while now.image is None:
+                now = yield Request(frame=True)
+            then = now if sighted is None else replace(now, angles=sighted)
+            found, point.track = self.follow(point.track, then, now.image)
+            at = found.pixel if found.verdict == TRACKED else None
+            point.verdict, point.shown = found.verdict, point.shown if at is None else at
+            angles, sighted = self._angles(point.place, at, now)
+            move, hold = self._hold(now).step(hold, at, angles)
+            point.error = move.error
+            if move.error < NEARER * least:
+                least, least_since = move.error, now.t
+            near_since = held_since(near_since, now.t, move.error < self.in_middle)
+            lost_since = held_since(lost_since, now.t, found.verdict != TRACKED)
+            far = ends and move.error > STUCK_PX
+            point.stuck = far and passed(least_since, now.t, STUCK_FOR)
+            if (
+                point.stuck
+                or passed(near_since, now.t, self.still)
+                or passed(began, now.t, self.patience)
+                or (ends and passed(lost_since, now.t, LOST_FOR))
+            ):
+                return point
+            # Without a frame now, the next tick requests one.
+            every_tick = self.interval < TWO_TICKS
+            now = yield Request(angles=move.angles, sighted=sighted, frame=every_tick)
 
     def pick(
         self, image: Image, pixel: npt.ArrayLike, reading: Reading
@@ -206,32 +230,6 @@ class Centring(Procedure[CentreState]):
     def _hold(self, reading: Reading) -> PointHold:
         return PointHold(servo=self._servo(reading), integral_gain=self.integral_gain)
 
-    def _picked(self, state: CentreState, reading: Reading, image: Image) -> CentreState:
-        """Return the state with the patch about the point, as the first frame shows it."""
-        camera = self.calibration.camera_at(reading.place)
-        pixel = state.pixel
-        if pixel is None:
-            pixel = np.asarray(camera.pixel(state.place, *reading.angles.tolist()))
-        try:
-            picked, track = self.pick(image, pixel, reading)
-        except SignalError:
-            return replace(state, verdict=NOT_IN_VIEW, done=True)
-        return replace(
-            state,
-            place=picked.place,
-            track=track,
-            shown=pixel,
-            hold=self._hold(reading).begin(reading.angles),
-        )
-
-    def _distance(self, state: CentreState, reading: Reading) -> float | None:
-        """Return the distance of the point in the first frame, within the limits of the focus."""
-        if state.shown is None:
-            return None
-        camera = self.calibration.camera_at(reading.place)
-        point = camera.lens.normalised(state.shown)
-        return LIMITS.focus(wall_depth(camera, point, *reading.angles.tolist()))
-
     def _angles(
         self, place: FloatArray, seen: FloatArray | None, reading: Reading
     ) -> tuple[FloatArray, FloatArray | None]:
@@ -241,18 +239,3 @@ class Centring(Procedure[CentreState]):
         camera = self.calibration.camera_at(reading.place)
         sighted = sighted_angles(camera, place, seen, reading.angles)
         return (reading.angles, None) if sighted is None else (sighted, sighted)
-
-    def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
-        """Return the state with the error, done if that was small, unknown or large for long."""
-        if move.error < NEARER * state.least:
-            state = replace(state, least=move.error, least_since=t)
-        since = held_since(state.near_since, t, move.error < self.in_middle)
-        lost = held_since(state.lost_since, t, state.verdict != TRACKED)
-        still = since is not None and passed(since, t, self.still)
-        late = passed(state.began or 0.0, t, self.patience)
-        gone = math.isfinite(self.still) and lost is not None and passed(lost, t, LOST_FOR)
-        far = math.isfinite(self.still) and move.error > STUCK_PX
-        stuck = far and passed(state.least_since, t, STUCK_FOR)
-        done = still or late or gone or stuck
-        state = replace(state, error=move.error, near_since=since, lost_since=lost)
-        return replace(state, stuck=stuck, done=done)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop_head.geometry import wall_distance
-from minorloop_head.procedures.meter import LIMITS, LightLimits
-from minorloop_head.procedures.values import NOTHING, LitCamera, Procedure, Reading, Request
+from minorloop_head.procedures.meter import LIMITS
+from minorloop_head.procedures.values import LitCamera, Procedure, Reading, Request, Running
 from minorloop_head.vision.defects import SEQUENCE, Hole
 from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 
@@ -19,46 +18,18 @@ SAME = 1.5e-3
 differ by, and less than the distance between two defects."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AcquisitionState:
-    """Gain under all lights, the frames so far, and whether the next one was requested."""
-
-    gain: float
-    frames: tuple[LitFrame, ...] = ()
-    requested: bool = False
-    done: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class Acquisition(Procedure[AcquisitionState]):
-    """A frame under each light alone, one under none, and one under all.
-
-    Parameters
-    ----------
-    limits : LightLimits
-    """
-
-    limits: LightLimits = LIMITS
-
-    def begin(self, gain: float) -> AcquisitionState:
-        """Return the state of a camera whose gain under all lights is known."""
-        return AcquisitionState(gain=gain)
-
-    def _next(self, state: AcquisitionState, reading: Reading) -> tuple[AcquisitionState, Request]:
-        if state.requested and reading.image is None:
-            return state, Request(frame=True)  # lights that are set again have to settle again
-        if reading.image is not None and state.requested:
-            pan, tilt = reading.angles.tolist()
-            frame = LitFrame(reading.image, pan, tilt, SEQUENCE[len(state.frames)])
-            state = replace(state, frames=(*state.frames, frame))
-        if len(state.frames) == len(SEQUENCE):
-            return replace(state, done=True), Request(exposure=self._exposure(True, state.gain))
-        lights = SEQUENCE[len(state.frames)]
-        exposure = self._exposure(all(lights), state.gain)
-        return replace(state, requested=True), Request(lights=lights, exposure=exposure, frame=True)
-
-    def _exposure(self, all_lit: bool, gain: float) -> tuple[float, float]:
-        return self.limits.exposure * (1.0 if all_lit else ALONE), gain
+def acquisition(gain: float) -> Procedure[tuple[LitFrame, ...]]:
+    """Take a frame under each light alone, one under none, and one under all, at a gain."""
+    frames: list[LitFrame] = []
+    for lights in SEQUENCE:
+        exposure = LIMITS.exposure * (1.0 if all(lights) else ALONE), gain
+        now = yield Request(lights=lights, exposure=exposure, frame=True)
+        while now.image is None:  # lights that are set again have to settle again
+            now = yield Request(frame=True)
+        pan, tilt = now.angles.tolist()
+        frames.append(LitFrame(now.image, pan, tilt, lights))
+    yield Request(exposure=(LIMITS.exposure, gain), now=True)
+    return tuple(frames)
 
 
 def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[LitFrame, ...]:
@@ -73,16 +44,18 @@ def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> t
     gain : float
         Under all lights.
     """
-    acquisition, request = Acquisition(), NOTHING
-    state, still = acquisition.begin(gain), np.asarray(angles, dtype=np.float64)
-    while not state.done:
-        image = camera.frame().image if request.frame else None
-        state, request = acquisition.step(state, Reading(t=0.0, angles=still, image=image))
+
+    def carry_out(request: Request) -> None:
         if request.lights is not None:
             camera.switch(request.lights)
         if request.exposure is not None:
             camera.expose(*request.exposure)
-    return state.frames
+
+    running, still = Running(acquisition(gain), carry_out), np.asarray(angles, dtype=np.float64)
+    running.advance(Reading(t=0.0, angles=still))
+    while not running.done:
+        running.advance(Reading(t=0.0, angles=still, image=camera.frame().image))
+    return running.result
 
 
 def nearest(

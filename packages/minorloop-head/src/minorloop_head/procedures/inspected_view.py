@@ -14,8 +14,8 @@ from minorloop_head.procedures.pictures import (
     crack_in,
     hole_in,
 )
-from minorloop_head.procedures.rig import LogEntry
 from minorloop_head.procedures.steps import CLAIMED
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.findings import UNDECIDED, Finding, finding_of, kind_of, outlined
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop_head.ultrasound.pits import HOLE, PitDepth

@@ -14,7 +14,8 @@ from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
 from minorloop_head.procedures.measure import PATCH, has_coupling
-from minorloop_head.procedures.probe_steps import ScannedRaster, fused_wall, resampled
+from minorloop_head.procedures.probe_steps import fused_wall, resampled
+from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.sweep_map import water_angles
 from minorloop_head.procedures.trace import patch_about, widest
 from minorloop_head.reconstruction.depth_map import (

@@ -36,7 +36,7 @@ from minorloop_head.procedures.mark import aim_at
 from minorloop_head.procedures.pictures import CRACK, InspectedPicture
 from minorloop_head.procedures.probe_steps import counts_as_crack, shown_by_echoes
 from minorloop_head.procedures.probing import Probing
-from minorloop_head.procedures.rig import InspectionRig, LogEntry
+from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.steps import (
     NEAR,
     acquire,
@@ -56,6 +56,7 @@ from minorloop_head.procedures.trace import (
     whole_course,
     widest,
 )
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.findings import UNDECIDED
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image

@@ -4,14 +4,15 @@ The tool is beside the lens, so that the head turns the tool to the place, not t
 Picture and calibration give the pixel at which the tool would meet the wall; the head turns until
 the place, which is tracked, is at that pixel. After the touch the mark is looked for in the
 picture: where it is, less where it was expected, is the error of the tool's calibration, which a
-test mark corrects (`MarkState.tool`).
+test mark corrects (`Touch.tool`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +22,18 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import Tool, wall_point
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import CONE, NOT_IN_VIEW, TWO_TICKS, Centring
-from minorloop_head.procedures.extract import Acquisition, AcquisitionState
-from minorloop_head.procedures.go import GO, Go, GoState
-from minorloop_head.procedures.meter import Metering, MeterState
-from minorloop_head.procedures.values import Procedure, Reading, Request, held_since, passed
+from minorloop_head.procedures.extract import acquisition
+from minorloop_head.procedures.go import go
+from minorloop_head.procedures.meter import Light, meter
+from minorloop_head.procedures.values import (
+    NOTHING,
+    NOW,
+    Procedure,
+    Reading,
+    Request,
+    held_since,
+    passed,
+)
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.new_mark import new_mark
 from minorloop_head.vision.recentre import FOUND, outline_about
@@ -37,16 +46,24 @@ approaches from the side of the axis and does not drive the head beyond the cone
 TOUCHED, NO_TOOL, BEYOND = "touched", "no tool", "out of reach of the tool"
 NO_CONTACT, UNSTEADY = "no contact", "not steady enough to touch"
 """Verdicts; others are those of the tracker."""
+_BACK = math.radians(6.0)
+"""Angle in radians by which both joints stop short first. A wire that has cooled last would move to
+and fro about the place, across the dead zone of its loop."""
+_STILL = 0.44
+"""Seconds for which the place stays near before the point moves on."""
+_GAP, BEHIND = 1e-3, 2e-3
+"""Distance of the point from the wall in metres at which it waits for that again; and metres behind
+the expected wall at which there is no contact: as deep as a pit may be."""
+_SHARE, _LEAN = 0.36, 0.15
+"""Weight of a frame in the wanted angles and the distance, and rate in 1/s at which a remaining
+distance is made up for. Wires settle in some seconds; at 0.4 1/s a wire moved to and fro across its
+dead zone for as long as the point was aimed."""
 _MOST_LEAN = math.radians(2.0)
 """Largest angle that is added for a head that stays off, as wires do whose model errs."""
 _INWARD = (0.0, 0.45, 0.6, 0.3, 0.15)
 """Shares of the way from the feature to the middle of the picture where a patch to be tracked is
 looked for, each try beginning with the next one: at its edge the picture does not show the whole
 patch about the feature, and the tool may hide a patch beside its point."""
-
-MarkStage: TypeAlias = Literal[
-    "back", "turn", "meter", "outline", "aim", "near", "contact", "withdraw"
-]
 
 
 def aim_at(
@@ -113,84 +130,66 @@ def seen_mark(
     return new_mark(camera, expected, before, after)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MarkState:
-    """State of a touch.
+@dataclass(eq=False, kw_only=True)
+class Touch:
+    """A touch: the procedure keeps it up to date.
 
     ``place`` (2,) is phi and z of the feature, ``beside`` (2,) the metres around and along the wall
-    from there to the point that is touched, ``gain`` that of the camera. ``tracked`` (2,) is phi
-    and z of the patch that is tracked, which is the feature if the picture shows it whole.
-    ``stage`` began at ``since``. ``off`` (2,) is the smoothed distance of that point from where the
-    tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones to
-    make up for a head that stays off. The point has been there without a break from ``near_since``,
-    and was recognised last at ``seen_at``; ``tries`` counts the tries before. ``verdict`` is empty
+    from there to the point that is touched. ``tracked`` (2,) is phi and z of the patch that is
+    tracked, which is the feature if the picture shows it whole. ``off`` (2,) is the smoothed
+    distance of that point from where the tool would meet the wall, in pixels, and ``lean`` (2,) the
+    angles added to the ``wanted`` ones to make up for a head that stays off. The tool is extended
+    to its ``stop``: back, near the wall, or as far as a contact may be. The patch was recognised
+    last at ``seen_at``. ``verdict`` is empty
     until the end, or says what the touch waits for; ``touch`` (2,) is where the point touched by
     the picture, phi and z in the frame of ``place``: its mark, if the tool hid what is tracked.
-    ``before`` is the last picture before the contact with the angles that it shows, ``contact``
-    (2,) those at the contact; ``mark`` (2,) is where the mark is by the picture after it, and
-    ``tool`` the tool that would have been expected to touch there, both None if no mark is seen.
+    ``before`` is the last picture before the contact with the angles that it shows, ``met`` (2,)
+    those at the contact; ``mark`` (2,) is where the mark is by the picture after it, and ``tool``
+    the tool that would have been expected to touch there, both None if no mark is seen.
     """
 
     place: FloatArray
-    tracked: FloatArray
-    gain: float
     beside: FloatArray = field(default_factory=lambda: np.zeros(2))
-    stage: MarkStage = "back"
-    since: float | None = None
-    go: GoState | None = None
-    meter: MeterState | None = None
-    frames: AcquisitionState | None = None
+    tracked: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
     track: TrackState | None = None
     outlined: bool = False
+    stop: Literal["back", "near", "contact"] = "back"
+    extension: float = 0.0
+    seen_at: float = -math.inf
     wanted: FloatArray | None = None
     lean: FloatArray = field(default_factory=lambda: np.zeros(2))
     off: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
-    near_since: float | None = None
-    seen_at: float = -math.inf
-    extension: float = 0.0
-    tries: int = 0
     touch: FloatArray | None = None
     before: tuple[Image, FloatArray] | None = None
-    contact: FloatArray | None = None
+    met: FloatArray | None = None
     mark: FloatArray | None = None
     tool: Tool | None = None
     verdict: str = ""
-    done: bool = False
 
-    @property
-    def error(self) -> float:
-        """Distance in pixels between the place and where the tool would meet the wall."""
-        return float(np.hypot(*self.off))
+    def target(self, place: FloatArray, radius: float) -> FloatArray:
+        """Return phi and z of the point to be touched, if what is tracked is at a place."""
+        metres = np.array([radius, 1.0])
+        return np.asarray(place + self.place - self.tracked + self.beside / metres)
+
+    def request(self, now: Reading) -> Request:
+        """Return the request of the next tick: a frame in every other one, or for the contact."""
+        frame = now.image is None or self.stop == "contact"
+        return Request(angles=self.wanted, extension=self.extension, frame=frame)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Marking(Procedure[MarkState]):
+class Marking:
     """Turn the tool to a place, extend it until it touches the wall, and withdraw it.
 
     Parameters
     ----------
     calibration : HeadCalibration
         Without a tool the verdict is ``no tool``.
-    go : Go
-        Of the turn.
-    back : float
-        Angle in radians by which both joints stop short first. A wire that has cooled last would
-        move to and fro about the place, across the dead zone of its loop.
     close : float
         Distance in pixels at which the tool touches: 1 of 640 is 0.03 mm across the way of the
         tool and 0.07 mm along a wall that it meets at 25 degrees.
-    still : float
-        Seconds for which the place stays so near before the point moves on.
-    gap : float
-        Distance of the point from the wall in metres at which it waits for that again.
-    beyond : float
-        Metres behind the expected wall at which there is no contact: as deep as a pit may be.
-    share, lean : float
-        Weight of a frame in the wanted angles and the distance, and rate in 1/s at which a
-        remaining distance is made up for. Wires settle in some seconds; at 0.4 1/s a wire moved to
-        and fro across its dead zone for as long as the point was aimed.
     patience : float
-        Longest duration of a stage in seconds; the tool is withdrawn then.
+        Longest duration of a stop in seconds; the tool is withdrawn then.
     unseen : float
         Seconds for which the place may not be recognised while it stays so near.
     tries : int
@@ -199,33 +198,30 @@ class Marking(Procedure[MarkState]):
     """
 
     calibration: HeadCalibration
-    go: Go = GO
-    back: float = math.radians(6.0)
     close: float = 1.0
-    still: float = 0.44
-    gap: float = 1e-3
-    beyond: float = 2e-3
-    share: float = 0.36
-    lean: float = 0.15
     patience: float = 15.0
     unseen: float = 0.0
     tries: int = 3
 
-    def begin(
-        self, place: npt.ArrayLike, gain: float = 1.0, beside: npt.ArrayLike = (0.0, 0.0)
-    ) -> MarkState:
-        """Return the state of a touch of phi and z (2,), or beside it, at a gain of the camera."""
-        where = np.asarray(place, dtype=np.float64)
-        return MarkState(
-            place=where,
-            tracked=where,
-            gain=gain,
-            beside=np.asarray(beside, dtype=np.float64),
-        )
+    def touch(self, touch: Touch, light: Light) -> Procedure[Touch]:
+        """Touch beside a place, with a camera that has a light; return the touch."""
+        tool = self.calibration.tool
+        if tool is None:
+            touch.verdict = NO_TOOL
+            return touch
+        for tried in range(self.tries):
+            now = yield from self._found(touch, tool, light, tried)
+            again = tried + 1 < self.tries
+            if now is None or (yield from self._touched(touch, tool, now, again=again)):
+                break
+        return touch
 
-    def resume(self, track: TrackState, gain: float = 1.0) -> MarkState:
-        """Return the state of a touch of a point that is tracked already, as it was picked."""
-        return replace(self.begin(track.home, gain), stage="aim", track=track)
+    def resume(self, touch: Touch) -> Procedure[Touch]:
+        """Touch a point that is tracked already, with the tool of the head; return the touch."""
+        tool = self.calibration.tool
+        assert tool is not None
+        yield from self._touched(touch, tool, (yield NOW), again=False)
+        return touch
 
     def angles(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> FloatArray | None:
         """Return pan and tilt (2,) at which the tool meets phi and z (2,); None out of reach.
@@ -236,199 +232,196 @@ class Marking(Procedure[MarkState]):
         guess = aim_at(self.calibration, where, catheter)
         return None if tool is None else self._angles(tool, where, catheter, guess)
 
-    def _next(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
-        tool = self.calibration.tool
-        if tool is None:
-            return replace(state, verdict=NO_TOOL, done=True), Request()
-        state = replace(state, since=reading.t if state.since is None else state.since)
-        if state.stage in ("back", "turn"):
-            return self._turn(state, tool, reading)
-        if state.stage == "meter":
-            metering = Metering(calibration=self.calibration)
-            meter, request = metering.step(state.meter or metering.begin(state.gain), reading)
-            state = replace(state, meter=meter, gain=meter.gain)
-            return (self._at(state, "outline") if meter.done else state), request
-        if state.stage == "outline":
-            return self._outline(state, reading)
-        if state.stage == "withdraw":
-            return self._withdraw(state, tool, reading)
-        return self._aim(state, tool, reading)
+    def _found(
+        self, touch: Touch, tool: Tool, light: Light, tried: int
+    ) -> Procedure[Reading | None]:
+        """Turn the tool towards the place by the joints, and begin to track what is there.
 
-    def _at(self, state: MarkState, stage: MarkStage, verdict: str = "") -> MarkState:
-        return replace(state, stage=stage, since=None, near_since=None, verdict=verdict)
-
-    def _late(self, state: MarkState, reading: Reading) -> bool:
-        return passed(state.since or 0.0, reading.t, self.patience)
-
-    def _turn(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
-        """Turn the tool towards the place by the joints, which stop short of it first."""
-        if state.go is None:
-            target = self._target(state.tracked, state)
-            guess = aim_at(self.calibration, target, reading.place)
-            angles = self._angles(tool, target, reading.place, guess)
-            if angles is None:
-                return replace(state, verdict=BEYOND, done=True), Request()
-            stop = CONE.clip(angles - self.back) if state.stage == "back" else angles
-            state = replace(state, go=self.go.begin(angles=stop), wanted=angles)
-        assert state.go is not None
-        go, request = self.go.step(state.go, reading)
-        state = replace(state, go=go)
-        if go.done and state.stage == "back":
-            return self._at(replace(state, go=None), "turn"), request
-        return (self._at(state, "meter") if go.done else state), request
-
-    def _outline(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
-        """Find the outline of the feature from here, and begin to track it."""
-        acquisition = Acquisition()
-        frames, request = acquisition.step(state.frames or acquisition.begin(state.gain), reading)
-        state = replace(state, frames=frames)
-        if not frames.done:
-            return state, request
-        camera = self.calibration.camera_at(reading.place)
-        last = frames.frames[-1]
-        pixel = np.asarray(camera.pixel(state.place, last.pan, last.tilt))
-        hole = outline_about(frames.frames, camera, pixel, reach=FOUND)
-        place = state.place if hole is None else hole.place
-        pixel = pixel if hole is None else hole.pixel
-        then = replace(reading, angles=np.array([last.pan, last.tilt]))
-        for share in (*_INWARD[state.tries :], *_INWARD[: state.tries]):
+        The reading has a frame; it is None if the place is out of reach or not in view. Each try is
+        from short of the place: a wire may come to rest then, and the tool may not hide another
+        patch.
+        """
+        touch.tracked, touch.outlined, touch.verdict = touch.place, False, ""
+        touch.lean, touch.off, touch.seen_at = np.zeros(2), np.full(2, np.nan), -math.inf
+        for short in (_BACK, 0.0):
+            now = yield NOW
+            target = touch.target(touch.tracked, self.calibration.radius)
+            guess = aim_at(self.calibration, target, now.place)
+            touch.wanted = self._angles(tool, target, now.place, guess)
+            if touch.wanted is None:
+                touch.verdict = BEYOND
+                return None
+            stop = CONE.clip(touch.wanted - short) if short else touch.wanted
+            yield from go(angles=stop)
+            yield Request(angles=stop)
+        light.place = None
+        yield from meter(self.calibration, light, last=NOTHING)
+        frames = yield from acquisition(light.gain)
+        now, last = (yield NOW), frames[-1]
+        then = replace(now, angles=np.array([last.pan, last.tilt]))
+        camera = self.calibration.camera_at(now.place)
+        pixel = np.asarray(camera.pixel(touch.place, last.pan, last.tilt))
+        hole = outline_about(frames, camera, pixel, reach=FOUND)
+        if hole is not None:
+            touch.place, pixel, touch.outlined = hole.place, hole.pixel, True
+        for share in (*_INWARD[tried:], *_INWARD[:tried]):
             inner = pixel + share * (np.asarray(camera.lens.centre) - pixel)
             try:
                 _, track = Centring(calibration=self.calibration).pick(last.image, inner, then)
             except SignalError:
                 continue
-            tracked = track.home + place - camera.place(pixel, last.pan, last.tilt)
-            state = replace(state, place=place, outlined=hole is not None)
-            state = replace(state, tracked=tracked, track=track)
-            return self._at(state, "aim"), replace(request, frame=True)
-        return replace(state, verdict=NOT_IN_VIEW, done=True), request
+            touch.track = track
+            touch.tracked = track.home + touch.place - camera.place(pixel, last.pan, last.tilt)
+            return (yield Request(frame=True))
+        touch.verdict = NOT_IN_VIEW
+        return None
 
-    def _aim(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
-        """Keep the tool turned to the place; extend it while it is."""
-        if self._late(state, reading):
-            aimed = state.stage in ("aim", "near")
-            if state.verdict != BEYOND and aimed and state.tries + 1 < self.tries:
-                return self._again(state), Request(extension=0.0)
-            return self._at(state, "withdraw", state.verdict or UNSTEADY), Request(extension=0.0)
-        if reading.image is None or state.track is None:
-            return state, self._request(state, reading)
-        seen, track = Centring(calibration=self.calibration).follow(
-            state.track, reading, reading.image
-        )
-        state = replace(state, track=track)
-        if seen.verdict != TRACKED:  # it waits where it is
-            unseen = passed(state.seen_at, reading.t, self.still)
-            if state.stage == "contact" and reading.touching and unseen:  # the tool hides it
-                state = replace(state, contact=reading.angles, extension=0.0)
-                state = self._at(state, "withdraw", TOUCHED)
-                return state, self._request(state, reading)
-            lost = passed(state.seen_at, reading.t, self.unseen)
-            near = None if lost else state.near_since
-            state = replace(state, verdict=seen.verdict, near_since=near)
-            return state, self._request(replace(state, extension=reading.extension), reading)
-        state = replace(state, verdict="", seen_at=reading.t)
-        state = self._steered(state, tool, seen.place, reading)
-        return self._moved(state, tool, seen, reading)
+    def _touched(self, touch: Touch, tool: Tool, now: Reading, *, again: bool) -> Procedure[bool]:
+        """Touch what is tracked, withdraw the tool, and look for the mark.
 
-    def _again(self, state: MarkState) -> MarkState:
-        """Return the state of another try from short of the place.
-
-        A wire may come to rest then, and the tool may not hide another patch.
+        False if the head did not come to rest, and is to be brought there again.
         """
-        begun = self.begin(state.place, state.gain, state.beside)
-        return replace(begun, tries=state.tries + 1)
+        met = yield from self._kept(touch, tool, now, lambda now, still: still)
+        if met is not None:
+            touch.stop, touch.extension = "near", max(met.free - _GAP, 0.0)
+            now = yield touch.request(met.now)
+            met = yield from self._kept(
+                touch,
+                tool,
+                now,
+                lambda now, still: still and now.extension >= touch.extension - 1e-4,
+            )
+        if met is not None:
+            assert met.now.image is not None
+            touch.before = met.now.image, self._sighted(touch, met.seen, met.now)
+            touch.stop, touch.extension = "contact", min(met.free + BEHIND, tool.longest)
+            now = yield touch.request(met.now)
+            met = yield from self._kept(
+                touch,
+                tool,
+                now,
+                lambda now, _: now.touching or now.extension >= touch.extension - 1e-6,
+            )
+        elif again and touch.verdict != BEYOND:
+            yield Request(extension=0.0)
+            return False
+        touch.stop, touch.extension = "back", 0.0
+        if met is None:
+            touch.verdict = touch.verdict or UNSTEADY
+            now = yield Request(extension=0.0)
+        else:
+            touch.verdict = TOUCHED if met.now.touching else NO_CONTACT
+            if met.now.touching:
+                self._contact(touch, met)
+            now = yield touch.request(met.now)
+        yield from self._withdrawn(touch, tool, now)
+        return True
 
-    def _steered(
-        self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
-    ) -> MarkState:
-        """Return the state with new wanted angles and the distance that is left, in pixels."""
-        camera = self.calibration.camera_at(reading.place)
-        target, (pan, tilt) = self._target(place, state), reading.angles.tolist()
-        angles = self._angles(tool, target, reading.place, reading.angles)
-        pixel = tool_pixel(self.calibration, tool, reading.place, reading.angles)
+    def _kept(
+        self, touch: Touch, tool: Tool, now: Reading, there: Callable[[Reading, bool], bool]
+    ) -> Procedure[_Met | None]:
+        """Keep the tool turned to the place at its stop until it is there; None if it is not.
+
+        ``there`` is given a reading, and whether the place has stayed near. At the contact the tool
+        may hide what is tracked: it has touched then.
+        """
+        since, near_since = now.t, None
+        while not passed(since, now.t, self.patience):
+            waits = False
+            if now.image is not None and touch.track is not None:
+                seen, touch.track = Centring(calibration=self.calibration).follow(
+                    touch.track, now, now.image
+                )
+                if seen.verdict == TRACKED:
+                    touch.verdict, touch.seen_at = "", now.t
+                    near = self._steered(touch, tool, seen.place, now)
+                    near_since = held_since(near_since, now.t, near)
+                    hit = self._hit(tool, now)
+                    if hit is not None and there(now, passed(near_since, now.t, _STILL)):
+                        return _Met(now, seen, hit)
+                else:
+                    waits = True
+                    hidden = touch.stop == "contact" and now.touching
+                    if hidden and passed(touch.seen_at, now.t, _STILL):
+                        return _Met(now, seen)
+                    touch.verdict = seen.verdict
+                    if passed(touch.seen_at, now.t, self.unseen):
+                        near_since = None
+            request = touch.request(now)
+            now = yield replace(request, extension=now.extension) if waits else request
+        return None
+
+    def _steered(self, touch: Touch, tool: Tool, place: FloatArray, now: Reading) -> bool:
+        """Set the wanted angles, and return whether the point is near where the tool would meet."""
+        camera = self.calibration.camera_at(now.place)
+        target, (pan, tilt) = touch.target(place, camera.radius), now.angles.tolist()
+        angles = self._angles(tool, target, now.place, now.angles)
+        pixel = tool_pixel(self.calibration, tool, now.place, now.angles)
         if angles is None or not np.isfinite(pixel).all():
-            return replace(state, verdict=BEYOND, near_since=None)
+            touch.verdict = BEYOND
+            return False
         off = np.asarray(camera.pixel(target, pan, tilt)) - pixel
-        smooth = off if np.isnan(state.off).any() else state.off + self.share * (off - state.off)
-        lean = np.clip(
-            state.lean + self.lean * TWO_TICKS * (angles - reading.angles), -_MOST_LEAN, _MOST_LEAN
-        )
-        before = angles if state.wanted is None else state.wanted - state.lean
-        wanted = before + self.share * (angles - before) + lean
-        near = held_since(state.near_since, reading.t, float(np.hypot(*smooth)) < self.close)
-        return replace(state, wanted=CONE.clip(wanted), lean=lean, off=smooth, near_since=near)
+        touch.off = off if np.isnan(touch.off).any() else touch.off + _SHARE * (off - touch.off)
+        before = angles if touch.wanted is None else touch.wanted - touch.lean
+        lean = touch.lean + _LEAN * TWO_TICKS * (angles - now.angles)
+        touch.lean = np.clip(lean, -_MOST_LEAN, _MOST_LEAN)
+        touch.wanted = CONE.clip(before + _SHARE * (angles - before) + touch.lean)
+        return float(np.hypot(*touch.off)) < self.close
 
-    def _moved(
-        self, state: MarkState, tool: Tool, seen: Track, reading: Reading
-    ) -> tuple[MarkState, Request]:
-        """Extend the tool to the next stop, or touch."""
-        mount = self.calibration.mount_at(reading.place)
+    def _hit(self, tool: Tool, now: Reading) -> FloatArray | None:
+        """Return phi, z and extension (3,) where the tool would meet the wall now, if it does."""
+        mount = self.calibration.mount_at(now.place)
         try:
-            pan, tilt = reading.angles.tolist()
-            *hit, free = tool.meet(mount, pan, tilt, self.calibration.radius).tolist()
+            pan, tilt = now.angles.tolist()
+            return tool.meet(mount, pan, tilt, self.calibration.radius)
         except ParameterError:
-            return state, self._request(state, reading)
-        still = state.near_since is not None and passed(state.near_since, reading.t, self.still)
-        if state.stage == "aim" and still:
-            state = self._at(replace(state, extension=max(free - self.gap, 0.0)), "near")
-        elif state.stage == "near" and still and reading.extension >= state.extension - 1e-4:
-            end = min(free + self.beyond, tool.longest)
-            assert reading.image is not None
-            before = reading.image, self._sighted(state, seen, reading)
-            state = self._at(replace(state, extension=end, before=before), "contact")
-        elif state.stage == "contact" and reading.touching:
+            return None
+
+    def _contact(self, touch: Touch, met: _Met) -> None:
+        """Note angles and place of a contact; the place is not known if the tool hides it."""
+        touch.met = met.now.angles
+        if met.seen.verdict == TRACKED and met.hit is not None:
             metres = np.array([self.calibration.radius, 1.0])
-            off = (np.array(hit) - self._target(seen.place, state)) * metres
-            touch = state.place + (state.beside + off) / metres
-            contact = self._sighted(state, seen, reading)
-            state = replace(state, touch=touch, contact=contact, extension=0.0)
-            state = self._at(state, "withdraw", TOUCHED)
-        elif state.stage == "contact" and reading.extension >= state.extension - 1e-6:
-            state = self._at(replace(state, extension=0.0), "withdraw", NO_CONTACT)
-        return state, self._request(state, reading)
+            off = met.hit[:2] - touch.target(met.seen.place, self.calibration.radius)
+            touch.touch = touch.place + (touch.beside + off * metres) / metres
+            touch.met = self._sighted(touch, met.seen, met.now)
 
-    def _withdraw(
-        self, state: MarkState, tool: Tool, reading: Reading
-    ) -> tuple[MarkState, Request]:
+    def _withdrawn(self, touch: Touch, tool: Tool, now: Reading) -> Procedure[None]:
         """Withdraw the tool, then look for the mark."""
-        late = self._late(state, reading)
-        frame = reading.image is None
-        request = Request(extension=0.0, angles=state.wanted, frame=frame)
-        before, contact = state.before, state.contact
-        if late or before is None or contact is None or state.track is None:
-            return replace(state, done=late or reading.extension <= 0.0), request
-        if reading.image is None:
-            return state, request
-        centring = Centring(calibration=self.calibration)
-        seen, track = centring.follow(state.track, reading, reading.image)
-        state = replace(state, track=track)
-        if reading.extension > 0.0 or seen.verdict != TRACKED:
-            return state, request
-        after = reading.image, self._sighted(state, seen, reading)
-        mark = seen_mark(self.calibration, reading.place, contact, before, after)
-        if mark is not None:
-            camera = self.calibration.camera_at(reading.place)
-            point = wall_point(float(mark[0]), float(mark[1]), camera.radius)
-            learned = tool.through(camera.mount.pose(*contact.tolist()).to_camera(point))
-            touch = mark if state.touch is None else state.touch
-            state = replace(state, touch=touch, mark=mark, tool=learned)
-        return replace(state, done=True), request
+        since = now.t
+        while not passed(since, now.t, self.patience):
+            if touch.before is None or touch.met is None or touch.track is None:
+                if now.extension <= 0.0:
+                    return
+            elif now.image is not None:
+                seen, touch.track = Centring(calibration=self.calibration).follow(
+                    touch.track, now, now.image
+                )
+                if now.extension <= 0.0 and seen.verdict == TRACKED:
+                    after = now.image, self._sighted(touch, seen, now)
+                    self._marked(touch, tool, now, after)
+                    return
+            now = yield touch.request(now)
 
-    def _sighted(self, state: MarkState, seen: Track, reading: Reading) -> FloatArray:
+    def _marked(
+        self, touch: Touch, tool: Tool, now: Reading, after: tuple[Image, FloatArray]
+    ) -> None:
+        """Note the mark in a picture with its angles, and the tool that it shows, if it does."""
+        assert touch.before is not None
+        assert touch.met is not None
+        touch.mark = seen_mark(self.calibration, now.place, touch.met, touch.before, after)
+        if touch.mark is None:
+            return
+        camera = self.calibration.camera_at(now.place)
+        point = wall_point(float(touch.mark[0]), float(touch.mark[1]), camera.radius)
+        touch.tool = tool.through(camera.mount.pose(*touch.met.tolist()).to_camera(point))
+        touch.touch = touch.mark if touch.touch is None else touch.touch
+
+    def _sighted(self, touch: Touch, seen: Track, now: Reading) -> FloatArray:
         """Return the angles (2,) at which the feature is where the picture shows it."""
-        camera = self.calibration.camera_at(reading.place)
-        angles = sighted_angles(camera, state.tracked, seen.pixel, reading.angles)
-        return reading.angles if angles is None else angles
-
-    def _request(self, state: MarkState, reading: Reading) -> Request:
-        """Return the request of the next tick: a frame in every other one, or for the contact."""
-        frame = reading.image is None or state.stage == "contact"
-        return Request(angles=state.wanted, extension=state.extension, frame=frame)
-
-    def _target(self, place: FloatArray, state: MarkState) -> FloatArray:
-        """Return phi and z of the point to be touched, if what is tracked is at a place."""
-        metres = np.array([self.calibration.radius, 1.0])
-        return np.asarray(place + state.place - state.tracked + state.beside / metres)
+        camera = self.calibration.camera_at(now.place)
+        angles = sighted_angles(camera, touch.tracked, seen.pixel, now.angles)
+        return now.angles if angles is None else angles
 
     def _angles(
         self, tool: Tool, place: FloatArray, catheter: npt.ArrayLike, guess: FloatArray
@@ -440,4 +433,19 @@ class Marking(Procedure[MarkState]):
             return None
         pan, tilt = angles.tolist()
         _, _, length = tool.meet(mount, pan, tilt, self.calibration.radius).tolist()
-        return angles if length + self.gap <= tool.longest else None
+        return angles if length + _GAP <= tool.longest else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Met:
+    """What is seen at a stop of the tool, and where it would meet the wall, if that is known."""
+
+    now: Reading
+    seen: Track
+    hit: FloatArray | None = None
+
+    @property
+    def free(self) -> float:
+        """Extension in metres at which the tool would meet the wall."""
+        assert self.hit is not None
+        return float(self.hit[2])

@@ -6,15 +6,16 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.values import Procedure, Reading, Request, passed
+from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, passed
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.jacobian import wall_depth
 
+_EVERY, _REFOCUS = 0.24, 0.2
+"""Seconds between metered frames, and between settings of the focus."""
 _AROUND = 2.4e-3
 """Metres around and along the wall from a place to the edge of what is exposed for: the wall by
 which it is tracked, but for the corners."""
@@ -58,91 +59,88 @@ class LightLimits:
 LIMITS = LightLimits()
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeterState:
-    """Gain, and the times at which metering began, metered last and set the focus last.
+@dataclass(kw_only=True, eq=False)
+class Light:
+    """The gain that a camera has, and what it is set for.
 
-    The picture is metered about ``place`` (2,), phi and z, if there is one.
+    Parameters
+    ----------
+    gain : float
+        That `meter` sets.
+    place : (2,) array, optional
+        Phi and z of the wall that is exposed for; the whole picture without, or if it does not show
+        the place.
+    focusing : bool
+        Whether the focus follows the wall ahead.
     """
 
     gain: float = 1.0
     place: FloatArray | None = None
-    began: float | None = None
-    metered: float = -math.inf
-    focused: float = -math.inf
-    done: bool = False
+    focusing: bool = True
+
+    @property
+    def exposure(self) -> tuple[float, float]:
+        """Exposure time in seconds under all lights, and the gain."""
+        return LIMITS.exposure, self.gain
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Metering(Procedure[MeterState]):
-    """Gain that follows the brightness, and focus that follows the wall ahead.
+def meter(
+    calibration: HeadCalibration, light: Light, seconds: float = 1.0, *, last: Request = NOW
+) -> Procedure[None]:
+    """Let the gain follow the brightness, and the focus the wall ahead.
 
     Parameters
     ----------
     calibration : HeadCalibration
-    limits : LightLimits
-    share : float
-        Exponent of the wanted grey level over the measured one, for each metered frame.
-    every : float
-        Seconds between metered frames.
-    refocus : float
-        Seconds between settings of the focus.
-    focusing : bool
-        Whether the focus is set at all.
+    light : Light
+        Its gain is set; what it is set for may change meanwhile.
     seconds : float
         Duration; infinite for a loop that meters all the time. In 1 s the error of the gain
         falls below the noise, and the focus arrives.
+    last : Request
+        What else is requested with the last setting.
     """
-
-    calibration: HeadCalibration
-    limits: LightLimits = LIMITS
-    share: float = 0.7
-    every: float = 0.24
-    refocus: float = 0.2
-    focusing: bool = True
-    seconds: float = 1.0
-
-    def begin(self, gain: float = 1.0, place: npt.ArrayLike | None = None) -> MeterState:
-        """Return the state of a camera whose gain is known, and phi and z (2,) to expose for."""
-        return MeterState(gain=gain, place=None if place is None else np.asarray(place))
-
-    def _next(self, state: MeterState, reading: Reading) -> tuple[MeterState, Request]:
-        t = reading.t
-        began = t if state.began is None else state.began
-        state = replace(state, began=began, done=passed(began, t, self.seconds))
+    metered = focused = -math.inf
+    now = yield NOW
+    began = now.t
+    while True:
         exposure = focus = None
-        if reading.image is not None and passed(state.metered, t, self.every):
-            shown = self._about(state.place, reading, reading.image)
-            gain = self.limits.gain(state.gain, shown, self.share)
-            state = replace(state, gain=gain, metered=t)
-            exposure = self.limits.exposure, state.gain
-        if self.focusing and passed(state.focused, t, self.refocus):
-            focus, state = self.ahead(reading), replace(state, focused=t)
+        if now.image is not None and passed(metered, now.t, _EVERY):
+            light.gain = LIMITS.gain(light.gain, _about(calibration, light.place, now, now.image))
+            metered, exposure = now.t, light.exposure
+        if light.focusing and passed(focused, now.t, _REFOCUS):
+            focus, focused = wall_ahead(calibration, now), now.t
+        if passed(began, now.t, seconds):
+            yield replace(last, exposure=exposure, focus=focus)
+            return
         # A frame that is metered at the next tick or later is requested now.
-        due = not state.done and passed(state.metered, t, self.every - 0.05)
-        return state, Request(exposure=exposure, focus=focus, frame=due)
+        due = passed(metered, now.t, _EVERY - 0.05)
+        now = yield Request(exposure=exposure, focus=focus, frame=due)
 
-    def _about(self, place: FloatArray | None, reading: Reading, image: Image) -> Image:
-        """Return the part of an image about a place; all of it if the place is not in it."""
-        if place is None:
-            return image
-        camera = self.calibration.camera_at(reading.place)
-        metres = np.array([camera.radius, 1.0])
-        corners = place + _AROUND * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / metres
-        pixels = np.asarray(camera.pixel(corners, *reading.angles.tolist()))
-        if not np.isfinite(pixels).all():
-            return image
-        left, top = np.maximum(pixels.min(axis=0).astype(int), 0)
-        right, bottom = np.maximum(pixels.max(axis=0).astype(int), 0)
-        part = image[top:bottom, left:right]
-        return part if part.size else image
 
-    def ahead(self, reading: Reading) -> float:
-        """Return the distance of the wall ahead, within the limits of the focus."""
-        camera = self.calibration.camera_at(reading.place)
-        pan, tilt = reading.angles.tolist()
-        try:
-            distance = wall_depth(camera, np.zeros(2), pan, tilt)
-        except ParameterError:
-            distance = self.limits.farthest
-        return self.limits.focus(distance)
+def wall_ahead(calibration: HeadCalibration, reading: Reading) -> float:
+    """Return the distance of the wall ahead in metres, within the limits of the focus."""
+    camera = calibration.camera_at(reading.place)
+    try:
+        distance = wall_depth(camera, np.zeros(2), *reading.angles.tolist())
+    except ParameterError:
+        distance = LIMITS.farthest
+    return LIMITS.focus(distance)
+
+
+def _about(
+    calibration: HeadCalibration, place: FloatArray | None, reading: Reading, image: Image
+) -> Image:
+    """Return the part of an image about a place; all of it if the place is not in it."""
+    if place is None:
+        return image
+    camera = calibration.camera_at(reading.place)
+    metres = np.array([camera.radius, 1.0])
+    corners = place + _AROUND * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / metres
+    pixels = np.asarray(camera.pixel(corners, *reading.angles.tolist()))
+    if not np.isfinite(pixels).all():
+        return image
+    left, top = np.maximum(pixels.min(axis=0).astype(int), 0)
+    right, bottom = np.maximum(pixels.max(axis=0).astype(int), 0)
+    part = image[top:bottom, left:right]
+    return part if part.size else image

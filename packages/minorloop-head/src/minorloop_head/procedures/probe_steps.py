@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -11,15 +10,13 @@ from scipy.ndimage import map_coordinates
 
 from minorloop.arrays import FloatArray
 from minorloop_head.procedures.measure import NO_COUPLING, has_coupling, wall_about
-from minorloop_head.procedures.meter import Metering
-from minorloop_head.procedures.rig import InspectionRig, LogEntry
-from minorloop_head.procedures.scan import RasterScan, ScanState
+from minorloop_head.procedures.rig import InspectionRig
+from minorloop_head.procedures.scan import RasterScan, ScannedRaster
 from minorloop_head.procedures.steps import REFUSED
 from minorloop_head.procedures.trace import widest
 from minorloop_head.procedures.values import Request
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_depth
-from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import (
     ASTRAY,
@@ -42,35 +39,6 @@ SEEN_BEFORE = 2
 AGAIN = (DISTURBED, SILENT, ASTRAY)
 """Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on where
 the points are, and on how the flow turned the head at each of them."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ScannedRaster:
-    """A scan of a raster, or the part of it that was made until it was cut off.
-
-    Parameters
-    ----------
-    reference : (2,) array
-        Advance and roll of the catheter, in metres and radians, at which the angles of the bursts
-        hold.
-    bursts : tuple of Burst
-    point, onward : int
-        As in `ScanState`.
-    done : bool
-        Whether it has ended.
-    refused : str
-        Why it was not scanned; empty if it was.
-    steps : tuple of LogEntry
-        Of the visit until its end, or since the scan before it, for who keeps the scan.
-    """
-
-    reference: FloatArray
-    bursts: tuple[Burst, ...] = ()
-    point: int = 0
-    onward: int = 1
-    done: bool = True
-    refused: str = ""
-    steps: tuple[LogEntry, ...] = ()
 
 
 Scan: TypeAlias = Callable[[InspectionRig, tuple[float, float], float], ScannedRaster]
@@ -107,58 +75,28 @@ def scan(
     told : callable, optional
         Is given the scan so far when it begins and after each point.
     """
-    view = rig.calibration
-    scanning = RasterScan(calibration=view, metering=Metering(calibration=view))
-    made = None if before is None else _state_of(before, place)
-    begun = scanning.begin(place, shift=shift, control=rig.control, gain=rig.gain, before=made)
-    if begun.refused:
-        rig.say("reach", begun.refused, succeeded=False)
-        return ScannedRaster(reference=rig.place, refused=begun.refused)
+    scanning = RasterScan(calibration=rig.calibration)
+    if refused := scanning.out_of_reach(rig.control):
+        rig.say("reach", refused, succeeded=False)
+        return ScannedRaster(reference=rig.place, refused=refused)
     drain(rig)
-    state, late = rig.run(scanning, begun, told and _each_point(told)), rig.trouble
-    rig.gain = state.meter.gain
-    bursts, planned = state.bursts, scanning.points**2
+    made, last = before or ScannedRaster(), -1
+
+    def each() -> None:
+        nonlocal last
+        if told is not None and made.point != last:
+            last = made.point
+            told(made)
+
+    rig.run(scanning.scan(made, place, shift, rig.light), each)
+    late, bursts, planned = rig.trouble, made.bursts, scanning.points**2
     words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
-    words += f"; rolled back {state.again} x for a row that was passed" if state.again else ""
+    words += f"; rolled back {made.again} x for a row that was passed" if made.again else ""
     rig.say("scan", words, succeeded=len(bursts) == planned and not late)
     coupled = has_coupling(bursts)
     answer = "the wall answers" if coupled else "no echo: camera only"
     rig.say("modality", answer, succeeded=coupled)
-    return _scanned(state)
-
-
-def _each_point(told: Callable[[ScannedRaster], None]) -> Callable[[ScanState], None]:
-    """Return what tells of a scan so far, given its state after every tick."""
-    last = -1
-
-    def each(state: ScanState) -> None:
-        nonlocal last
-        if state.point != last:
-            last = state.point
-            told(_scanned(state))
-
-    return each
-
-
-def _scanned(state: ScanState) -> ScannedRaster:
-    return ScannedRaster(
-        reference=state.reference,
-        bursts=tuple(state.bursts),
-        point=state.point,
-        onward=state.onward,
-        done=state.done,
-    )
-
-
-def _state_of(part: ScannedRaster, place: tuple[float, float]) -> ScanState:
-    """Return the state of a scan that was cut off."""
-    return ScanState(
-        centre=place,
-        reference=part.reference,
-        bursts=part.bursts,
-        point=part.point,
-        onward=part.onward,
-    )
+    return made
 
 
 def drain(rig: InspectionRig) -> None:

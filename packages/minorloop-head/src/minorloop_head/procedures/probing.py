@@ -13,18 +13,17 @@ import numpy as np
 from minorloop_head.procedures.inspected_view import AGAIN, InspectedView, first_visit, with_finding
 from minorloop_head.procedures.probe_steps import (
     Scan,
-    ScannedRaster,
     drain,
     reach_words,
     scan,
     scanned_crack,
     scanned_pit,
 )
-from minorloop_head.procedures.rig import InspectionRig, LogEntry
+from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.ring import Ring, ring_sweep
-from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.scan import RasterScan, ScannedRaster
 from minorloop_head.procedures.steps import REFUSED, approach, go, meter, touch
-from minorloop_head.procedures.values import Request
+from minorloop_head.procedures.values import LogEntry, Request
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.vision.defects import Hole

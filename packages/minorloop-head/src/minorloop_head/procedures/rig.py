@@ -3,7 +3,7 @@
 On devices::
 
     with rig_at("bench:head.toml", "camera:0", "head.json") as rig:
-        rig.run(Go(), Go().begin(angles=(0.1, 0.0)))
+        rig.run(go(angles=(0.1, 0.0)))
 
 There a tick takes its time, and neither a picture that is late nor a long computation stops the
 control of the wires. After a device failed the head is safe; the loop goes on from there if it
@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import replace
 from typing import TypeVar, cast
 
 import numpy as np
@@ -33,16 +33,18 @@ from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.procedures.head_file import read_head
+from minorloop_head.procedures.meter import Light
 from minorloop_head.procedures.seen_angles import LONGEST, SeenAngles, unknown_zero, unseen
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.values import (
     ALL_LIGHTS,
     NOTHING,
+    LogEntry,
     Plant,
     Procedure,
     Reading,
     Request,
-    State,
+    Result,
     Tip,
     ToolTip,
     apply_to_tip,
@@ -66,16 +68,6 @@ _BY_ITSELF = (
     "its exposure cannot be set from here; set it at the camera, so that little of the wall is "
     "white"
 )
-
-
-@dataclass(frozen=True)
-class LogEntry:
-    """Entry of a log: the time in seconds, the action, its result, and whether it succeeded."""
-
-    t: float
-    what: str
-    outcome: str
-    succeeded: bool = True
 
 
 class InspectionRig:
@@ -105,7 +97,7 @@ class InspectionRig:
     Notes
     -----
     ``most`` (2,) are the largest angles in degrees to which the joints were seen to come where they
-    should go farther, infinite where that is not known; ``gain`` is that of the camera.
+    should go farther, infinite where that is not known; ``light`` is that of the camera.
     """
 
     def __init__(
@@ -127,7 +119,7 @@ class InspectionRig:
         has_tool = calibration.tool is not None and isinstance(tip, ToolTip)
         self._tool = cast(ToolTip, tip) if has_tool else None
         self.log: list[LogEntry] = []
-        self.gain = 1.0
+        self.light = Light()
         self.most = np.full(2, np.inf)
         self._base, self._sensors = base, sensors
         self._seen = seen
@@ -226,28 +218,42 @@ class InspectionRig:
             self._ticks += 1
             self._watch(cold=True)
 
-    def run(
-        self, procedure: Procedure[State], state: State, each: Callable[[State], None] | None = None
-    ) -> State:
-        """Run a procedure to its end and return its last state.
+    def run(self, procedure: Procedure[Result], each: Callable[[], None] = lambda: None) -> Result:
+        """Run a procedure to its end and return its result.
+
+        If it is cut off, its tool is withdrawn, the pipe is drained, and all lights are on.
 
         Parameters
         ----------
         procedure : Procedure
-        state : State
-            From its ``begin``.
-        each : callable, optional
-            Called with the state after every tick.
+        each : callable
+            Called after every tick.
         """
-        request = NOTHING
-        while True:
-            state, request = procedure.step(state, self.reading(request))
-            if state.done:
-                self._applied(request)
-                return state
-            self._tick(request)
-            if each is not None:
-                each(state)
+        try:
+            request = next(procedure)
+            while True:
+                if not request.now:
+                    self._tick(request)
+                    each()
+                request = procedure.send(self.reading(request))
+        except StopIteration as end:
+            return cast(Result, end.value)
+        except BaseException:
+            procedure.close()
+            self._leave_safe()
+            raise
+
+    def _leave_safe(self) -> None:
+        """Withdraw the tool, drain the pipe, and switch on all lights, as far as devices answer."""
+        with suppress(InstrumentError):
+            apply_to_tip(
+                self.tip,
+                Request(
+                    extension=None if self._tool is None else 0.0,
+                    lights=None if self._lights == ALL_LIGHTS else ALL_LIGHTS,
+                    water=False if self._wet else None,
+                ),
+            )
 
     def look(self) -> tuple[Reading, Image]:
         """Return a reading and its picture; the loop goes on until there is one.

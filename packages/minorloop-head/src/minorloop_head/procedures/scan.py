@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -20,10 +20,18 @@ from minorloop_head.control.flooded_reach import SLEEVE_BAND, SLEEVED, WATER_BAN
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import AXES, REACH, wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.go import GO, Go, GoState
+from minorloop_head.procedures.go import NEAR, go
 from minorloop_head.procedures.measure import burst_of, has_coupling
-from minorloop_head.procedures.meter import Metering, MeterState
-from minorloop_head.procedures.values import NOTHING, Procedure, Reading, Request, passed
+from minorloop_head.procedures.meter import Light, meter
+from minorloop_head.procedures.values import (
+    NOTHING,
+    NOW,
+    LogEntry,
+    Procedure,
+    Reading,
+    Request,
+    passed,
+)
 from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.pits import PITCH, POINTS, raster
@@ -32,41 +40,66 @@ ScanStage: TypeAlias = Literal["travel", "light", "turn", "points", "retreat", "
 RETREAT, MOST_AGAIN = math.radians(6.0), 2
 """Roll in radians by which the catheter turns back before it comes to a row again: three times what
 it jumps when it breaks away, so that it slides to the row. And how often it does so in a scan."""
+SHOTS = 16
+"""In a burst: they take 16 ms, in which the head hardly moves."""
+AIMED = math.radians(0.6)
+"""Tolerance of a point in radians, 0.1 mm of the wall. A burst is fitted where it was measured, so
+that a smaller one is not needed."""
+DWELL, _MOST_DWELL = 0.48, 1.2
+"""Seconds at a point at least, and at most if the head does not come near: in 0.5 s a wire has
+moved by a step of the raster and is at rest."""
+_SILENT, _UNSEEN = 2.0, 0.2
+"""Seconds after which a burst that has not been fired is skipped, and for which one is fired again
+whose picture does not show the pose."""
+_TILT = math.radians(-15.0)
+"""Of the head: as little as the pan, since cold wires reach little in water."""
+_ROLLING = 4.0
+"""Longest seconds of the way to the next row, which takes 1.3 s. What then remains of it, or is too
+much, is tilted; if the head cannot, the catheter turns back and comes again."""
 _ROLLS = 4
 """Steps of the search for a roll; each divides its error by 20, the radius over the offset."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ScanState:
-    """State of a scan.
+@dataclass(eq=False, kw_only=True)
+class ScannedRaster:
+    """A raster as far as it is scanned: the scan keeps it up to date.
 
-    ``centre`` is phi and z of the middle; ``shift`` the displacement of the raster in pitches;
-    ``onward`` is 1 if the catheter rolls on towards greater phi after its travel, -1 if towards
-    smaller phi: friction makes it jump where it turns back. ``again`` counts how often it has
-    turned back, because it had jumped beyond a row, and come to the row once more. ``home`` place
-    and angles to return to, None to stay; ``go`` the state of the way there or back; ``targets``
-    (N, 2) pan and tilt of the points, ``point`` the next of them. The head was sent there, or the
-    burst was ``requested``, at ``since``. ``meter`` is the state of the exposure. ``bursts`` are
-    filled if the readings contain shots; their angles hold at the ``reference``, a place (2,) from
-    which the beam is square to the middle. ``refused`` says why a scan was not begun.
+    Parameters
+    ----------
+    reference : (2,) array
+        Advance and roll of the catheter, in metres and radians, from which the beam is square to
+        the middle: the angles of the bursts hold there.
+    bursts : tuple of Burst
+        Of the points whose readings had shots.
+    point : int
+        The next one, from 0.
+    onward : int
+        1 if the catheter rolls on towards greater phi after its travel, -1 if towards smaller phi:
+        friction makes it jump where it turns back.
+    done : bool
+        Whether the scan has ended.
+    stage : str
+        What it does now.
+    targets : (N, 2) array
+        Pan and tilt of the points; none before the catheter has arrived, or if it did not.
+    again : int
+        How often the catheter has turned back, because it had jumped beyond a row.
+    refused : str
+        Why it was not scanned; empty if it was.
+    steps : tuple of LogEntry
+        Of the visit until its end, or since the scan before it, for who keeps the scan.
     """
 
-    centre: tuple[float, float]
-    shift: float = 0.0
-    onward: int = 1
-    again: int = 0
-    home: tuple[FloatArray, FloatArray] | None = None
-    stage: ScanStage = "travel"
-    go: GoState | None = None
-    meter: MeterState = field(default_factory=MeterState)
-    targets: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     reference: FloatArray = field(default_factory=lambda: np.zeros(2))
-    point: int = 0
-    since: float = 0.0
-    requested: bool = False
     bursts: tuple[Burst, ...] = ()
+    point: int = 0
+    onward: int = 1
+    done: bool = True
+    stage: ScanStage = "travel"
+    targets: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    again: int = 0
     refused: str = ""
-    done: bool = False
+    steps: tuple[LogEntry, ...] = ()
 
     @property
     def progress(self) -> float:
@@ -75,7 +108,7 @@ class ScanState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RasterScan(Procedure[ScanState]):
+class RasterScan:
     """A raster of bursts.
 
     Parameters
@@ -83,86 +116,147 @@ class RasterScan(Procedure[ScanState]):
     calibration : HeadCalibration
     points : int
         In a row of the raster.
-    pitch : float
-        Between points, in metres.
-    shots : int
-        In a burst. Sixteen take 16 ms, in which the head hardly moves.
-    aimed : float
-        Tolerance of a point in radians: 0.6 degrees are 0.1 mm of the wall. A burst is fitted
-        where it was measured, so that a smaller one is not needed.
-    dwell, most_dwell : float
-        Seconds at a point at least, and at most if the head does not come near: in 0.5 s a wire
-        has moved by a step of the raster and is at rest.
-    silent : float
-        Seconds after which a burst that has not been fired is skipped.
-    unseen : float
-        Seconds for which a burst is fired again whose picture does not show the pose.
-    metering : Metering, optional
-        Exposes the camera before the pipe is flooded, where the loop does not do so all the time.
-    reach : float
-        Half-angle of the cone in which the head may turn, in radians.
-    tilt : float
-        Of the head, in radians: as little as the pan, since cold wires reach little in water.
-    go : Go
-        Of the way there.
-    rolling : float
-        ``patience`` of the way to the next row, which takes 1.3 s. What then remains of it, or is
-        too much, is tilted; if the head cannot, the catheter turns back and comes again.
-    homing : float
-        ``patience`` of the way back; at the end of its travel friction holds the catheter off.
     """
 
     calibration: HeadCalibration
     points: int = POINTS
-    pitch: float = PITCH
-    shots: int = 16
-    aimed: float = math.radians(0.6)
-    dwell: float = 0.48
-    most_dwell: float = 1.2
-    silent: float = 2.0
-    unseen: float = 0.2
-    metering: Metering | None = None
-    reach: float = REACH
-    tilt: float = math.radians(-15.0)
-    go: Go = GO
-    rolling: float = 4.0
-    homing: float = 6.0
 
-    def begin(
+    def scan(
         self,
+        made: ScannedRaster,
         centre: tuple[float, float],
-        *,
         shift: float = 0.0,
-        home: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
-        control: HeadControl | None = None,
-        gain: float = 1.0,
-        before: ScanState | None = None,
-    ) -> ScanState:
-        """Return the state before a scan about a phi and a z, after which the head returns home.
+        light: Light | None = None,
+    ) -> Procedure[ScannedRaster]:
+        """Scan about a phi and a z in the drained pipe, which is flooded once the probe is there.
 
-        ``gain`` is that of the camera. ``before`` is a state of the same scan, which was cut off:
-        it goes on with its next point; point, bursts, direction and reference count.
+        Parameters
+        ----------
+        made : ScannedRaster
+            New, or of the same scan, which was cut off: it goes on with the next point.
+        centre : (float, float)
+            In radians and metres.
+        shift : float
+            Displacement of the raster in pitches.
+        light : Light, optional
+            Of a camera that is exposed for the wall ahead before the pipe is flooded, where the
+            loop does not do so all the time.
 
-        With the control of the head, a scan that it cannot reach in the water is refused: it is
-        done, and its state says why.
+        Returns
+        -------
+        ScannedRaster
+            As made.
         """
-        refused = "" if control is None else self.out_of_reach(control)
-        back = None
-        if home is not None:
-            back = np.asarray(home[0], dtype=np.float64), np.asarray(home[1], dtype=np.float64)
-        known = before or ScanState(centre=centre)
-        return ScanState(
-            onward=known.onward,
-            point=known.point,
-            bursts=known.bursts,
-            reference=known.reference,
-            centre=centre,
-            shift=shift,
-            home=back,
-            meter=MeterState(gain=gain),
-            refused=refused,
-            done=bool(refused),
-        )
+        made.done = False
+        if (yield from self._over(made, centre, shift)):
+            made.stage = "light"
+            if light is None:
+                yield Request(water=True)
+            else:
+                light.place = None
+                yield from meter(self.calibration, light, last=Request(water=True))
+            made.stage = "turn"
+            yield from go(angles=made.targets[made.point])
+            while (yield from self._row_scanned(made, centre, shift)):
+                yield from self._rolled(made, centre, shift)
+        made.done = True
+        return made
+
+    def _over(
+        self, made: ScannedRaster, centre: tuple[float, float], shift: float
+    ) -> Procedure[bool]:
+        """Bring the probe over the next row of the raster; return whether it gets there."""
+        while True:
+            made.stage = "travel"
+            now = yield NOW
+            if not made.point:
+                roll = self.rolled(centre[0], now.place)[1] - now.place[1]
+                made.onward = 1 if roll >= 0 else -1
+            place = self._rolled_to(made, centre, shift, now)
+            place[0] = centre[1] + shift * PITCH
+            yield from go(place, self.perpendicular)
+            now = yield NOW
+            rows = made.point // self.points * made.onward
+            first = now.place - (0.0, rows * PITCH / self.calibration.radius)
+            made.targets = self.targets(centre, first, shift, made.onward)
+            if len(made.targets):
+                break
+            if not (yield from self._retreated(made, centre, shift)):
+                return False
+        if not made.point:
+            made.reference = self.rolled(centre[0], now.place)
+        return True
+
+    def _row_scanned(
+        self, made: ScannedRaster, centre: tuple[float, float], shift: float
+    ) -> Procedure[bool]:
+        """Fire at the points of a row, from where the catheter is; return whether there is more.
+
+        If the row is not within reach from there, it has still to be come to again.
+        """
+        now, n = (yield NOW), made.point // self.points
+        aims = self._row(centre, now.place, shift, self._index(n, made.onward))
+        if not len(aims):
+            return (yield from self._retreated(made, centre, shift))
+        made.targets[n * self.points : (n + 1) * self.points] = aims
+        made.stage, since = "points", now.t - DWELL
+        while True:
+            now = yield Request(angles=made.targets[made.point])
+            now = yield from self._fired(made, now, since)
+            made.point, since = made.point + 1, now.t
+            if made.point == len(made.targets):
+                return False
+            if made.point % self.points == 0:
+                yield Request(angles=made.targets[made.point])
+                return True
+
+    def _fired(self, made: ScannedRaster, now: Reading, since: float) -> Procedure[Reading]:
+        """Fire at a point once the head is at rest, and stay until the burst has arrived.
+
+        ``since`` is when the head was sent there.
+        """
+        target = made.targets[made.point]
+        fire = Request(angles=target, shots=SHOTS, frame=True)
+        while not passed(since, now.t, DWELL if _near(now, target) else _MOST_DWELL):
+            now = yield Request(angles=target)
+        since = now.t
+        now = yield fire
+        while True:
+            seen = bool(np.isfinite(now.base).all())
+            if not (now.fired or now.shots or passed(since, now.t, _SILENT)):
+                now = yield Request(angles=target)
+            elif not seen and not passed(since, now.t, _UNSEEN):
+                now = yield fire
+            else:
+                break
+        if now.shots and seen:
+            about = now.line_of_sight, target, now.place, made.reference
+            burst = self.burst(now.shots, *about, coupled=has_coupling(made.bursts))
+            made.bursts = (*made.bursts, burst)
+        return now
+
+    def _rolled(
+        self, made: ScannedRaster, centre: tuple[float, float], shift: float
+    ) -> Procedure[None]:
+        """Roll to the next row."""
+        made.stage = "roll"
+        now = yield NOW
+        yield from go(self._rolled_to(made, centre, shift, now), patience=_ROLLING)
+
+    def _retreated(
+        self, made: ScannedRaster, centre: tuple[float, float], shift: float
+    ) -> Procedure[bool]:
+        """Turn back before a row that was jumped past; False if it is too far, or too often."""
+        now = yield NOW
+        row = self._rolled_to(made, centre, shift, now)
+        if made.again >= MOST_AGAIN or abs(row[1] - now.place[1]) > RETREAT:
+            return False
+        made.stage, made.again = "retreat", made.again + 1
+        now = yield NOTHING
+        row = self._rolled_to(made, centre, shift, now)
+        yield from go(row - (0.0, made.onward * RETREAT), patience=_ROLLING)
+        yield NOTHING
+        return True
 
     def out_of_reach(self, control: HeadControl) -> str:
         """Return why the wires of a head do not reach the points in water; empty if they do."""
@@ -193,14 +287,14 @@ class RasterScan(Procedure[ScanState]):
     def perpendicular(self) -> FloatArray:
         """(2,) pan and tilt at which the beam meets the wall at a right angle."""
         mount = self.calibration.mount_at(np.zeros(2))
-        return np.array([self.calibration.probe.perpendicular(mount, self.tilt), self.tilt])
+        return np.array([self.calibration.probe.perpendicular(mount, _TILT), _TILT])
 
     @property
     def needs(self) -> FloatArray:
         """(2, 2) least and largest pan and tilt of a raster, in radians."""
-        half = 0.5 * (self.points - 1) * self.pitch / self.calibration.radius
+        half = 0.5 * (self.points - 1) * PITCH / self.calibration.radius
         pan, tilt = self.perpendicular.tolist()
-        left = self.go.near[1] / abs(math.sin(pan))
+        left = NEAR[1] / abs(math.sin(pan))
         return np.array([[pan - half, pan + half], [tilt - left, tilt + left]])
 
     def rolled(self, phi: float, place: npt.ArrayLike) -> FloatArray:
@@ -224,7 +318,7 @@ class RasterScan(Procedure[ScanState]):
         row.
         """
         advance, roll = np.asarray(place, dtype=np.float64).tolist()
-        step = onward * self.pitch / self.calibration.radius
+        step = onward * PITCH / self.calibration.radius
         rows = [
             self._row(centre, (advance, roll + n * step), shift, self._index(n, onward))
             for n in range(self.points)
@@ -235,131 +329,26 @@ class RasterScan(Procedure[ScanState]):
         self, centre: tuple[float, float], place: npt.ArrayLike, shift: float, row: int
     ) -> FloatArray:
         """Return pan and tilt (points, 2) of a row from a place; none if out of reach."""
-        off, probe = shift * self.pitch, self.calibration.probe_at(place)
+        off, probe = shift * PITCH, self.calibration.probe_at(place)
         middle = centre[0] + off / probe.radius, centre[1] + off
         try:
-            aims = raster(probe, middle, points=self.points, pitch=self.pitch)
+            aims = raster(probe, middle, points=self.points, pitch=PITCH)
         except ParameterError:
             return np.empty((0, 2))
         aims = aims[row * self.points : (row + 1) * self.points]
-        return aims if np.hypot(*aims.T).max() <= self.reach else np.empty((0, 2))
+        return aims if np.hypot(*aims.T).max() <= REACH else np.empty((0, 2))
 
     def _index(self, n: int, onward: int) -> int:
         """Return the place of the n-th row in the raster, by growing phi."""
         return n if onward > 0 else self.points - 1 - n
 
-    def _phi(self, state: ScanState, n: int) -> float:
-        """Return the phi of the n-th row."""
-        steps = self._index(n, state.onward) - 0.5 * (self.points - 1) + state.shift
-        return state.centre[0] + steps * self.pitch / self.calibration.radius
-
-    def _next(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
-        if state.stage == "points":
-            return self._points(state, reading)
-        if state.stage == "light":
-            return self._lit(state, reading)
-        if state.stage == "travel" and state.go is None and not state.point:
-            roll = self.rolled(state.centre[0], reading.place)[1] - reading.place[1]
-            state = replace(state, onward=1 if roll >= 0 else -1)
-        go = self._way(state, reading) if state.go is None else state.go
-        longest = {"back": self.homing, "retreat": self.rolling, "roll": self.rolling}
-        patience = longest.get(state.stage, self.go.patience)
-        go, request = replace(self.go, patience=patience).step(go, reading)
-        state = replace(state, go=go)
-        if not go.done:
-            return state, request
-        if state.stage == "travel":
-            rows = state.point // self.points * state.onward
-            first = reading.place - (0.0, rows * self.pitch / self.calibration.radius)
-            targets = self.targets(state.centre, first, state.shift, state.onward)
-            if not len(targets):
-                return self._passed(state, reading), request
-            reference = state.reference
-            if not state.point:
-                reference = self.rolled(state.centre[0], reading.place)
-            state = replace(state, targets=targets, reference=reference, stage="light", go=None)
-            return self._lit(state, reading)
-        if state.stage == "retreat":
-            onto: ScanStage = "roll" if len(state.targets) else "travel"
-            return replace(state, stage=onto, go=None), request
-        if state.stage in ("turn", "roll"):
-            return self._arrived(state, reading)
-        return replace(state, done=True), request
-
-    def _lit(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
-        """Expose the camera for the wall ahead, and then let the water in."""
-        request = NOTHING
-        if self.metering is not None:
-            meter, request = self.metering.step(state.meter, reading)
-            state = replace(state, meter=meter)
-            if not meter.done:
-                return state, request
-        return replace(state, stage="turn"), replace(request, water=True)
-
-    def _arrived(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
-        """Begin a row from where the catheter is, or come to it again if it is not near enough."""
-        n, targets = state.point // self.points, state.targets.copy()
-        row = self._index(n, state.onward)
-        aims = self._row(state.centre, reading.place, state.shift, row)
-        if not len(aims):
-            return self._passed(state, reading), NOTHING
-        targets[n * self.points : (n + 1) * self.points] = aims
-        state = replace(state, targets=targets, stage="points", since=reading.t - self.dwell)
-        return state, Request(angles=targets[state.point])
-
-    def _passed(self, state: ScanState, reading: Reading) -> ScanState:
-        """Return the state that turns back for a row that was jumped past; some times at most."""
-        row = self.rolled(self._phi(state, state.point // self.points), reading.place)
-        if state.again >= MOST_AGAIN or abs(row[1] - reading.place[1]) > RETREAT:
-            return self._back(state)
-        return replace(state, stage="retreat", go=None, again=state.again + 1)
-
-    def _way(self, state: ScanState, reading: Reading) -> GoState:
-        """Return the move with which a stage begins."""
-        if state.stage == "turn":
-            return self.go.begin(angles=state.targets[state.point])
-        if state.stage in ("retreat", "roll"):
-            row = self.rolled(self._phi(state, state.point // self.points), reading.place)
-            row[1] -= state.onward * RETREAT * (state.stage == "retreat")
-            return self.go.begin(place=row)
-        if state.stage == "back" and state.home is not None:
-            place, angles = state.home
-            return self.go.begin(place=place, angles=angles)
-        place = self.rolled(self._phi(state, state.point // self.points), reading.place)
-        place[0] = state.centre[1] + state.shift * self.pitch
-        return self.go.begin(place=place, angles=self.perpendicular)
-
-    def _points(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
-        """Fire once the head is at rest, and stay until the burst has arrived."""
-        target = state.targets[state.point]
-        if not state.requested:
-            near = float(np.hypot(*(reading.angles - target))) < self.aimed
-            if not passed(state.since, reading.t, self.dwell if near else self.most_dwell):
-                return state, Request(angles=target)
-            state = replace(state, requested=True, since=reading.t)
-            return state, Request(angles=target, shots=self.shots, frame=True)
-        late = passed(state.since, reading.t, self.silent)
-        if not (reading.fired or reading.shots or late):
-            return state, Request(angles=target)
-        seen = bool(np.isfinite(reading.base).all())
-        if not seen and not passed(state.since, reading.t, self.unseen):
-            return state, Request(angles=target, shots=self.shots, frame=True)
-        if reading.shots and seen:
-            burst = self.burst(
-                reading.shots,
-                reading.line_of_sight,
-                target,
-                reading.place,
-                state.reference,
-                coupled=has_coupling(state.bursts),
-            )
-            state = replace(state, bursts=(*state.bursts, burst))
-        state = replace(state, point=state.point + 1, requested=False, since=reading.t)
-        if state.point == len(state.targets):
-            return self._back(state), Request(angles=target)
-        if state.point % self.points == 0:
-            return replace(state, stage="roll", go=None), Request(angles=state.targets[state.point])
-        return state, Request(angles=state.targets[state.point])
+    def _rolled_to(
+        self, made: ScannedRaster, centre: tuple[float, float], shift: float, now: Reading
+    ) -> FloatArray:
+        """Return the place (2,) of the catheter for the next row, from where it is."""
+        n = self._index(made.point // self.points, made.onward)
+        steps = n - 0.5 * (self.points - 1) + shift
+        return self.rolled(centre[0] + steps * PITCH / self.calibration.radius, now.place)
 
     def burst(
         self,
@@ -392,5 +381,7 @@ class RasterScan(Procedure[ScanState]):
         )
         return burst_of(shots, seen, wanted, self.calibration.probe_at(reference), coupled=coupled)
 
-    def _back(self, state: ScanState) -> ScanState:
-        return replace(state, stage="back", go=None, done=state.home is None)
+
+def _near(now: Reading, target: FloatArray) -> bool:
+    """Return whether the head is at a point (2,)."""
+    return float(np.hypot(*(now.angles - target))) < AIMED

@@ -12,12 +12,13 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop_head.geometry import AXES, wall_distance, wrapped
-from minorloop_head.procedures.centre import TWO_TICKS, CentreState, Centring
-from minorloop_head.procedures.extract import Acquisition, nearest
-from minorloop_head.procedures.focus import Focusing
-from minorloop_head.procedures.go import GO
-from minorloop_head.procedures.mark import APPROACH, TOUCHED, Marking, aim_at
-from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.centre import TWO_TICKS, Centred, Centring
+from minorloop_head.procedures.extract import acquisition, nearest
+from minorloop_head.procedures.focus import focus as focusing
+from minorloop_head.procedures.go import go as going
+from minorloop_head.procedures.mark import APPROACH, TOUCHED, Marking, Touch, aim_at
+from minorloop_head.procedures.meter import meter as metering
+from minorloop_head.procedures.meter import wall_ahead
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop_head.vision.defects import Findings, Hole, find_holes
@@ -70,15 +71,14 @@ class Photo:
         return np.asarray(self.camera.pixel(np.asarray(places), *self.angles))
 
 
-def go(rig: InspectionRig, **where: npt.ArrayLike) -> None:
-    """Bring the catheter to a ``place`` (2,), advance and roll, or the head to ``angles`` (2,).
+def go(
+    rig: InspectionRig, place: npt.ArrayLike | None = None, angles: npt.ArrayLike | None = None
+) -> None:
+    """Bring the catheter to a place (2,), advance and roll, or the head to angles (2,).
 
     A head without a catheter stays at its place.
     """
-    if not rig.travels:
-        where.pop("place", None)
-    if where:
-        rig.run(GO, GO.begin(**where))
+    rig.run(going(place if rig.travels else None, angles))
 
 
 def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
@@ -109,14 +109,13 @@ def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
 
 def meter(rig: InspectionRig, place: FloatArray | None = None) -> None:
     """Focus on the wall ahead, and expose it, or a place (2,) of it, for a middle grey."""
-    metering = Metering(calibration=rig.calibration)
-    rig.gain = rig.run(metering, metering.begin(rig.gain, place)).gain
+    rig.light.place = place
+    rig.run(metering(rig.calibration, rig.light))
 
 
 def acquire(rig: InspectionRig) -> tuple[LitFrame, ...]:
     """Take five frames under switched lights; the last one is under all."""
-    acquisition = Acquisition()
-    return rig.run(acquisition, acquisition.begin(rig.gain)).frames
+    return rig.run(acquisition(rig.light.gain))
 
 
 def search(rig: InspectionRig, frames: Sequence[LitFrame] | None = None) -> Findings:
@@ -192,22 +191,22 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
     for _ in range(CENTRINGS):
         if outlined and pixel is None:
             pixel = _outlined(rig, centring, place)
-        state = rig.run(centring, centring.begin(place, pixel))
-        if state.verdict != TRACKED:
+        found = rig.run(centring.centre(Centred(place=place, shown=pixel)))
+        if found.verdict != TRACKED:
             pixel = None
             go(rig, angles=aim_at(rig.calibration, place, rig.place))
             meter(rig, place)
             continue
-        if not outlined or state.stuck:
+        if not outlined or found.stuck:
             break
-        place, pixel = state.place, _outlined(rig, centring, state.place)
+        place, pixel = found.place, _outlined(rig, centring, found.place)
         lens = rig.calibration.lens
         off = float(lens.focal * np.hypot(*lens.normalised(pixel)))
-        state = replace(state, error=max(off, state.error))
-        if state.error <= centring.in_middle:
+        found = replace(found, error=max(off, found.error))
+        if found.error <= centring.in_middle:
             break
         centring = replace(centring, in_middle=CENTRED_PX, integral_gain=0.0)
-    _centred(rig, state, "centre")
+    _say_centred(rig, found)
 
 
 def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> FloatArray:
@@ -219,25 +218,22 @@ def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> Floa
     return rig.compute(lambda: centring.outlined([frame], guess, now, reach=FOUND))
 
 
-def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
+def _say_centred(rig: InspectionRig, found: Centred) -> None:
     """Log the distance from the middle, or why the picture did not give it."""
-    if state.verdict != TRACKED:
-        words = f"{state.verdict} in {CENTRINGS} tries; turned there by the joints alone"
-        rig.say(step, words, succeeded=False)
+    if found.verdict != TRACKED:
+        words = f"{found.verdict} in {CENTRINGS} tries; turned there by the joints alone"
+        rig.say("centre", words, succeeded=False)
     else:
         lens = rig.calibration.lens
-        words = f"{state.error:.1f} px from the middle of {lens.width} by {lens.height}"
-        good = state.error <= CENTRED_PX
-        rig.say(step, words if good else f"{words}, more than {CENTRED_PX:g}", succeeded=good)
+        words = f"{found.error:.1f} px from the middle of {lens.width} by {lens.height}"
+        good = found.error <= CENTRED_PX
+        rig.say("centre", words if good else f"{words}, more than {CENTRED_PX:g}", succeeded=good)
 
 
 def focus(rig: InspectionRig) -> None:
     """Sweep the focus on the middle of the image."""
-    lens, now = rig.calibration.lens, rig.reading()
-    focusing = Focusing(lens=lens)
-    guess = Metering(calibration=rig.calibration).ahead(now)
-    found = rig.run(focusing, focusing.begin((lens.width / 2, lens.height / 2), guess)).found
-    assert found is not None
+    lens, guess = rig.calibration.lens, wall_ahead(rig.calibration, rig.reading())
+    found = rig.run(focusing(lens, (lens.width / 2, lens.height / 2), guess))
     rig.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
 
 
@@ -306,12 +302,11 @@ def touch(rig: InspectionRig, hole: Hole) -> None:
         _test_tool(rig, hole)
     marking = Marking(calibration=rig.calibration)
     bring_in_reach(rig, marking, hole.place)
-    state = rig.run(marking, marking.begin(hole.place, rig.gain))
-    rig.gain = state.gain
+    found = rig.run(marking.touch(Touch(place=hole.place), rig.light))
     off = math.inf
-    if state.verdict == TOUCHED and state.touch is not None:
-        off = float(wall_distance(state.touch, hole.place, rig.calibration.radius))
-    words = state.verdict if off < WITHIN or math.isinf(off) else f"{1e3 * off:.2f} mm beside"
+    if found.verdict == TOUCHED and found.touch is not None:
+        off = float(wall_distance(found.touch, hole.place, rig.calibration.radius))
+    words = found.verdict if off < WITHIN or math.isinf(off) else f"{1e3 * off:.2f} mm beside"
     rig.say("touch", f"{place_words(hole.place)}: {words}", succeeded=off <= WITHIN)
 
 
@@ -320,11 +315,10 @@ def _test_tool(rig: InspectionRig, hole: Hole) -> None:
     view, metres = rig.calibration, np.array([rig.calibration.radius, 1.0])
     marking = Marking(calibration=view)
     bring_in_reach(rig, marking, hole.place + np.array(TEST_MARK) / metres)
-    state = rig.run(marking, marking.begin(hole.place, rig.gain, TEST_MARK))
-    rig.gain = state.gain
-    words = state.verdict
-    if state.tool is not None and view.tool is not None:
-        rig.calibration = replace(view, tool=state.tool)
-        moved = 1e3 * float(np.linalg.norm(np.subtract(state.tool.offset, view.tool.offset)))
+    found = rig.run(marking.touch(Touch(place=hole.place, beside=np.array(TEST_MARK)), rig.light))
+    words = found.verdict
+    if found.tool is not None and view.tool is not None:
+        rig.calibration = replace(view, tool=found.tool)
+        moved = 1e3 * float(np.linalg.norm(np.subtract(found.tool.offset, view.tool.offset)))
         words = f"the tool is {moved:.2f} mm beside where its calibration has it"
     rig.say(TESTED, words)

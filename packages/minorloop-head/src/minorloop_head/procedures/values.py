@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Generic, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -67,6 +66,16 @@ class Reading:
         return self.angles + self.base
 
 
+@dataclass(frozen=True)
+class LogEntry:
+    """Entry of a log: the time in seconds, the action, its result, and whether it succeeded."""
+
+    t: float
+    what: str
+    outcome: str
+    succeeded: bool = True
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Request:
     """Request of a procedure; what it does not name stays as it is.
@@ -94,6 +103,8 @@ class Request:
         Number of shots in the burst of the next reading.
     extension : float, optional
         To which the micro-tool extends, in metres; it stops where it touches the wall.
+    now : bool
+        Whether the next reading is of the same tick: nothing moves before it.
     """
 
     angles: FloatArray | None = None
@@ -106,32 +117,67 @@ class Request:
     frame: bool = False
     shots: int = 0
     extension: float | None = None
+    now: bool = False
 
 
-NOTHING = Request()
+NOTHING, NOW = Request(), Request(now=True)
 
 
-class ProcedureState(Protocol):
-    """State of a procedure."""
-
-    @property
-    def done(self) -> bool:
-        """Whether the procedure has ended; it requests nothing from then on."""
+Result = TypeVar("Result")
+Procedure: TypeAlias = Generator[Request, Reading, Result]
+"""Yields a request, is sent the reading of the tick after it, and returns its result."""
 
 
-State = TypeVar("State", bound=ProcedureState)
+class Running(Generic[Result]):
+    """A procedure that a loop advances by one tick at a time.
 
+    Parameters
+    ----------
+    procedure : Procedure
+    carry_out : callable
+        Carries out a request, but for its motion, which is that of the loop.
+    safe : Request
+        Is carried out if the procedure is closed before its end, and leaves all safe.
 
-class Procedure(ABC, Generic[State]):
-    """Steps that a loop drives."""
+    Attributes
+    ----------
+    done : bool
+        Whether it has ended, or was closed.
+    result
+        Of a procedure that has ended.
+    """
 
-    def step(self, state: State, reading: Reading) -> tuple[State, Request]:
-        """Return the next state and the request; both stay the same once the state is done."""
-        return (state, NOTHING) if state.done else self._next(state, reading)
+    result: Result
 
-    @abstractmethod
-    def _next(self, state: State, reading: Reading) -> tuple[State, Request]:
-        """Return the state after one that is not done, and the request."""
+    def __init__(
+        self,
+        procedure: Procedure[Result],
+        carry_out: Callable[[Request], None],
+        safe: Request = NOTHING,
+    ) -> None:
+        self._procedure, self._carry_out, self._safe = procedure, carry_out, safe
+        self._begun = self.done = False
+
+    def advance(self, reading: Reading) -> Request:
+        """Go on with the reading of a tick; return what is requested until the next one."""
+        try:
+            request = self._procedure.send(reading) if self._begun else next(self._procedure)
+            self._begun = True
+            self._carry_out(request)
+            while request.now:
+                request = self._procedure.send(reading)
+                self._carry_out(request)
+        except StopIteration as end:
+            self.done, self.result = True, end.value
+            return NOTHING
+        return request
+
+    def close(self) -> None:
+        """End it now, and leave all safe; nothing is done if it has ended."""
+        self._procedure.close()
+        if not self.done:
+            self.done = True
+            self._carry_out(self._safe)
 
 
 @runtime_checkable
@@ -223,9 +269,9 @@ def apply_to_tip(tip: Tip, request: Request) -> None:
         tip.flood(request.water)
 
 
-def passed(since: float, now: float, seconds: float) -> bool:
-    """Whether a number of seconds has passed, up to rounding of the clock."""
-    return now - since >= seconds - 1e-6
+def passed(since: float | None, now: float, seconds: float) -> bool:
+    """Whether a number of seconds has passed, up to rounding of the clock; not since None."""
+    return since is not None and now - since >= seconds - 1e-6
 
 
 def held_since(before: float | None, now: float, holds: bool = True) -> float | None:
