@@ -110,3 +110,27 @@ def test_planes_too_fine_for_dense_matrices_need_a_sparse_system(monkeypatch):
     with pytest.raises(ParameterError, match="beyond give smoothness 0"):
         random.fit("auto")
     assert a_real_problem(40, 1500).fit(0.0).kkt <= 1e-10
+
+
+class DiagonalPivoting(active_set.Pivoting):
+    """Pivoting on a diagonal system, whose solution fails below some ridge."""
+
+    def __init__(self, diagonal, target, fails):
+        self.diagonal, self.fails, self.failures = diagonal, fails, 0
+        everywhere = np.ones(diagonal.size, dtype=bool)
+        super().__init__(lambda z: diagonal * z - target, everywhere, 1.0)
+
+    def step(self, downhill, free, ridge):
+        self.factorisations += 1
+        if ridge < self.fails:
+            self.failures += 1
+            raise np.linalg.LinAlgError
+        return np.where(free, downhill / (self.diagonal + ridge), 0.0)
+
+
+def test_a_ridge_that_fails_is_hardly_tried_again_and_the_optimum_is_met_above_it():
+    diagonal = np.array([1.0, 0.1, 1e-3, 1e-11])
+    pivoting = DiagonalPivoting(diagonal, diagonal * [1, 2, 3, 300], fails=0.9e-8)
+    solution = pivoting.run(np.zeros(4))
+    assert solution.kkt <= 1e-12
+    assert pivoting.failures <= 4

@@ -38,6 +38,8 @@ once, most of which leave again, make dense factors large."""
 _QUICK = 0.01
 """Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
 used again."""
+_FARTHEST = 1e6
+"""Longest search along a change, over that change; bounds usually end it before."""
 _FIRST_SPARSE_RIDGE = 1e-6
 """Ridge of the first pivoting on a sparse system, to a diagonal of one, by trial. It is smaller, as
 the unknowns are near the optimum."""
@@ -118,12 +120,13 @@ class Pivoting(ABC):
         """Iterate from z and a first ridge to the best solution, converged or not.
 
         The ridge is only reduced where the violation falls slowly. Where the pivoting did not
-        settle, it stays higher until the free unknowns rest; the solutions with one ridge are then
-        extrapolated (Güler, SIAM J. Optim. 2, 1992), as they change little in one direction.
+        settle, it stays higher until the free unknowns have rested for a number of steps, which
+        doubles with each failure. As solutions with one ridge change little in one direction, each
+        then begins at the minimum along the change before.
         """
         free, least = ~self.bounded | (z > 0), self.least_ridge
         best, before, last = BoundedSolution(z, np.inf, 0), z, np.inf
-        settled, pivots, steps, late = False, 0, 0, 0
+        settled, pivots, steps, late, rests, failures = False, 0, 0, 0, 0, 0
         for _ in range(_OUTER):
             gradient = self.gradient(z)
             kkt = optimality(z, gradient, self.bounded, self.scale)
@@ -144,19 +147,32 @@ class Pivoting(ABC):
             self.say(f"{np.count_nonzero(free):,} of {free.size:,} unknowns are not zero")
             centre = z
             if steps > 1:
-                centre = z + (steps - 1) / (steps + 2) * (z - before)
-                gradient = self.gradient(centre)
+                centre, gradient = self._farther(z, gradient, z - before)
             trial, settled, pivots = self._pivot(centre, gradient, free, ridge)
             if not settled:
                 if ridge >= _MOST_RIDGE:
                     break
                 ridge = least = 10.0 * ridge
+                rests, failures = 0, failures + 1
                 continue
-            if np.array_equal(free, trial[1]):
-                least = max(0.1 * least, self.least_ridge)
+            rests += np.array_equal(free, trial[1])
+            if rests >= 2 ** (failures - 1):
+                least, rests = max(0.1 * least, self.least_ridge), 0
             free, before = trial[1], z
             z = np.where(self.bounded, np.maximum(trial[0], 0.0), trial[0])
         return BoundedSolution(best.z, best.kkt, self.factorisations)
+
+    def _farther(
+        self, z: FloatArray, gradient: FloatArray, change: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Minimum along a change within the bounds, and the gradient there."""
+        falling = self.bounded & (change < 0)
+        length = float(np.min(-z[falling] / change[falling], initial=_FARTHEST))
+        end = self.gradient(z + length * change)
+        slope, last = float(gradient @ change), float(end @ change)
+        share = slope / (slope - last) if slope < 0 < last else float(slope < 0)
+        there = z + share * length * change
+        return there, self.gradient(there)
 
     def _pivot(
         self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
@@ -203,7 +219,7 @@ class Pivoting(ABC):
 
 class _SparsePivoting(Pivoting):
     system: EverettSystem
-    joins, quick, enough = np.inf, 0.0, 1e-11
+    joins, quick, enough = np.inf, 0.0, 7e-11
     least_ridge = 1e-9
     """The accuracy of the factor: below it, conjugate gradients are many."""
 
@@ -211,7 +227,11 @@ class _SparsePivoting(Pivoting):
         self.system.factorise(np.where(free, ridge, _AT_BOUND))
         self.factorisations += 1
         enough = _PIVOT_TOLERANCE * self.scale / (float(np.linalg.norm(downhill)) or 1.0)
-        return self.system.solve(downhill, free, enough, _PIVOT_STEPS)
+        found = self.system.solve(downhill, free, enough, _PIVOT_STEPS)
+        left = np.where(free, downhill - self.system.product(found) - ridge * found, 0.0)
+        if np.linalg.norm(left) > 10 * _PIVOT_TOLERANCE * self.scale:
+            raise LinAlgError("the ridge is below the accuracy of the factor")
+        return found
 
 
 def solve_sparse(
