@@ -216,7 +216,7 @@ SECONDS = "give a positive number of seconds"
         (f"{REDUCE} --convert laser:20,15,unit=mm", "gives curvature [1/m]; leave unit out"),
         (f"{REDUCE} --convert polynomial:1,x", "give polynomial:C0,C1,..."),
         (f"{REDUCE} --convert laser:2000,15", "none of the 8 holds has a usable output"),
-        (f"{REDUCE} --flip up", "there is no side to flip 'up'; give one of output, input, both"),
+        (f"{REDUCE} --flip up", "flip is 'up'; give one of 'output', 'input', 'both'"),
         (f"{REDUCE} --holds range=3", "range is '3'; give LOW:HIGH, such as 10:30"),
         (f"{REDUCE} --holds shortest=11", "0 holds of 11 s or more found"),
         (f"{REDUCE} --time voltage", "time (--time) are both 'voltage [V]'; give two columns"),

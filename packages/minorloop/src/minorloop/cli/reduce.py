@@ -64,8 +64,6 @@ def run(
     from minorloop.report import reduction_report
 
     _common.check_outputs([save, report], inputs=[file], force=force)
-    if flip is not None:
-        _common.check_word("side to flip", flip, _SIDES)
     keys: dict[str, Any] = dict(parsed(holds).options)
     if limits := keys.pop("range", None):
         keys["limits"] = ends(limits, "range", float, "LOW:HIGH, such as 10:30")
@@ -82,9 +80,7 @@ def run(
             keys,
             record=record,
             conversion=None if convert is None else from_text(convert, record.output),
-            breaks=record.check.breaks if record.check else (),
-            flip=flip in ("output", "both"),
-            flip_input=flip in ("input", "both"),
+            flip=flip,
         )
     if not keep_unsettled and not reduction.count("settled") + reduction.count("extrapolated"):
         raise RecordError(

@@ -6,12 +6,18 @@ output is inserted, so that it drives the memory of a model.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray, as_finite, check_kind, check_magnitude
+from minorloop.arrays import (
+    BoolArray,
+    FloatArray,
+    as_finite,
+    check_kind,
+    check_magnitude,
+    check_option,
+)
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
@@ -28,6 +34,9 @@ from minorloop.lab.spikes import input_without_spikes, without_spikes
 from minorloop.lab.timebase import GAP
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
+
+Flip: TypeAlias = Literal["output", "input", "both"]
+"""Whose sign is changed."""
 
 WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
@@ -189,25 +198,24 @@ def reduce(
     record: Record,
     *,
     conversion: Conversion | None = None,
-    flip: bool = False,
-    flip_input: bool = False,
+    flip: Flip | None = None,
     limits: tuple[float, float] | None = None,
     tolerance: float | None = None,
     input_tolerance: float | None = None,
     shortest: float = 0.0,
     subtract_drift: bool = False,
-    breaks: npt.ArrayLike = (),
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
 
     Parameters
     ----------
     record : Record
-        One input and one output as they were sampled; without time, samples are counted.
+        One input and one output as they were sampled; without time, samples are counted. After its
+        breaks in time it is not known what the input did.
     conversion : Conversion, optional
         From the readings of the sensor to the output; see `minorloop.lab.conversion`.
-    flip, flip_input : bool
-        Whether to change the sign of the output, after its conversion, or of the input.
+    flip : {"output", "input", "both"}, optional
+        Whose sign to change; that of the output after its conversion.
     limits : (float, float), optional
         Range of the sensor, in the unit of its readings; readings at or beyond it are not used.
     tolerance : float, optional
@@ -220,9 +228,6 @@ def reduce(
     subtract_drift : bool
         Whether to subtract a drift of the sensor, if the holds show one, from its first sample on.
         Otherwise no hold counts as settled that the drift moves by more than the tolerance.
-    breaks : (B,) array_like of int, optional
-        Samples after which it is not known what the input did, as
-        `minorloop.lab.timebase.check_times` finds them.
 
     Raises
     ------
@@ -234,6 +239,50 @@ def reduce(
         If the record is no `Record`, or an option is out of range.
     """
     check_kind("record", record, Record)
+    if flip is not None:
+        check_option("flip", flip, get_args(Flip))
+    _check(record, tolerance, shortest)
+    u = -record.u if flip in ("input", "both") else record.u
+    for fault in codes(u, "input"):
+        raise RecordError(f"{record.input}: {fault}")
+    u, of_input = input_without_spikes(u, str(record.input))
+    holds = _held(record, u, input_tolerance, shortest)
+    readings, of_output = usable(record.y, limits)
+    check_magnitude("output", readings)
+    readings, spiked = without_spikes(readings, holds)
+    measured = record.replace(u=u, y=readings)
+    log, common, lost = _converted(measured, conversion, flip in ("output", "both"))
+    faults = [*of_input, *of_output, *spiked, *lost]
+    step, notes = _resolution(readings), []
+    if step:
+        notes.append(
+            f"readings of {record.output} are whole steps of {step:.3g}, the resolution of the "
+            "sensor; sd contains it: averaging does not reduce it where the noise is less"
+        )
+    values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
+    drift = find_drift(log.t, log.y, holds, 1 / WINDOW)
+    if drift is not None:
+        faults.append(_drifting(drift, log, subtract_drift))
+        if subtract_drift:
+            since = log.t - log.t[0]
+            log = log.replace(y=log.y - drift.rate * since)
+            common, drift = np.hypot(common, drift.sd * since), None
+    known, bridged = _known(record, u, holds)
+    points = [
+        replace(point, known=bool(known[point.stop - 1]))
+        for point in _points(log, holds, common, tolerance, values, drift)
+    ]
+    if not any(np.isfinite(point.value) for point in points):
+        raise RecordError(
+            f"none of the {len(holds)} holds has a usable output: "
+            + ("; ".join(map(str, faults)) or "the output was not measured there")
+        )
+    advice = (*notes, *bridged, *_advice(log, points, drift))
+    return Reduction(tuple(points), tuple(faults), advice, log, drift)
+
+
+def _check(record: Record, tolerance: float | None, shortest: float) -> None:
+    """Refuse a record of several channels or without a clock, and options out of range."""
     if record.u.ndim != 1 or record.y.ndim != 1:
         raise RecordError(
             f"the log has {counted(len(record.inputs), 'input')} and "
@@ -247,93 +296,77 @@ def reduce(
         raise ParameterError(f"shortest is {shortest}; give a duration >= 0")
     if tolerance is not None and not as_finite("tolerance", tolerance) > 0:
         raise ParameterError(f"tolerance is {tolerance}; give a slope > 0")
-    u = -record.u if flip_input else record.u
-    for fault in codes(u, "input"):
-        raise RecordError(f"{record.input}: {fault}")
-    u, of_input = input_without_spikes(u, str(record.input))
+
+
+def _held(
+    record: Record, u: FloatArray, input_tolerance: float | None, shortest: float
+) -> list[FoundHold]:
+    """Return the holds of an input (T,); refuse a log that has too few."""
+    if np.ptp(u) == 0:
+        raise RecordError(
+            f"{record.input} is {u[0]:g} throughout; a log needs at least {_FEWEST} holds at "
+            "different inputs"
+        )
     holds = [
         hold
         for hold in find_holds(u, tolerance=input_tolerance)
         if record.t[hold.end - 1] - record.t[hold.begin] >= shortest
     ]
     share = sum(hold.end - hold.begin for hold in holds) / len(record)
-    if np.ptp(u) == 0:
-        raise RecordError(
-            f"{record.input} is {u[0]:g} throughout; a log needs at least {_FEWEST} holds at "
-            "different inputs"
-        )
-    if len(holds) < _FEWEST or share < _LEAST_HELD:
-        if few := _too_few(u):
-            raise RecordError(few)
-        least = f" of {shortest:g} s or more" if shortest else ""
-        raise RecordError(
-            f"{counted(len(holds), 'hold')}{least} found in {len(record)} samples of "
-            f"{record.input}, "
-            f"with {share:.0%} of the samples; at least {_FEWEST} holds with {_LEAST_HELD:.0%} are "
-            "needed: where the input never rests, identify the record as it is, and where it is "
-            "noisier than its steps, give the size of the noise (input_tolerance)"
-        )
-    readings, of_output = usable(record.y, limits)
-    check_magnitude("output", readings)
-    readings, spiked = without_spikes(readings, holds)
-    faults, notes = [*of_input, *of_output, *spiked], []
-    y, common = readings, np.zeros(readings.size)
-    quantity = record.output
-    if conversion is not None:
-        y, lost = _converted(readings, conversion)
-        common = conversion.sd(readings)
-        quantity = conversion.quantity(record.output)
-        faults += lost
-    step = _resolution(readings)
-    if step:
-        notes.append(
-            f"readings of {record.output} are whole steps of {step:.3g}, the resolution of the "
-            "sensor; sd contains it: averaging does not reduce it where the noise is less"
-        )
-    log = Record(u, -y if flip else y, record.t, record.inputs, quantity, record.time)
-    values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
-    drift = find_drift(log.t, log.y, holds, 1 / WINDOW)
-    if drift is not None:
-        faults.append(_drifting(drift, log, subtract_drift))
-        if subtract_drift:
-            since = log.t - log.t[0]
-            log = replace(log, y=log.y - drift.rate * since)
-            common, drift = np.hypot(common, drift.sd * since), None
-    hiding = _hiding(record.t, holds, breaks)
-    within = int(np.size(breaks)) - hiding.size
-    if within:
-        notes.append(
-            f"{counted(within, 'gap')} {are(within)} shorter than half a usual hold and cannot "
-            "hide one: the memory continues there"
-        )
-    known = known_memory(u, hiding)
-    points = [
-        replace(point, known=bool(known[point.stop - 1]))
-        for point in _points(log, holds, common, tolerance, values, drift)
-    ]
-    if not any(np.isfinite(point.value) for point in points):
-        raise RecordError(
-            f"none of the {len(holds)} holds has a usable output: "
-            + ("; ".join(map(str, faults)) or "the output was not measured there")
-        )
-    advice = (*notes, *_advice(log, points, drift))
-    return Reduction(tuple(points), tuple(faults), advice, log, drift)
+    if len(holds) >= _FEWEST and share >= _LEAST_HELD:
+        return holds
+    if few := _too_few(u):
+        raise RecordError(few)
+    least = f" of {shortest:g} s or more" if shortest else ""
+    raise RecordError(
+        f"{counted(len(holds), 'hold')}{least} found in {len(record)} samples of {record.input}, "
+        f"with {share:.0%} of the samples; at least {_FEWEST} holds with {_LEAST_HELD:.0%} are "
+        "needed: where the input never rests, identify the record as it is, and where it is "
+        "noisier than its steps, give the size of the noise (input_tolerance)"
+    )
 
 
 def _converted(
-    readings: FloatArray, conversion: Conversion
-) -> tuple[FloatArray, tuple[Fault, ...]]:
-    """Return the converted readings, NaN where the conversion does not cover them; and faults."""
+    record: Record, conversion: Conversion | None, flip: bool
+) -> tuple[Record, FloatArray, tuple[Fault, ...]]:
+    """Return the record with converted readings, NaN where the conversion does not cover them.
+
+    Also the standard deviation of the conversion for each, and faults.
+    """
+    sign, readings = (-1.0 if flip else 1.0), record.y
+    if conversion is None:
+        return record.replace(y=sign * readings), np.zeros(readings.size), ()
     y = conversion.convert(readings)
+    log = record.replace(y=sign * y, outputs=conversion.quantity(record.output))
     lost = np.flatnonzero(np.isfinite(readings) & ~np.isfinite(y))
     if not lost.size:
-        return y, ()
+        return log, conversion.sd(readings), ()
     text = f"{counted(lost.size, 'reading')} cannot be converted: {listed(lost, readings)}"
     remedy = (
         f"the conversion covers {conversion.covered}: check the geometry or the "
         "calibration and its unit (--convert)"
     )
-    return y, (Fault.at(lost, readings, "range", text, remedy),)
+    return log, conversion.sd(readings), (Fault.at(lost, readings, "range", text, remedy),)
+
+
+def _known(record: Record, u: FloatArray, holds: list[FoundHold]) -> tuple[BoolArray, list[str]]:
+    """Return where the memory is known (T,), and a note on gaps over which it continues.
+
+    It is not known after the clock was set back or a long gap, which may hide a hold. In a gap of
+    less than half a usual hold the input is on its way to the next hold, or rests.
+    """
+    t, check = record.t, record.check
+    if check is None or not check.breaks.size:
+        return np.ones(u.size, dtype=np.bool_), []
+    usual = np.median([t[hold.end - 1] - t[hold.begin] for hold in holds])
+    gap = t[check.breaks + 1] - t[check.breaks]
+    hiding = (gap <= GAP * np.median(np.diff(t))) | (gap >= _SHORT_GAP * usual)
+    within = int(np.count_nonzero(~hiding))
+    note = (
+        f"{counted(within, 'gap')} {are(within)} shorter than half a usual hold and cannot hide "
+        "one: the memory continues there"
+    )
+    return known_memory(u, check.breaks[hiding]), [note] * bool(within)
 
 
 def _drifting(drift: SensorDrift, log: Record, subtracted: bool) -> Fault:
@@ -365,18 +398,6 @@ def _too_few(u: FloatArray) -> str:
         f"find one, {ENOUGH} to tell whether its output has settled: sample faster; where these "
         "are settled outputs already, identify the record as it is"
     )
-
-
-def _hiding(t: FloatArray, holds: list[FoundHold], breaks: npt.ArrayLike) -> IntArray:
-    """Return the breaks that may hide a hold: the clock was set back, or the gap is long.
-
-    In a gap of less than half a usual hold the input is on its way to the next hold, or rests.
-    """
-    places = np.asarray(breaks, np.int64)
-    usual = np.median([t[hold.end - 1] - t[hold.begin] for hold in holds])
-    gap = t[places + 1] - t[places]
-    set_back = gap <= GAP * np.median(np.diff(t))
-    return np.asarray(places[set_back | (gap >= _SHORT_GAP * usual)])
 
 
 def _cell(value: float) -> float | str:
