@@ -7,7 +7,7 @@ import pytest
 
 from minorloop.page import uploads
 from minorloop.page.lab import LabPage
-from minorloop.page.uploads import FullError, Quota, Uploads, remove_orphans
+from minorloop.page.uploads import FullError, Quota, Uploads
 
 MIB = 1024**2
 QUOTA = Quota(disk=40 * MIB, files=4, small=MIB, file=8 * MIB)
@@ -123,21 +123,3 @@ def test_a_full_disk_is_reported(monkeypatch):
             await found.write(upload, chunks(b"0123456789"))
 
     kept(work)
-
-
-def test_what_a_killed_server_left_is_removed_and_what_a_living_one_has_is_not(scratch):
-    left = scratch / f"{uploads.PREFIX}left"
-    (left / "user").mkdir(parents=True)
-    (left / "user" / "run.csv").write_text("u,y\n")
-    elsewhere = scratch / "elsewhere"
-    elsewhere.mkdir()
-    (scratch / f"{uploads.PREFIX}link").symlink_to(elsewhere)
-
-    async def work(found):
-        upload = await found.add("run.csv", 10)
-        remove_orphans()
-        return upload.folder.exists(), left.exists()
-
-    assert kept(work) == (True, False)
-    assert list(elsewhere.iterdir()) == []
-    assert elsewhere.exists()

@@ -1,7 +1,6 @@
 """Uploads of the lab page: a folder for each file, a quota for all, and a limited time.
 
-Unfinished uploads count in full. The common folder is locked while its server runs. A server that
-starts removes unlocked folders, so that a killed server leaves nothing behind for long.
+Unfinished uploads count in full.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import os
 import secrets
 import shutil
 import tempfile
@@ -21,12 +19,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from minorloop.errors import OutputError
-from minorloop.files import lock_path
 
 PREFIX = "minorloop-lab-"
 MODEL, REPORT, INPUTS = RESULTS = "model.json", "report.html", "inputs.csv"
 """Results in the folder of a file."""
-_LOCK = ".lock"
 _BLOCK = 1 << 18
 """Bytes that are written at once."""
 _T = TypeVar("_T")
@@ -104,14 +100,12 @@ class Uploads:
         self._disk = ThreadPoolExecutor(2, thread_name_prefix="uploads")
 
     async def start(self) -> None:
-        """Remove what killed servers left behind, and make the folder."""
-        await self._on_disk(remove_orphans, self._folder)
-        self.root, self._lock = await self._on_disk(_locked_folder, self._folder)
+        """Make the folder."""
+        self.root = Path(await self._on_disk(tempfile.mkdtemp, None, PREFIX, self._folder))
 
     async def stop(self) -> None:
         """Remove the folder."""
         await self._on_disk(_remove, self.root)
-        _unlock(self._lock)
         self._disk.shutdown(wait=False)
 
     async def expire(self, every: float = 60.0) -> None:
@@ -204,51 +198,12 @@ class Uploads:
         return await asyncio.get_running_loop().run_in_executor(self._disk, work, *options)
 
 
-def remove_orphans(place: Path | None = None) -> None:
-    """Remove this user's folders of servers that have ended, on systems that have users."""
-    for folder in Path(place or tempfile.gettempdir()).glob(f"{PREFIX}*"):
-        with contextlib.suppress(OSError):
-            lock = _lock(folder) if _is_ours(folder) else None
-            if lock is not None:
-                _remove(folder)
-                _unlock(lock)
-
-
 def _idle(upload: Upload, before: float) -> bool:
     return upload.users == 0 and upload.used < before
 
 
 def _opened(path: Path) -> BinaryIO:
     return path.open("xb")
-
-
-def _locked_folder(place: Path | None) -> tuple[Path, int | None]:
-    while True:
-        root = Path(tempfile.mkdtemp(prefix=PREFIX, dir=place))
-        if not hasattr(os, "getuid"):
-            return root, None
-        with contextlib.suppress(FileNotFoundError):
-            lock = _lock(root)
-            if lock is not None and (root / _LOCK).exists():
-                return root, lock
-            _unlock(lock)  # another server that starts removed it as an old one
-
-
-def _is_ours(folder: Path) -> bool:
-    """Return whether this user made a folder; False on systems without users."""
-    if not hasattr(os, "getuid"):
-        return False
-    return not folder.is_symlink() and folder.stat().st_uid == os.getuid()
-
-
-def _lock(folder: Path) -> int | None:
-    """Lock a folder; return None if another process has the lock."""
-    return lock_path(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
-
-
-def _unlock(lock: int | None) -> None:
-    if lock is not None:
-        os.close(lock)
 
 
 def _remove(folder: Path) -> None:
