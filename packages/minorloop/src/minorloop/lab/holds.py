@@ -19,11 +19,10 @@ from minorloop.lab.settling import FEWEST_STILL
 __all__ = ["FoundHold", "find_holds", "looks_like_raw_log", "turning_points"]
 
 _SURE = 6.0
-"""Standard deviations of noise from which a change of the mean is a change of the input."""
+"""Standard deviations of noise from which a change of the mean is a change of the input, and up to
+which the means of pieces with an outlier between them are equal."""
 _JUMP = 10.0
 """Standard deviations from which a difference of neighbours is a change of the input."""
-_EQUAL = 3.0
-"""Standard deviations up to which the means of neighbouring pieces are equal."""
 _GRAIN = 1000
 """The input counts as noisy by at most this part of its span where it is quantised."""
 _WANDER = 0.08
@@ -80,13 +79,12 @@ def find_holds(
     if tolerance is not None and as_finite("tolerance", tolerance) < 0:
         raise ParameterError(f"tolerance is {tolerance}; give a change of the input >= 0")
     if tolerance is not None:
-        return _found(values, max(tolerance / _SURE, _LEAST_SD * span), tolerance, fewest)
+        return _found(values, max(tolerance / _SURE, _LEAST_SD * span), fewest)
     best: list[FoundHold] = []
     for lag in _LAGS:
         if lag * fewest > values.size:
             break
-        sd = _noise(values, span, lag)
-        found = _found(values, sd, _EQUAL * sd, fewest)
+        found = _found(values, _noise(values, span, lag), fewest)
         several = lag == 1 or len(found) >= _LEAST_HOLDS
         if several and _covered(found) > _covered(best):
             best = found
@@ -95,8 +93,8 @@ def find_holds(
     return best
 
 
-def _found(u: FloatArray, sd: float, equal: float, fewest: int) -> list[FoundHold]:
-    return _steady(u, _merged(u, _edges(u, sd, fewest), equal, fewest), fewest)
+def _found(u: FloatArray, sd: float, fewest: int) -> list[FoundHold]:
+    return _steady(u, _merged(u, _edges(u, sd, fewest), _SURE * sd, fewest), fewest)
 
 
 def _covered(holds: list[FoundHold]) -> int:
