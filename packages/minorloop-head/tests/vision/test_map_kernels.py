@@ -22,11 +22,3 @@ def test_a_step_is_that_of_weighted_least_squares(alike):
     weight = 1.0 / (1.0 + (rest / scale) ** 2)
     np.testing.assert_allclose(told, (steep * weight) @ slope.T, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(right, (steep * weight) @ rest, rtol=1e-5, atol=1e-6)
-
-
-def test_differences_are_those_of_texels_that_both_maps_show():
-    rng = np.random.default_rng(8)
-    level, base = rng.normal(size=(2, 9, 11)).astype(np.float32)
-    both, out = rng.random((9, 11)) < 0.5, np.empty(99, np.float32)
-    count = kernels.differences(level, base, both, out)
-    np.testing.assert_array_equal(out[:count], (level - base)[both])

@@ -9,7 +9,8 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop_head.console.units import Position
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.vision.calibrated_camera import Image, Image32, Window, unroll
+from minorloop_head.vision.calibrated_camera import Image, Window, unroll
+from minorloop_head.vision.imaging import Image32
 
 STEP = 0.25e-3
 """Size of a texel, in metres."""

@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import LimitError, ParameterError
-from minorloop_head._filter_kernels import ZERO, gaussian, smooth
 from minorloop_head.geometry import WATER_INDEX, Mount, Pinhole, Pose, meet_wall, wall_point
 from minorloop_head.sources import Frame
 from minorloop_head.twins import _camera_kernels as kernels
@@ -39,8 +39,8 @@ _NOISE_BANK = 1 << 20
 """Normal numbers, drawn once, of which each row of a frame takes a random part: new ones for each
 frame would take 6 of the 40 ms between frames."""
 _NUDGE = 2.5  # pixels of motion up to which second derivatives describe the blur
-_BOX = np.full(10, 1 / 19, dtype=np.float32)
-"""Mean over 19 cells, which scatters light over about 100 pixels if it is taken twice."""
+_BOX = 19
+"""Cells of a mean that scatters light over about 100 pixels if it is taken twice."""
 _KINDS = {"pit": 0.0, "hole": 1.0, "white": 2.0}
 
 Bytes = npt.NDArray[np.uint8]
@@ -420,13 +420,9 @@ class Camera(Mounted):
         rows, columns = (n // kernels.CELL for n in radiance.shape)
         cells = np.empty((rows, columns), dtype=np.float32)
         kernels.shrink(radiance, np.float32(most), cells)
-        near, once, far = (
-            gaussian(cells, 1.5, 3.0, ZERO),
-            np.empty_like(cells),
-            np.empty_like(cells),
-        )
-        smooth(cells, _BOX, ZERO, once)
-        smooth(once, _BOX, ZERO, far)
+        near = ndimage.gaussian_filter(cells, 1.5, mode="constant", truncate=3.0)
+        once = ndimage.uniform_filter(cells, _BOX, mode="constant")
+        far = ndimage.uniform_filter(once, _BOX, mode="constant")
         veil = (self.sensor.veil_near * near + self.sensor.veil_far * far).astype(np.float32)
         # The centres of cells lie between the nodes.
         padded = np.pad(veil, 1, mode="edge")

@@ -1,4 +1,4 @@
-"""Compiled loops that shrink and unroll images and light the wall: arrays in, arrays filled."""
+"""Compiled loops that unroll images and light the wall: arrays in, arrays filled."""
 
 from __future__ import annotations
 
@@ -6,19 +6,6 @@ import numpy as np
 from numba import njit
 
 _NEAR = 1e-4  # square of 10 mm
-
-
-@njit(cache=True, nogil=True)
-def shrink(fine, coarse):
-    """Fill coarse with means of 2 by 2 pixels of an image; NaN where one of them is."""
-    for i in range(coarse.shape[0]):
-        for j in range(coarse.shape[1]):
-            coarse[i, j] = 0.25 * (
-                fine[2 * i, 2 * j]
-                + fine[2 * i + 1, 2 * j]
-                + fine[2 * i, 2 * j + 1]
-                + fine[2 * i + 1, 2 * j + 1]
-            )
 
 
 @njit(cache=True, nogil=True)
@@ -80,39 +67,3 @@ def irradiance(light, phi, z, step, radius, leds):
                 along = leds[k, 2] - z - i * step
                 square = flat + along * along
                 light[k, i, j] = _NEAR * face / (square * np.sqrt(square))
-
-
-@njit(cache=True, nogil=True)
-def cell_means(image, means):
-    """Fill means (rows, columns) with the mean grey of square cells of an image."""
-    side = image.shape[0] // means.shape[0]
-    for i in range(means.shape[0]):
-        for j in range(means.shape[1]):
-            total = 0
-            for p in range(i * side, (i + 1) * side):
-                for q in range(j * side, (j + 1) * side):
-                    total += image[p, q]
-            means[i, j] = total / (side * side)
-
-
-@njit(cache=True, nogil=True)
-def row_steps(image, stride, steps):
-    """Fill steps (H - 1,) with the median grey step from each row of an image to the next.
-
-    Every ``stride``-th pixel counts; a count of each step finds the median without sorting.
-    """
-    counts = np.empty(256, np.int64)
-    size = (image.shape[1] + stride - 1) // stride
-    for i in range(steps.size):
-        counts[:] = 0
-        for j in range(0, image.shape[1], stride):
-            counts[abs(np.int64(image[i + 1, j]) - np.int64(image[i, j]))] += 1
-        low, below = 0, counts[0]
-        while below <= (size - 1) // 2:
-            low += 1
-            below += counts[low]
-        high = low
-        while below <= size // 2:
-            high += 1
-            below += counts[high]
-        steps[i] = 0.5 * (low + high)

@@ -7,18 +7,6 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def differences(level, base, both, out):
-    """Fill out with the differences of two maps where both are known; return how many."""
-    count = 0
-    for i in range(level.shape[0]):
-        for j in range(level.shape[1]):
-            if both[i, j]:
-                out[count] = level[i, j] - base[i, j]
-                count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
 def _change(level, motion, i, j, out):
     """Fill out (2,) with the change of a map at a texel as the head pans and tilts, a radian."""
     up, down = max(i - 1, 0), min(i + 1, level.shape[0] - 1)

@@ -13,16 +13,9 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import Mount, Pinhole, meet_wall, wall_point, wrapped
 from minorloop_head.vision import _kernels
+from minorloop_head.vision.imaging import Image32
 
 Image = npt.NDArray[np.uint8]
-Image32 = npt.NDArray[np.float32]
-
-
-def halved(image: Image32) -> Image32:
-    """Return means of 2 by 2 pixels; NaN where one of them is."""
-    coarse = np.empty((image.shape[0] // 2, image.shape[1] // 2), dtype=np.float32)
-    _kernels.shrink(image, coarse)
-    return coarse
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,8 @@ import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
-from minorloop_head._filter_kernels import ZERO, gaussian
 from minorloop_head.vision import _outline_kernels as kernels
-from minorloop_head.vision.calibrated_camera import Image32, halved
+from minorloop_head.vision.imaging import Image32, gaussian, shrunk
 from minorloop_head.vision.reflectance_map import STEP, ReflectanceMap, median
 
 DARK, BRIGHT, EITHER, LIT = "dark", "bright", "either", "lit"
@@ -136,7 +135,7 @@ def _rings(wall: ReflectanceMap) -> Image32:
     near, far = (radius / 2 for radius in _RINGS)
     rings = np.zeros(tuple(n // 2 for n in wall.ground.shape), np.float32)
     for image in images:
-        level = halved(np.clip(image - wall.ground, low, high))
+        level = shrunk(np.clip(image - wall.ground, low, high))
         kernels.vote(gaussian(level, 0.7, 2.5), near, far, rings)
     shared = gaussian(rings, 1.0, 2.5) / len(images)
     return np.asarray(shared, dtype=np.float32)
@@ -156,13 +155,13 @@ def _seeds(
 
 def _blob(level: Image32, seen: np.ndarray) -> Image32:
     """Return a difference of two Gaussians at half size; 0 near unseen texels."""
-    weight = halved(seen.astype(np.float32))
-    value = halved(np.where(seen, level, np.float32(0)))
+    weight = shrunk(seen.astype(np.float32))
+    value = shrunk(np.where(seen, level, np.float32(0)))
     means = []
     for sigma in _SIGMAS:
         width = sigma / 2
-        share = gaussian(weight, width, 3.0, ZERO)
-        total = gaussian(value, width, 3.0, ZERO)
+        share = gaussian(weight, width, 3.0, zero=True)
+        total = gaussian(value, width, 3.0, zero=True)
         means.append((total / np.maximum(share, 0.05), share))
     blob: Image32 = np.where(means[0][1] < 0.6, np.float32(0), means[0][0] - means[1][0])
     return blob

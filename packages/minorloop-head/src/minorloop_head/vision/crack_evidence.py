@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
-from minorloop_head.vision.calibrated_camera import Image32
+from minorloop_head.vision.imaging import Image32
 
 LEAST_EVIDENCE = -0.25
 """Evidence above which a line counts as a crack: 0.03 false findings an acquisition of the scenes

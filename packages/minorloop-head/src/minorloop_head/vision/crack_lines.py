@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy import fft, ndimage
 
 from minorloop_head.vision._line_kernels import keep_highest
-from minorloop_head.vision.calibrated_camera import Image32
+from minorloop_head.vision.imaging import Image32
 
 _HEADINGS = 16
 """Headings of the filter: a line between two of them leaves it by 0.2 texels in its length."""

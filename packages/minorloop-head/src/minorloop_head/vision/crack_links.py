@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop_head.vision import _line_kernels as kernels
-from minorloop_head.vision.calibrated_camera import Image32
+from minorloop_head.vision.imaging import Image32
 
 _REACH = 28.0
 """Longest gap in texels, 1.4 mm: a crossing at a small angle to a scratch of 0.2 mm is as long."""

@@ -20,7 +20,7 @@ from scipy.sparse import csgraph
 
 from minorloop.arrays import BoolArray, FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
-from minorloop_head.vision.calibrated_camera import Image32, Window
+from minorloop_head.vision.calibrated_camera import Window
 from minorloop_head.vision.crack_evidence import (
     LEAST_EVIDENCE,
     Profiles,
@@ -30,6 +30,7 @@ from minorloop_head.vision.crack_evidence import (
 )
 from minorloop_head.vision.crack_lines import line_heights
 from minorloop_head.vision.crack_links import FEWEST, cut_at_crossings, followed, joined
+from minorloop_head.vision.imaging import Image32
 
 _HIGH, _LOW = 0.16, 0.1
 """Heights that a piece reaches and stays above: half of the texels of a crack of 50 um are above

@@ -16,16 +16,15 @@ import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
-from minorloop_head._filter_kernels import gaussian
 from minorloop_head.vision import _map_kernels as kernels
 from minorloop_head.vision.calibrated_camera import (
     CalibratedCamera,
-    Image32,
     Window,
     irradiance,
     unroll,
     window_in_view,
 )
+from minorloop_head.vision.imaging import Image32, gaussian
 from minorloop_head.vision.reflectance_map import FLOOR, LEAST_LIGHT, LitFrame
 
 _STEP, _LEAST = 0.1e-3, 8e3
@@ -104,15 +103,13 @@ class _Maps:
     def turn(self, frame: LitFrame) -> FloatArray:
         """Return the turn (2,) of a frame from its measured angles, in radians."""
         turn, told, right = np.zeros(2), np.empty((2, 2)), np.empty(2)
-        rest = np.empty(self._seen.size, dtype=np.float32)
         for n, width in enumerate(_SMOOTHED):
             level, own = self._level(frame, turn)
             both = self._seen & own
             if both.sum() < _FEWEST:
                 return np.zeros(2)
             base, level = self._bases[width], gaussian(level, width, _CUT)
-            count = kernels.differences(level, base, both, rest)
-            scale = 1.48 * float(np.median(np.abs(rest[:count]))) + _EVEN
+            scale = 1.48 * float(np.median(np.abs(level - base)[both])) + _EVEN
             kernels.weigh(level, base, both, self._motion, scale, n < _NEAR, told, right)
             # Smoothed noise is alike over so many texels.
             alike = 4.0 * math.pi * width**2

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop_head.geometry import Pinhole
-from minorloop_head.vision import _kernels
+from minorloop_head.vision.imaging import opencv, shrunk
 
 GOOD, WRONG_SIZE, BLACK, SATURATED, NO_PICTURE, FROZEN, TORN = (
     "good",
@@ -99,7 +99,7 @@ def check_frame(
     if not whole or image.shape != (lens.height, lens.width):
         return WRONG_SIZE
     few = image[::_STRIDE, ::_STRIDE]
-    if lit and few.mean() < _DARK_LEVEL and not (_cells(image) > _DARK_LEVEL).any():
+    if lit and few.mean() < _DARK_LEVEL and not (shrunk(image, _CELL) > _DARK_LEVEL).any():
         return BLACK
     if (few >= _WHITE).mean() > _WHITE_SHARE:
         return SATURATED
@@ -112,8 +112,8 @@ def check_frame(
 
 def _torn(image: npt.NDArray[np.uint8]) -> bool:
     """Return whether one row jumps to the next."""
-    steps = np.empty(image.shape[0] - 1)
-    _kernels.row_steps(np.ascontiguousarray(image), _STRIDE, steps)
+    few = image[:, ::_STRIDE]
+    steps = np.median(opencv().absdiff(few[1:], few[:-1]), axis=1)
     padded = np.pad(steps, 2, mode="edge")
     around = np.maximum.reduce([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
     return bool((steps > _TEAR_FACTOR * around + _TEAR_LEAST).any())
@@ -143,7 +143,7 @@ class Brightness:
     @classmethod
     def of(cls, image: npt.NDArray[np.uint8]) -> Brightness:
         """Return the brightness of a frame."""
-        cells = _cells(image)
+        cells = shrunk(image, _CELL)
         return cls(cells, _blocks(cells))
 
 
@@ -183,14 +183,6 @@ def _all_or_some(bad: npt.NDArray[np.bool_], known: npt.NDArray[np.bool_], verdi
     if not bad.any():
         return GOOD
     return verdict if bad.sum() == known.sum() else TORN
-
-
-def _cells(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """Return the mean greys of cells of 16 by 16 pixels."""
-    cells = np.empty((image.shape[0] // _CELL, image.shape[1] // _CELL), dtype=np.float32)
-    if cells.size:
-        _kernels.cell_means(np.ascontiguousarray(image), cells)
-    return cells
 
 
 def _blocks(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

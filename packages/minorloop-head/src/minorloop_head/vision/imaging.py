@@ -1,10 +1,14 @@
-"""OpenCV, imported when it is first needed."""
+"""OpenCV, imported when it is first needed, and what it does to images."""
 
 from __future__ import annotations
 
 import os
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+Image32 = npt.NDArray[np.float32]
 _SILENT = {"OPENCV_LOG_LEVEL": "SILENT", "OPENCV_FFMPEG_LOGLEVEL": "-8"}
 """What keeps OpenCV from printing: its errors are reported here, in sentences."""
 
@@ -16,3 +20,32 @@ def opencv() -> Any:
     import cv2
 
     return cv2
+
+
+def gaussian(image: Image32, sd: float, truncate: float, *, zero: bool = False) -> Image32:
+    """Return an image smoothed by a Gaussian.
+
+    Parameters
+    ----------
+    image : (rows, columns) array of float32
+    sd : float
+        In pixels.
+    truncate : float
+        Standard deviations at which it is cut off.
+    zero : bool
+        Whether nothing is assumed beyond the image, and not its mirror image.
+    """
+    cv2, side = opencv(), 2 * int(truncate * sd + 0.5) + 1
+    beyond = cv2.BORDER_CONSTANT if zero else cv2.BORDER_REFLECT
+    smooth: Image32 = cv2.GaussianBlur(image, (side, side), sd, borderType=beyond)
+    return smooth
+
+
+def shrunk(image: npt.NDArray[Any], side: int = 2) -> Image32:
+    """Return means of ``side`` by ``side`` pixels; NaN where one of them is."""
+    rows, columns = (size // side for size in image.shape)
+    if not rows * columns:
+        return np.empty((rows, columns), dtype=np.float32)
+    cv2, whole = opencv(), image[: rows * side, : columns * side].astype(np.float32)
+    means: Image32 = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    return means

@@ -9,7 +9,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
-from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Image32, Window, unroll
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Window, unroll
+from minorloop_head.vision.imaging import Image32
 
 _TEXEL = 0.03e-3
 """Side of a texel in metres: a tenth of a mark, and as large as a pixel from near."""

@@ -19,10 +19,9 @@ from minorloop_head.vision import _alignment_kernels as kernels
 from minorloop_head.vision.calibrated_camera import (
     CalibratedCamera,
     Image,
-    Image32,
-    halved,
     numbers,
 )
+from minorloop_head.vision.imaging import Image32, shrunk
 from minorloop_head.vision.wall_patches import Patches
 
 SIDE = 16  # texels along a side of a patch
@@ -221,7 +220,7 @@ class PatchPictures:
         kernels.logarithm(np.ascontiguousarray(image), whole)
         found = [whole]
         while len(found) < self._skipped + LEVELS:
-            found.append(halved(found[-1]))
+            found.append(shrunk(found[-1]))
         return found[self._skipped :]
 
     @cached_property

@@ -18,13 +18,12 @@ from minorloop.errors import ParameterError
 from minorloop_head.vision import frame_checks
 from minorloop_head.vision.calibrated_camera import (
     CalibratedCamera,
-    Image32,
     Window,
-    halved,
     irradiance,
     unroll,
     window_in_view,
 )
+from minorloop_head.vision.imaging import Image32, shrunk
 
 NO_ANGLE = "angle unknown"
 """Verdict on a frame without the angles of the head."""
@@ -193,7 +192,7 @@ def lay_flat(
     fine = window if scale < _AVERAGED else window.finer(camera.radius)
     flats = [unroll(k.image, camera, fine, k.pan, k.tilt, least=least) for k in frames]
     if fine is not window:
-        flats = [halved(flat) for flat in flats]
+        flats = [shrunk(flat) for flat in flats]
     seen = np.isfinite(flats[0])
     for flat in flats[1:]:
         seen &= np.isfinite(flat)

@@ -28,7 +28,8 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import wall_point
 from minorloop_head.vision import _track_kernels as kernels
 from minorloop_head.vision import frame_checks, wall_views
-from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Image32, halved
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop_head.vision.imaging import Image32, shrunk
 from minorloop_head.vision.reflectance_map import NO_ANGLE, finite_angles
 from minorloop_head.vision.sighting import sighted_angles
 from minorloop_head.vision.wall_views import SIDE, View
@@ -333,10 +334,10 @@ class PatchTracker:
         edge = round(self.smooth / self.texel / 4)
         wide = size + 4 * edge * self.texel
         one, other = (
-            halved(self._area(half, place, angles, wide, self.texel))[edge:-edge, edge:-edge]
+            shrunk(self._area(half, place, angles, wide, self.texel))[edge:-edge, edge:-edge]
             for half in wall_views.halves(image)
         )
-        return View(lens_at, fine, halved(fine), wall_views.repeated(one, other))
+        return View(lens_at, fine, shrunk(fine), wall_views.repeated(one, other))
 
     def _area(
         self, image: Image, place: FloatArray, angles: FloatArray, size: float, texel: float
@@ -373,7 +374,7 @@ class PatchTracker:
         size = (SIDE * n + 2 * margin) * self.texel
         area = self._area(image, place, angles, size, self.texel)
         ways = wall_views.tile_motions(self.camera, place, angles, n * self.texel)
-        return area, wall_views.agree(view, halved(area), ways, 2 * self.texel)
+        return area, wall_views.agree(view, shrunk(area), ways, 2 * self.texel)
 
     def _repeated(self, image: Image, place: FloatArray, angles: FloatArray) -> float:
         """Return by how much the wall about a place agrees in two halves of a picture."""
@@ -458,10 +459,10 @@ class PatchTracker:
         view, step = self._nearest(state, expected)[0], 2 * self.texel
         area = self._area(image, state.home, expected, self._cells * self.texel + 2 * reach, step)
         half = self._cells // 2
-        tile = wall_views.filled(halved(view.coarse[half : 2 * half, half : 2 * half]))
+        tile = wall_views.filled(shrunk(view.coarse[half : 2 * half, half : 2 * half]))
         if tile is None:
             return []
-        scores = wall_views.scores_of(halved(area), tile)
+        scores = wall_views.scores_of(shrunk(area), tile)
         best = wall_views.best_of(scores)
         if kernels.second(scores, best, 2) > self.alone * best[2] or best[2] < self.again:
             return []

@@ -28,7 +28,8 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.vision import _alignment_kernels as kernels
 from minorloop_head.vision import frame_checks
-from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Image32, numbers
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, numbers
+from minorloop_head.vision.imaging import Image32
 from minorloop_head.vision.patch_pictures import LEVELS, SIDE, PatchPictures
 from minorloop_head.vision.wall_patches import (
     FEW,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop_head.vision.calibrated_camera import Image32
+from minorloop_head.vision.imaging import Image32
 
 SEEN = "seen"
 """Verdict of a picture that shows the angles; others say why it does not."""

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop_head.vision import _track_kernels as kernels
-from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Image32, Window, unroll
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Window, unroll
+from minorloop_head.vision.imaging import Image32
 
 SIDE = 3
 """Tiles along a side of a view."""
