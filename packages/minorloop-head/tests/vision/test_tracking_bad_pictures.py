@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from minorloop_head.vision.tracking import ELSEWHERE, TRACKED, PatchTracker
+from minorloop_head.vision.tracking import TRACKED, PatchTracker
 from papers.catheter.tracking_trials import GRADED, draw_sequence
 
 BAD, END = range(13, 33), 42
 SHORT = range(10, 26)
 """Frames of a sequence that are spoiled, and the last one; the others are good. The short span ends
 where a view would be kept of the dirt."""
-MIRRORED = {ELSEWHERE, "lost", "out of view", "jumped", "several alike"}
+MIRRORED = {"lost", "out of view", "jumped", "several alike"}
 LATE = 12  # frames in half a second
 
 

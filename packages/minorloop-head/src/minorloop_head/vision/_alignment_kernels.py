@@ -10,14 +10,6 @@ _FLAT = 1e-4
 
 
 @njit(cache=True, nogil=True)
-def logarithm(image, out):
-    """Fill out with the logarithm of grey levels, so that light becomes a sum."""
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1]):
-            out[i, j] = np.log(np.float32(image[i, j]) + np.float32(4.0))
-
-
-@njit(cache=True, nogil=True)
 def _without_plane(values, side):
     """Subtract mean and slopes from (side * side,) values on a grid: light that changes evenly."""
     middle = 0.5 * (side - 1)

@@ -7,6 +7,7 @@ place in a picture, where it is sampled and compared with how it was seen first.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,7 +25,6 @@ from minorloop_head.vision.calibrated_camera import (
 from minorloop_head.vision.imaging import Image32, shrunk
 from minorloop_head.vision.wall_patches import Patches
 
-SIDE = 16  # texels along a side of a patch
 LEVELS = 3
 """Sizes of the picture: whole, half and quarter."""
 _SMALLEST = 6.0
@@ -41,28 +41,151 @@ _POOR = 25
 """Pictures in a row in which a patch disagrees, after which another may take its place: 1 s."""
 _OWN_STEPS = 8
 """Steps of a patch by itself: each leaves about half of what it is off."""
-_WIDTH = 160.0
-"""Columns of the largest picture that is compared: in more, noise hides the wall."""
+_COARSE = 2
+"""Texels in one of `PatchPictures.searched`, along a side."""
+_STEPS = 3
+"""Steps of Gauss-Newton in each size of the picture, by trial."""
+_CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
+"""Length of a step after which no other is made, and of the longest step, in radians."""
+_ALIKE = 4.0
+"""Texels whose noise is alike, since they share pixels."""
+_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + 4)
+"""Of grey levels, so that light becomes a sum."""
+_ALL = 6
+"""Patches in view from which on their mean correlation counts in full in a search."""
 _DERIVATIVE = 1e-4
 """Difference in radians for derivatives of the pose: errors of 1e-8."""
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """The angles at which patches agree best with a picture."""
+
+    angles: FloatArray
+    """Shape (2,). Pan and tilt, in radians."""
+    sd: FloatArray | None
+    """Shape (2,). Their standard deviations in radians; None if they are not determined."""
+    scores: FloatArray
+    """Shape (P,). Correlation of each patch there; NaN where it is not wholly seen."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchPictures:
     """How patches of the wall look in pictures of a camera.
 
-    Parameters
+    Notes
+    -----
+    Grey levels are logarithms, so that light is a sum, and each patch is compared without its mean
+    and slope. The sum of the correlations of all patches is maximised by Gauss-Newton steps on pan
+    and tilt, from a quarter of the picture to the whole. The derivatives are those of the
+    interaction matrix of a head with a lever (`minorloop_head.vision.jacobian`), of each texel.
+    Patches whose correlation stays low, such as those on reflections, do not take part.
+
+    References
     ----------
-    camera : CalibratedCamera
-    size : float
-        Side of a patch, in metres.
-    readout : float
-        Time in seconds from the first row of a picture to the last.
+    Baker and Matthews, Lucas-Kanade 20 years on, 2004: the steps. Evangelidis and Psarakis,
+    Parametric image alignment using enhanced correlation coefficient maximization, 2008: the
+    criterion.
     """
 
     camera: CalibratedCamera
     size: float
-    readout: float
+    """Side of a patch, in metres."""
+    least: float
+    """Correlation of a patch that agrees."""
+    readout: float = 0.0
+    """Time in seconds from the first row of a picture to the last."""
+    side: int = 16
+    """Texels along a side of a patch."""
+    width: float = 160.0
+    """Columns of the largest picture that is compared: in more, noise hides the wall."""
+    detail: float = 0.013
+    """Least contrast of a patch, as a share; noise of a grey picture has 1 %."""
+
+    def agreed(
+        self,
+        pyramid: list[Image32],
+        patches: Patches,
+        start: FloatArray,
+        rates: FloatArray,
+        levels: Sequence[int],
+    ) -> Agreement:
+        """Return the angles near others at which patches agree, by three steps at each level."""
+        angles, weights = start, np.ones(len(patches.sd))
+        for level in levels:
+            for _ in range(_STEPS):
+                scores, normal, slope = self.compared(pyramid, level, patches, angles, rates)
+                known = np.clip(np.nan_to_num(scores, nan=0.0), 0.0, 0.99)
+                noise = 2.0 * _ALIKE / self.side**2 * (1.0 - known)
+                weights = self._weights(scores, normal, noise, patches.sd)
+                move = _solved(np.tensordot(weights, normal, 1), weights @ slope)
+                if move is None:
+                    break
+                length = float(np.hypot(*move))
+                angles = angles + move * min(1.0, _FARTHEST / max(length, 1e-12))
+                if length < _CLOSE:
+                    break
+        sd = self._deviations(weights, noise, normal, slope, patches.sd)
+        return Agreement(angles, sd, scores)
+
+    def _deviations(
+        self,
+        weights: FloatArray,
+        noise: FloatArray,
+        normal: FloatArray,
+        slope: FloatArray,
+        known: FloatArray,
+    ) -> FloatArray | None:
+        """Return the standard deviations (2,) of the angles, None if they are not determined.
+
+        The greater of two variances counts: that of the noise of the picture, and that of how much
+        the patches disagree (Huber, 1967). Two parts are added: the last step, by which the angles
+        have not settled, and the error of the angles at which the patches were first seen.
+        """
+        total = np.tensordot(weights, normal, 1)
+        if not np.linalg.eigvalsh(total)[0] > 0:
+            return None
+        inverse = np.linalg.inv(total)
+        last = inverse @ (weights @ slope)
+        each = weights[:, None] * (slope - normal @ last)
+        count = weights.sum()
+        spread = inverse @ (each.T @ each) @ inverse * count / max(count - 2.0, 1.0)
+        picture = inverse @ np.tensordot(weights**2 * noise, normal, 1) @ inverse
+        place = weights @ known**2 / count
+        return np.asarray(np.sqrt(np.maximum(np.diag(spread), np.diag(picture)) + last**2 + place))
+
+    def _weights(
+        self, scores: FloatArray, normal: FloatArray, noise: FloatArray, sd: FloatArray
+    ) -> FloatArray:
+        """Return the weights (P,) of patches: by agreement, and by how well each is known."""
+        good = np.clip((np.nan_to_num(scores, nan=0.0) - 0.5 * self.least) / 0.5, 0.0, 1.0)
+        own = 2.0 * noise / np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
+        return np.asarray(good / (1.0 + (sd**2).mean(axis=1) / own))
+
+    def searched(self, pyramid: list[Image32], patches: Patches, tried: FloatArray) -> FloatArray:
+        """Return the mean correlation (M,) of patches at angles (M, 2), by every other texel.
+
+        It is less where few are in view, and -1 where the lens would be beyond the wall.
+        """
+        poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
+        across = np.array([np.hypot(*pose.position[:2]) for pose in poses])
+        few, shape, count = slice(None, None, _COARSE), (-1, self.side, self.side), len(patches.sd)
+        points = patches.points.reshape(*shape, 3)[:, few, few].reshape(count, -1, 3)
+        templates = patches.templates[-1].reshape(shape)[:, few, few].reshape(count, -1)
+        lengths = np.linalg.norm(templates, axis=1, keepdims=True)
+        found = np.empty(len(tried))
+        kernels.search(
+            pyramid[-1],
+            np.ascontiguousarray(points),
+            np.ascontiguousarray(templates / np.maximum(lengths, 1e-9)),
+            self.side // _COARSE,
+            numbers(self.lenses[-1]),
+            np.array([pose.rotation for pose in poses]),
+            np.array([pose.position for pose in poses]),
+            _ALL,
+            found,
+        )
+        return np.where(across < self.camera.radius, found, -1.0)
 
     def compared(
         self,
@@ -79,7 +202,7 @@ class PatchPictures:
             pyramid[level],
             patches.points,
             patches.templates[level],
-            SIDE,
+            self.side,
             numbers(self.lenses[level]),
             *self._pose(angles),
             rates * self.readout / pyramid[level].shape[0],
@@ -99,7 +222,7 @@ class PatchPictures:
             image,
             patches.points,
             patches.templates[0],
-            SIDE,
+            self.side,
             numbers(self.lenses[0]),
             *self._pose(angles),
             _OWN_STEPS,
@@ -158,9 +281,17 @@ class PatchPictures:
         crowded = self._beside(places, places)
         for n in range(len(places)):
             free[n + 1 :] &= ~(free[n] & crowded[n, n + 1 :])
-        middles = places[free]
-        if not len(middles):
-            return self.none
+        return self.at(places[free], pyramid, angles, sd, rates)
+
+    def at(
+        self,
+        middles: FloatArray,
+        pyramid: list[Image32],
+        angles: FloatArray,
+        sd: FloatArray,
+        rates: FloatArray,
+    ) -> Patches:
+        """Return the patches about places (P, 2) that a picture shows wholly and with detail."""
         points = wall_point(
             middles[:, :1] + self._offsets[0] / self.camera.radius,
             middles[:, 1:] + self._offsets[1],
@@ -176,7 +307,7 @@ class PatchPictures:
             for n in range(len(middles)):
                 values = templates[level, n]
                 seen = kernels.sample(pyramid[level], points[n], lens, *pose, shift, values, slopes)
-                whole[n] &= seen and kernels.normalise(values, SIDE) > self._detail
+                whole[n] &= seen and kernels.normalise(values, self.side) > self.detail * self.side
         return Patches(
             middles[whole],
             points[whole],
@@ -215,10 +346,8 @@ class PatchPictures:
             return np.asarray(np.min(widths, axis=0) >= _SMALLEST)
 
     def pyramid(self, image: Image) -> list[Image32]:
-        """Return the logarithm of a picture in several sizes."""
-        whole = np.empty(image.shape, dtype=np.float32)
-        kernels.logarithm(np.ascontiguousarray(image), whole)
-        found = [whole]
+        """Return the logarithm of a picture in several sizes, so that light is a sum."""
+        found = [_LOGARITHMS[image]]
         while len(found) < self._skipped + LEVELS:
             found.append(shrunk(found[-1]))
         return found[self._skipped :]
@@ -231,12 +360,12 @@ class PatchPictures:
     @cached_property
     def _skipped(self) -> int:
         """How often the largest picture that is compared is halved."""
-        return max(round(math.log2(self.camera.lens.width / _WIDTH)), 0)
+        return max(round(math.log2(self.camera.lens.width / self.width)), 0)
 
     @cached_property
     def none(self) -> Patches:
         """No patches."""
-        texels = SIDE * SIDE
+        texels = self.side**2
         return Patches(
             np.empty((0, 2)),
             np.empty((0, texels, 3)),
@@ -257,11 +386,14 @@ class PatchPictures:
     @cached_property
     def _offsets(self) -> tuple[FloatArray, FloatArray]:
         """Texels of a patch from its middle, around and along the pipe, in metres."""
-        steps = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * self.size / SIDE
+        steps = (np.arange(self.side) - 0.5 * (self.side - 1)) * self.size / self.side
         around, along = np.meshgrid(steps, steps)
         return around.ravel(), along.ravel()
 
-    @cached_property
-    def _detail(self) -> float:
-        """Least length of a patch's logarithms: 1.3 % contrast; noise of a grey picture has 1 %."""
-        return 0.013 * SIDE
+
+def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:
+    """Return the solution (2,) of the normal equations, None if they do not determine it."""
+    values = np.linalg.eigvalsh(matrix)
+    if not values[0] > 1e-6 * values[1] > 0:
+        return None
+    return np.asarray(np.linalg.solve(matrix, slope))

@@ -1,12 +1,11 @@
 """Follow a patch of the wall from frame to frame.
 
-The patch is kept unrolled, together with the wall around it, so that neither turns nor a smaller
-distance change it. The angles of the head give its expected place in a frame; a search about that
-place corrects for errors of the angles, which shift patch and surroundings alike. A patch that
-does not go with its surroundings is lost, not tracked; so is one whose surroundings look different,
-as in a mirror image, where a round hole looks the same. When the head sees the wall from elsewhere,
-a further view of it is kept; the first one stays, so that the place does not drift. After a loss
-the search widens until the patch is found again::
+The patch is kept together with those of the wall around it, at their places on the cylinder, so
+that neither turns nor a smaller distance change them. The angles of the head give its expected
+place in a frame; the turn from there at which all of them agree with the frame corrects for errors
+of the angles. A patch that does not go with its surroundings is lost, not tracked. When the head
+sees the wall from elsewhere, a further view of it is kept; the first one stays, so that the place
+does not drift. After a loss the search widens until the patch is found again::
 
     tracker = PatchTracker(camera)
     track, state = tracker.begin(frame.image, pixel, pan, tilt)
@@ -18,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,48 +26,37 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import wall_point
-from minorloop_head.vision import _track_kernels as kernels
-from minorloop_head.vision import frame_checks, wall_views
+from minorloop_head.vision import frame_checks
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
-from minorloop_head.vision.imaging import Image32, shrunk
+from minorloop_head.vision.patch_pictures import PatchPictures
 from minorloop_head.vision.reflectance_map import NO_ANGLE, finite_angles
-from minorloop_head.vision.sighting import sighted_angles
-from minorloop_head.vision.wall_views import SIDE, View
+from minorloop_head.vision.wall_patches import Patches
 
 TRACKED, LOST, OUT_OF_VIEW = "tracked", "lost", "out of view"
 AMBIGUOUS, APART, JUMPED = "several alike", "apart from its surroundings", "jumped"
-ELSEWHERE = "in other surroundings"
 """Verdicts of a step; others are those of ``frame_checks``."""
 
-_COARSE = 4  # texels in one of the coarsest search
+_AROUND = 2
+"""Patches to each side of the one that is followed."""
+_FEWEST = 4
+"""Patches of the wall with this contrast that tell a place without detail of its own."""
+_DETAIL = 0.025
+"""Least contrast of a patch that is not dirt on the lens. On four walls with hardly any texture
+(seeds 1000 to 1003), spots on the lens gave up to 0.022; on drawn walls the least was 0.03."""
 _BORDER, _EDGE = 4.0, 45.0
 """Distances from the edge of a frame in pixels within which a patch is out of view: nothing is
 searched, and plain wall is not followed, of which half of the patch is beyond the edge."""
-_RIDGE = 0.06
-"""Least share by which the agreement falls at 0.2 mm. Over a hole far out of focus it falls by
-less than 0.1. In 42 sequences (seeds 1100 to 1106) 1.1 % of the frames of plain wall that are
-tracked are off by more than a pixel of 320, and 1.0 % with 0.1, which loses such holes."""
 _FADE = 0.5  # damping of the drift
-_CLOSE = 4
-"""Texels about where the surroundings put the patch in which it is searched closely, and beside
-its peak at which this is told from a ridge: 0.2 mm."""
-_ALIKE = 0.03e-3
-"""Largest distance in metres between a patch and where its surroundings put it, for a new view to
-be kept: a view repeats the error of the match that it is taken from."""
+_WHOLE = 0.7
+"""Share of the patches that agree, from which a view of them is kept."""
 _HIDDEN = 0.5
 """Share of its usual correlation below which a patch is hidden, though its surroundings are not."""
-_HALF = 0.5
-"""Least share of the tiles that are seen of a patch that is tracked: in 4,000 frames of plain wall
-(seeds 1000 to 1003) the errors are three times as large below it."""
-_WHOLE = 0.7
-"""Share of the tiles with which a lost patch is found again, and a view of it kept: part of a
-regular pattern fits often."""
-_ELSEWHERE, _SAME = 0.3, 0.5
-"""Share of what the surroundings repeat below which they are others, as in a mirror image, and from
-which a new view is kept, so that dirt on the lens is not remembered as wall. In sequences of the
-twin (seed 1000) it is 0.5 to 1, and below 0.1 where pictures are mirrored."""
 _USUAL = 0.1
 """Weight of a new frame in the usual correlation: light changes it over some frames."""
+_GRID = 0.4e-3
+"""Distance on the wall, in metres, between angles that are tried for a lost patch."""
+_NEAR = 2.1
+"""Steps of these that belong to one peak."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +72,17 @@ class Track:
     """Correlation with the patch, up to 1; NaN without a search."""
     verdict: str
     """``tracked``, ``lost``, ``out of view``, ``several alike``, ``apart from its surroundings``,
-    ``in other surroundings``, ``jumped``, ``angle unknown``, or what is wrong with the frame."""
+    ``jumped``, ``angle unknown``, or what is wrong with the frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrackState:
     """State of a tracker."""
 
-    views: tuple[View, ...]
-    """The wall about the patch, first as it was picked."""
+    views: tuple[Patches, ...]
+    """The patch and those around it, first as they were picked."""
+    own: Patches
+    """The patch itself in detail, as it was picked; none if it shows too little."""
     home: FloatArray
     """Shape (2,). Phi and z of the patch when it was picked."""
     place: FloatArray
@@ -109,30 +100,24 @@ class TrackState:
     """Check sums of the last frames, to detect repeated ones."""
     usual: float = 0.0
     """Correlation with the patch itself while it was seen, averaged; 0 before the second frame."""
-    jump: FloatArray | None = None
-    """Shape (2,). Turn at which the patch was found too far away to be believed at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """A match: pixel, angles at which the head sees the patch there, and how good it is.
+    """A match: angles at which the head sees the patch there, and how good it is.
 
-    ``seen`` is the share of the tiles, ``gap`` the distance in metres from where the surroundings
-    put the patch, and ``same`` whether they look as they did.
+    ``whole`` says whether most of the patches around are seen and agree.
     """
 
-    pixel: FloatArray
     angles: FloatArray
     score: float
     verdict: str
-    seen: float
-    gap: float
-    same: bool
+    whole: bool
 
 
 @dataclass(frozen=True, eq=False)
 class PatchTracker:
-    """Normalised correlation on the unrolled wall, of the patch and of eight tiles around it.
+    """Alignment of a patch of the wall and of those around it, see `PatchPictures`.
 
     Raises
     ------
@@ -142,56 +127,59 @@ class PatchTracker:
 
     camera: CalibratedCamera
     """The camera."""
-    size: float = 2.4e-3
-    """Side of the patch, in metres."""
-    texel: float = 0.05e-3
-    """Size of a texel, in metres."""
-    reach: float = 1.2e-3
-    """Largest distance of the patch from its expected place, in metres."""
+    size: float = 1.6e-3
+    """Side of a patch, in metres."""
+    reach: float = 0.8e-3
     widest: float = 8e-3
-    """Largest distance in the search for a lost patch, in metres."""
-    smooth: float = 1.0e-3
-    """Side of the box whose mean is taken off, in metres: less than a reflection on brushed metal
-    is wide, more than a scratch or the edge of a hole."""
-    least: float = 0.3
-    """Least correlation of a patch and its surroundings, on average."""
-    again: float = 0.4
-    """The same of a lost patch that is found again."""
+    """Largest distances in the search for a lost patch, in metres: at first, and at last."""
+    least: float = 0.55
+    """Least correlation of a patch that agrees."""
     surely: float = 0.6
-    """The same of one that is found far from where it is expected; and of the patch itself, from
-    which its place is its own. With less, the place is that of the surroundings."""
-    distinct: float = 0.4
-    """Correlation of the patch itself from which it has to be where its surroundings put it."""
+    """Least correlation of the patch itself from which its place is its own. With less, the place
+    is that of the surroundings."""
+    again: float = 0.4
+    """Least correlation of a patch in two halves of a picture."""
+    share: float = 0.4
+    """Least share of the patches in view that agree."""
     alone: float = 0.75
-    """Largest correlation elsewhere, as a share of the best, with which a match is unique."""
+    """Largest correlation elsewhere, as a share of the best, with which a lost patch is found."""
     apart: float = 0.1e-3
     """Largest distance in metres of the patch from where its surroundings put it."""
+    vague: float = 0.05e-3
+    """Largest standard deviation of the place, in metres."""
     jump: float = 0.7e-3
     """Largest distance in metres from the expected place that is believed at once; a farther one is
     believed when the next frame confirms it."""
-    fresh: float = 0.07
-    """Difference of two views, see `wall_views.farness`, from which a new one is kept."""
+    fresh: float = 0.2
+    """Turn from all views from which a new one is kept, in radians."""
     most_views: int = 24
     """Views that are kept."""
 
     def __post_init__(self) -> None:
-        for name in ("size", "texel", "reach", "widest", "smooth", "apart", "jump", "fresh"):
+        for name in ("size", "reach", "widest", "apart", "vague", "jump", "fresh"):
             if not getattr(self, name) > 0:
                 raise ParameterError(
                     f"{name} of the tracker is {getattr(self, name)}; give a number > 0"
                 )
-        for name in ("least", "again", "surely", "distinct", "alone"):
+        for name in ("least", "surely", "again", "share", "alone"):
             if not 0 <= getattr(self, name) < 1:
                 raise ParameterError(
                     f"{name} of the tracker is {getattr(self, name)}; give a share in [0, 1)"
                 )
         if self.most_views < 1:
             raise ParameterError(f"{self.most_views} views of the tracker; give at least 1")
-        if self.size < 8 * _COARSE * self.texel:
-            raise ParameterError(
-                f"a patch of {self.size} m has too few texels of {self.texel} m; give at least "
-                f"{8 * _COARSE * self.texel} m"
-            )
+
+    @cached_property
+    def pictures(self) -> PatchPictures:
+        """How patches look in pictures of this camera."""
+        return PatchPictures(self.camera, self.size, self.least, width=320.0)
+
+    @cached_property
+    def details(self) -> PatchPictures:
+        """How the patch that is followed looks in them."""
+        return PatchPictures(
+            self.camera, self.size, self.least, side=32, width=640.0, detail=_DETAIL
+        )
 
     def begin(
         self, image: Image, pixel: npt.ArrayLike, pan: float, tilt: float
@@ -208,22 +196,25 @@ class PatchTracker:
         if frame_checks.check_frame(image, self.camera.lens) == frame_checks.BLACK:
             raise SignalError("the frame is black; switch the lights on before a patch is picked")
         place, angles = self.camera.place(pixel, pan, tilt), np.array([pan, tilt])
-        view = self._view(image, place, angles)
         u, v = np.asarray(pixel, dtype=np.float64)
-        if wall_views.filled(self._patch(view)) is None:
+        corners = place + 0.5 * (self._places(place, 1)[[0, 2, 6, 8]] - place)
+        shown = self.camera.pixel(corners, pan, tilt)
+        if not (self._inside(shown, 0.0) and np.isfinite(place).all()):
             raise SignalError(
                 f"the frame does not show {1e3 * self.size:.3g} mm of wall about pixel "
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
             )
-        score = self._repeated(image, place, angles)
-        if score < self.again:
+        view = self._view(self.pictures, image, place, angles)
+        own = _shown(self.details, image, place[None], angles, self.again)
+        clear = self._view(replace(self.pictures, detail=_DETAIL), image, place, angles)
+        if not len(view.sd) or (not len(own.sd) and len(clear.sd) < _FEWEST):
             raise SignalError(
                 f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey or lost in noise, two "
-                f"halves of the frame agree by {max(score, 0.0):.2f} and {self.again} is needed; "
-                "pick one with detail, or set focus, lights and gain"
+                f"halves of the frame agree by less than {self.again}; pick one with detail, or "
+                "set focus, lights and gain"
             )
         still, (_, sums) = np.zeros(2), frame_checks.repeated(image, ())
-        state = TrackState((view,), place, place, still, still, 0, image, sums)
+        state = TrackState((view,), own, place, place, still, still, 0, image, sums)
         return Track(np.array([u, v]), place, 1.0, TRACKED), state
 
     def step(
@@ -266,24 +257,19 @@ class PatchTracker:
             expected = given
         if not self.camera.inside(*expected.tolist()):
             return self._not_seen(state, np.full(2, np.nan), LOST)
-        if state.missed:
-            found = self._search_again(state, image, expected)
-        else:
-            found = self._search_near(state, image, expected, self.reach, self.least)
+        if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _BORDER):
+            return self._not_seen(state, given, OUT_OF_VIEW)
+        found = _Found(expected, math.nan, LOST, False)
+        if not state.missed:
+            found = self._found(state, image, expected)
+        if found.verdict in (LOST, AMBIGUOUS):
+            found = self._found_again(state, image, expected)
+        far = float(np.hypot(*(found.angles - expected))) * self._distance(state)
+        if found.verdict == TRACKED and not state.missed and far > self.jump:
+            found = replace(found, verdict=JUMPED)
         if found.verdict != TRACKED:
             return self._not_seen(state, given, found.verdict, found.score)
-        turn = found.angles - given
-        if not state.missed and not self._believed(state, turn, expected - given):
-            state = replace(state, jump=turn)
-            return self._not_seen(state, given, JUMPED, found.score)
         return self._seen(state, image, given, found)
-
-    def _believed(self, state: TrackState, turn: FloatArray, expected: FloatArray) -> bool:
-        return self._metres(state, turn - expected) <= self.jump
-
-    def _metres(self, state: TrackState, turn: FloatArray) -> float:
-        """Return by how much a turn shifts the patch on the wall, about, in metres."""
-        return float(np.hypot(*turn)) * self._distance(state)
 
     def _distance(self, state: TrackState) -> float:
         """Return the distance of the patch from the pivot of the head, in metres."""
@@ -294,21 +280,17 @@ class PatchTracker:
         self, state: TrackState, image: Image, given: FloatArray, found: _Found
     ) -> tuple[Track, TrackState]:
         """Return the track of a match, and the state, with a new view where none is alike."""
-        turn = found.angles - given
-        # A patch that was lost has no known drift.
-        drift = np.zeros(2)
-        if not state.missed:
+        turn, drift, views = found.angles - given, np.zeros(2), state.views
+        if not state.missed:  # a patch that was lost has no known drift
             drift = state.drift + _FADE * (turn - state.turn - state.drift)
-        views = state.views
-        sure = not state.missed and found.same and found.seen > _WHOLE and found.gap < _ALIKE
-        room = len(views) < self.most_views
-        if sure and room and self._nearest(state, found.angles)[1] > self.fresh:
-            view = self._view(image, state.home, found.angles)
-            if wall_views.filled(self._patch(view)) is not None:
-                views = (*views, view)
-        place = self.camera.place(found.pixel, *given.tolist())
+        off = self._nearest(state, found.angles).origins[0] - found.angles
+        new = found.whole and not state.missed and len(views) < self.most_views
+        if new and np.hypot(*off) > self.fresh:
+            view = self._view(self.pictures, image, state.home, found.angles)
+            views = (*views, view) if len(view.sd) else views
+        pixel = self.camera.pixel(state.home, *found.angles.tolist())
+        place = self.camera.place(pixel, *given.tolist())
         share = _USUAL if state.usual else 1.0
-        usual = state.usual + share * (max(found.score, 0.0) - state.usual)
         after = replace(
             state,
             views=views,
@@ -316,164 +298,71 @@ class PatchTracker:
             turn=turn,
             drift=drift,
             missed=0,
-            usual=usual,
-            jump=None,
+            usual=state.usual + share * (max(found.score, 0.0) - state.usual),
         )
-        return Track(found.pixel, place, found.score, TRACKED), after
+        return Track(pixel, place, found.score, TRACKED), after
 
-    @property
-    def _cells(self) -> int:
-        """Texels along a side of the patch, a multiple of those of the coarsest search."""
-        return int(round(self.size / self.texel / 2 / _COARSE) * 2 * _COARSE)
+    def _places(self, place: FloatArray, around: int) -> FloatArray:
+        """Return the middles (P, 2) of a patch, and of so many to each side of it."""
+        steps = self.size * np.arange(-around, around + 1)
+        off = np.stack(np.meshgrid(steps / self.camera.radius, steps), axis=-1).reshape(-1, 2)
+        return np.asarray(place + off)
 
-    def _view(self, image: Image, place: FloatArray, angles: FloatArray) -> View:
-        size = SIDE * self._cells * self.texel
-        fine = self._area(image, place, angles, size, self.texel)
-        lens_at = self.camera.mount.pose(*angles.tolist()).position
-        # The mean over a box is one-sided at the edge of an area, alike in both halves.
-        edge = round(self.smooth / self.texel / 4)
-        wide = size + 4 * edge * self.texel
-        one, other = (
-            shrunk(self._area(half, place, angles, wide, self.texel))[edge:-edge, edge:-edge]
-            for half in wall_views.halves(image)
+    def _view(
+        self, pictures: PatchPictures, image: Image, place: FloatArray, angles: FloatArray
+    ) -> Patches:
+        return _shown(pictures, image, self._places(place, _AROUND), angles, self.again)
+
+    def _nearest(self, state: TrackState, angles: FloatArray) -> Patches:
+        """Return the view from angles nearest to others."""
+        return min(state.views, key=lambda view: float(np.hypot(*(view.origins[0] - angles))))
+
+    def _found(self, state: TrackState, image: Image, start: FloatArray) -> _Found:
+        """Return the match nearest to angles."""
+        view = self._nearest(state, start)
+        fit = self.pictures.agreed(
+            self.pictures.pyramid(image), view, start, np.zeros(2), (2, 1, 0)
         )
-        return View(lens_at, fine, shrunk(fine), wall_views.repeated(one, other))
+        agree, seen = int((fit.scores >= self.least).sum()), int(np.isfinite(fit.scores).sum())
+        angles, score, distance = fit.angles, 0.0, self._distance(state)
+        if not (self.camera.inside(*angles.tolist()) and agree >= max(self.share * seen, 1)):
+            return _Found(angles, math.nan, self._loss(state, start), False)
+        if fit.sd is None or distance * fit.sd.max() > self.vague:
+            return _Found(angles, math.nan, AMBIGUOUS, False)
+        if len(state.own.sd):
+            scores, _, off = self.details.aligned(self.details.pyramid(image)[0], state.own, angles)
+            score = float(np.nan_to_num(scores[0]))
+            if score < _HIDDEN * state.usual:
+                return _Found(angles, score, self._loss(state, start), False)
+            if score >= self.surely and distance * np.hypot(*off[0]) > self.apart and agree > 1:
+                return _Found(angles, score, APART, False)
+            angles = angles + off[0] if score >= self.surely else angles
+        pixel = self.camera.pixel(state.home, *angles.tolist())
+        verdict = TRACKED if score >= self.surely or self._inside(pixel, _EDGE) else OUT_OF_VIEW
+        return _Found(angles, score, verdict, agree > _WHOLE * len(view.sd))
 
-    def _area(
-        self, image: Image, place: FloatArray, angles: FloatArray, size: float, texel: float
-    ) -> Image32:
-        return wall_views.unrolled(image, self.camera, place, angles, size, texel, self.smooth)
+    def _found_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
+        """Search for a lost patch; the search widens with every frame.
 
-    def _patch(self, view: View) -> Image32:
-        """Return the middle tile of a view."""
-        n = self._cells
-        return view.fine[n : 2 * n, n : 2 * n]
-
-    def _nearest(self, state: TrackState, angles: FloatArray) -> tuple[View, float]:
-        """Return the view that is most like the one from these angles, and its difference."""
-        lens_at = self.camera.mount.pose(*angles.tolist()).position
-        wall = wall_point(float(state.home[0]), float(state.home[1]), self.camera.radius)
-        far = [wall_views.farness(view.lens_at, lens_at, wall) for view in state.views]
-        best = int(np.argmin(far))
-        return state.views[best], far[best]
-
-    def _search_near(
-        self, state: TrackState, image: Image, expected: FloatArray, reach: float, least: float
-    ) -> _Found:
-        """Search about the place that angles put the patch at."""
-        view = self._nearest(state, expected)[0]
-        area, agreed = self._agreed(view, image, state.home, expected, reach)
-        return self._closely(state, view, area, expected, agreed, least)
-
-    def _agreed(
-        self, view: View, image: Image, place: FloatArray, angles: FloatArray, reach: float
-    ) -> tuple[Image32, wall_views.Agreement]:
-        """Return the wall about a place, and where in it a view is found."""
-        n = self._cells
-        margin = 2 * round(reach / self.texel / 2) + 2 * _CLOSE
-        size = (SIDE * n + 2 * margin) * self.texel
-        area = self._area(image, place, angles, size, self.texel)
-        ways = wall_views.tile_motions(self.camera, place, angles, n * self.texel)
-        return area, wall_views.agree(view, shrunk(area), ways, 2 * self.texel)
-
-    def _repeated(self, image: Image, place: FloatArray, angles: FloatArray) -> float:
-        """Return by how much the wall about a place agrees in two halves of a picture."""
-        one, other = wall_views.halves(image)
-        view = self._view(one, place, angles)
-        return self._agreed(view, other, place, angles, self.reach)[1].score
-
-    def _closely(
-        self,
-        state: TrackState,
-        view: View,
-        area: Image32,
-        expected: FloatArray,
-        agreed: wall_views.Agreement,
-        least: float,
-    ) -> _Found:
-        """Find the patch itself about the shift on which patch and surroundings agree."""
-        n = self._cells
-        first = (np.array(area.shape[::-1]) - n) / 2 + agreed.shift / self.texel
-        corner = np.rint(first).astype(int) - 2 * _CLOSE
-        corner = np.clip(corner, 0, np.array(area.shape[::-1]) - n)
-        j, i = corner.tolist()
-        template = wall_views.filled(self._patch(view))
-        assert template is not None
-        part = np.ascontiguousarray(area[i : i + n + 4 * _CLOSE, j : j + n + 4 * _CLOSE])
-        scores = wall_views.scores_of(part, template)
-        best = wall_views.best_of(scores)
-        middle = (np.array(area.shape[::-1]) - n) / 2
-        off = (best[:2] + corner - middle) * self.texel
-        verdict, score = TRACKED, float(best[2])
-        # A patch that is its own, such as a hole, has a place also on a ridge.
-        drop = wall_views.drop_of(scores, best, _CLOSE) if score >= self.surely else 0.0
-        if agreed.score < least or score < _HIDDEN * state.usual:
-            verdict = self._loss_verdict(state.home, expected)
-        elif agreed.around < _ELSEWHERE:
-            verdict = ELSEWHERE
-        elif agreed.other > self.alone * agreed.score or max(agreed.drop, drop) < _RIDGE:
-            verdict = AMBIGUOUS
-        elif score >= self.distinct and np.hypot(*(off - agreed.shift)) > self.apart:
-            verdict = APART
-        elif score < self.surely:
-            off = agreed.shift
-        place = state.home + off / np.array([self.camera.radius, 1.0])
-        pixel = self.camera.pixel(place, *expected.tolist())
-        beyond = score < self.surely and not self._inside(pixel, _EDGE)
-        if verdict == TRACKED and (beyond or agreed.seen < _HALF):
-            verdict = OUT_OF_VIEW
-        angles = None
-        if verdict == TRACKED:
-            angles = sighted_angles(self.camera, state.home, pixel, expected)
-            verdict = LOST if angles is None else verdict
-        if angles is None:
-            angles = expected
-        gap = float(np.hypot(*(off - agreed.shift)))
-        same = not agreed.around < _SAME
-        return _Found(pixel, angles, score, verdict, agreed.seen, gap, same)
-
-    def _search_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
-        """Search for a lost patch about its expected place, then farther away.
-
-        Farther away it has to be unlike everything else that is seen, and to match by itself. Where
-        it is expected at the edge of the frame, it may be beyond, and what is alike is not it.
+        It has to be unlike everything else that is seen. Where it is expected at the edge of the
+        frame, it may be beyond, and what is alike is not it.
         """
-        pixel = self.camera.pixel(state.home, *expected.tolist())
-        if not self._inside(pixel, _EDGE):
-            return _Found(pixel, expected, math.nan, OUT_OF_VIEW, 0.0, math.inf, False)
-        near = self._search_near(state, image, expected, self.reach, self.again)
-        if near.verdict == TRACKED and near.score > self.distinct and near.seen > _WHOLE:
-            return near
-        for rough in self._likely_angles(state, image, expected):
-            found = self._search_near(state, image, rough, self.reach / 2, self.surely)
-            sure = found.score > self.surely and found.seen > _WHOLE
-            if found.verdict == TRACKED and sure:
-                return found
-        return replace(near, verdict=LOST) if near.verdict == TRACKED else near
-
-    def _likely_angles(
-        self, state: TrackState, image: Image, expected: FloatArray
-    ) -> list[FloatArray]:
-        """Return angles at which the patch is found alone; the search widens with every frame."""
+        if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _EDGE):
+            return _Found(expected, math.nan, OUT_OF_VIEW, False)
         reach = min(self.reach * 1.5 ** min(state.missed, 20), self.widest)
-        view, step = self._nearest(state, expected)[0], 2 * self.texel
-        area = self._area(image, state.home, expected, self._cells * self.texel + 2 * reach, step)
-        half = self._cells // 2
-        tile = wall_views.filled(shrunk(view.coarse[half : 2 * half, half : 2 * half]))
-        if tile is None:
-            return []
-        scores = wall_views.scores_of(shrunk(area), tile)
-        best = wall_views.best_of(scores)
-        if kernels.second(scores, best, 2) > self.alone * best[2] or best[2] < self.again:
-            return []
-        off = (best[:2] - (np.array(scores.shape[::-1]) - 1) / 2) * 2 * step
-        place = state.home + off / np.array([self.camera.radius, 1.0])
-        pixel = self.camera.pixel(place, *expected.tolist())
-        found = sighted_angles(self.camera, state.home, pixel, expected)
-        return [] if found is None or not self.camera.inside(*found.tolist()) else [found]
+        half = int(reach / _GRID)
+        steps = np.arange(-half, half + 1) * _GRID / self._distance(state)
+        tried = expected + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        view, pyramid = self._nearest(state, expected), self.pictures.pyramid(image)
+        found = self.pictures.searched(pyramid, view, tried)
+        best = int(np.argmax(found))
+        far = np.abs(tried - tried[best]).max(axis=1) > _NEAR * float(steps[1] - steps[0])
+        if found[far].max(initial=-1.0) > self.alone * found[best]:
+            return _Found(expected, math.nan, AMBIGUOUS, False)
+        return self._found(state, image, tried[best])
 
-    def _loss_verdict(self, place: FloatArray, angles: FloatArray) -> str:
-        pixel = self.camera.pixel(place, *angles.tolist())
+    def _loss(self, state: TrackState, angles: FloatArray) -> str:
+        pixel = self.camera.pixel(state.home, *angles.tolist())
         return LOST if self._inside(pixel, _BORDER) else OUT_OF_VIEW
 
     def _inside(self, pixel: FloatArray, border: float) -> bool:
@@ -491,3 +380,26 @@ class PatchTracker:
                 place = self.camera.place(pixel, *given.tolist())
         after = replace(state, missed=state.missed + 1, drift=np.zeros(2), place=place)
         return Track(pixel, place, float(score), verdict), after
+
+
+def halves(image: Image) -> tuple[Image, Image]:
+    """Return two pictures, each of every other pixel and the means of their neighbours between.
+
+    Their noise is independent, and they show the same wall.
+    """
+    padded = np.pad(image, 1, mode="edge").astype(np.uint16)
+    beside = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+    between = ((beside + 2) // 4).astype(np.uint8)
+    odd = np.add.outer(np.arange(image.shape[0]), np.arange(image.shape[1])) % 2 == 1
+    return np.where(odd, between, image), np.where(odd, image, between)
+
+
+def _shown(
+    pictures: PatchPictures, image: Image, places: FloatArray, angles: FloatArray, least: float
+) -> Patches:
+    """Return the patches about places (P, 2) that two halves of a picture show alike."""
+    one, other, whole = (pictures.pyramid(each) for each in (*halves(image), image))
+    still = np.zeros(2)
+    half = pictures.at(places, one, angles, still, still)
+    alike = pictures.compared(other, 0, half, angles, still)[0] >= least
+    return pictures.at(half.places[alike], whole, angles, still, still)

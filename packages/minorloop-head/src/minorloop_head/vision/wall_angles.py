@@ -26,11 +26,10 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
-from minorloop_head.vision import _alignment_kernels as kernels
 from minorloop_head.vision import frame_checks
-from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, numbers
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop_head.vision.imaging import Image32
-from minorloop_head.vision.patch_pictures import LEVELS, SIDE, PatchPictures
+from minorloop_head.vision.patch_pictures import Agreement, PatchPictures
 from minorloop_head.vision.wall_patches import (
     FEW,
     LATE,
@@ -46,15 +45,6 @@ from minorloop_head.vision.wall_patches import (
 
 NOTHING_SEEN = "check lights, lens and cable"
 """What to do where a picture shows nothing."""
-_COARSE = 2
-"""Texels in one of the search for a lost view, along a side."""
-_STEPS = 3
-"""Steps of Gauss-Newton in each size of the picture, by trial; twice as many in the whole
-one for a lost view."""
-_CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
-"""Length of a step after which no other is made, and of the longest step, in radians."""
-_ALIKE = 4.0
-"""Texels whose noise is alike, since they share pixels."""
 _ONE_IN = 3
 """A picture is used if one in three of the patches in view agree. Far down the pipe their looks
 change fast, and half of them may not; at wrong angles one in seven agrees on average."""
@@ -108,20 +98,6 @@ class WallAngles:
     ------
     ParameterError
         If a number is out of its range.
-
-    Notes
-    -----
-    Grey levels are logarithms, so that light is a sum, and each patch is compared without its mean
-    and slope. The sum of the correlations of all patches is maximised by Gauss-Newton steps on pan
-    and tilt, from a quarter of the picture to the whole. The derivatives are those of the
-    interaction matrix of a head with a lever (`minorloop_head.vision.jacobian`), of each texel.
-    Patches whose correlation stays low, such as those on reflections, do not take part.
-
-    References
-    ----------
-    Baker and Matthews, Lucas-Kanade 20 years on, 2004: the steps. Evangelidis and Psarakis,
-    Parametric image alignment using enhanced correlation coefficient maximization, 2008: the
-    criterion.
     """
 
     camera: CalibratedCamera
@@ -162,7 +138,7 @@ class WallAngles:
     @cached_property
     def pictures(self) -> PatchPictures:
         """How patches look in pictures of this camera."""
-        return PatchPictures(self.camera, self.size, self.readout)
+        return PatchPictures(self.camera, self.size, self.least, self.readout)
 
     def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
         """Take a picture as that of known angles, such as the head at rest.
@@ -329,38 +305,19 @@ class WallAngles:
         patches, chosen = state.patches, self.pictures.in_view(state.patches, start)
         if chosen.size < self.fewest:
             return nothing(NO_PATCH, 0, int(chosen.size)), patches
-        some, angles = patches.of(chosen), start
-        weights = np.ones(chosen.size)
-        lost = bool(state.missed or state.hunted)
-        for level in reversed(range(LEVELS if lost else LEVELS - 1)):
-            for _ in range(_STEPS if level or not lost else 2 * _STEPS):
-                scores, normal, slope = self.pictures.compared(
-                    pyramid, level, some, angles, state.rates
-                )
-                known = np.clip(np.nan_to_num(scores, nan=0.0), 0.0, 0.99)
-                noise = 2.0 * _ALIKE / some.points.shape[1] * (1.0 - known)
-                weights = self._weights(scores, normal, noise, some.sd)
-                total = np.tensordot(weights, normal, 1)
-                move = _solved(total, weights @ slope)
-                if move is None:
-                    break
-                length = float(np.hypot(*move))
-                angles = angles + move * min(1.0, _FARTHEST / max(length, 1e-12))
-                if length < _CLOSE:
-                    break
-        sd = self._deviations(weights, noise, normal, slope, some.sd)
-        return self._judged(state, chosen, scores, sd, angles)
+        levels = (2, 1, 0, 0) if state.missed or state.hunted else (1, 0)
+        agreement = self.pictures.agreed(pyramid, patches.of(chosen), start, state.rates, levels)
+        return self._judged(state, chosen, agreement)
 
     def _judged(
         self,
         state: WallState,
         chosen: npt.NDArray[np.int64],
-        scores: FloatArray,
-        sd: FloatArray | None,
-        angles: FloatArray,
+        agreement: Agreement,
     ) -> tuple[Sight, Patches]:
         """Return the angles if enough patches agree on them."""
         patches, searched = state.patches, state.hunted > 0
+        angles, sd, scores = agreement.angles, agreement.sd, agreement.scores
         seen = np.isfinite(scores)
         agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
         hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched and state.doubt is None)
@@ -380,40 +337,6 @@ class WallAngles:
         likeness = float(np.median(scores[agree]))
         return Sight(angles, sd, *counts, SEEN, likeness), replace(patches, poor=poor)
 
-    def _deviations(
-        self,
-        weights: FloatArray,
-        noise: FloatArray,
-        normal: FloatArray,
-        slope: FloatArray,
-        known: FloatArray,
-    ) -> FloatArray | None:
-        """Return the standard deviations (2,) of the angles, None if they are not determined.
-
-        The greater of two variances counts: that of the noise of the picture, and that of how much
-        the patches disagree (Huber, 1967). Two parts are added: the last step, by which the angles
-        have not settled, and the error of the angles at which the patches were first seen.
-        """
-        total = np.tensordot(weights, normal, 1)
-        if not np.linalg.eigvalsh(total)[0] > 0:
-            return None
-        inverse = np.linalg.inv(total)
-        last = inverse @ (weights @ slope)
-        each = weights[:, None] * (slope - normal @ last)
-        count = weights.sum()
-        spread = inverse @ (each.T @ each) @ inverse * count / max(count - 2.0, 1.0)
-        picture = inverse @ np.tensordot(weights**2 * noise, normal, 1) @ inverse
-        place = weights @ known**2 / count
-        return np.asarray(np.sqrt(np.maximum(np.diag(spread), np.diag(picture)) + last**2 + place))
-
-    def _weights(
-        self, scores: FloatArray, normal: FloatArray, noise: FloatArray, sd: FloatArray
-    ) -> FloatArray:
-        """Return the weights (P,) of patches: by agreement, and by how well each is known."""
-        good = np.clip((np.nan_to_num(scores, nan=0.0) - 0.5 * self.least) / 0.5, 0.0, 1.0)
-        own = 2.0 * noise / np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
-        return np.asarray(good / (1.0 + (sd**2).mean(axis=1) / own))
-
     def _hunted(
         self, pyramid: list[Image32], state: WallState
     ) -> tuple[tuple[Sight, Patches] | None, WallState]:
@@ -432,27 +355,7 @@ class WallAngles:
         parts = [some[n % len(some) :][:each] for some in (beside, near, far)]
         tried = np.concatenate(parts)
         state = replace(state, hunted=state.hunted + each)
-        poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
-        across = [np.hypot(*pose.position[:2]) for pose in poses]
-        inside = np.array(across) < self.camera.radius
-        patches, found = state.patches, np.empty(len(tried))
-        few = slice(None, None, _COARSE)
-        shape = (-1, SIDE, SIDE)
-        points = patches.points.reshape(*shape, 3)[:, few, few].reshape(len(patches.sd), -1, 3)
-        templates = patches.templates[-1].reshape(shape)[:, few, few].reshape(len(patches.sd), -1)
-        lengths = np.linalg.norm(templates, axis=1, keepdims=True)
-        kernels.search(
-            pyramid[-1],
-            np.ascontiguousarray(points),
-            np.ascontiguousarray(templates / np.maximum(lengths, 1e-9)),
-            SIDE // _COARSE,
-            numbers(self.pictures.lenses[-1]),
-            np.array([pose.rotation for pose in poses]),
-            np.array([pose.position for pose in poses]),
-            _ALL,
-            found,
-        )
-        ranks = np.where(inside, -found, np.inf)
+        ranks = -self.pictures.searched(pyramid, state.patches, tried)
         best = int(np.argmin(ranks[: len(parts[0])]))
         others = len(parts[0]) + np.argsort(ranks[len(parts[0]) :])[:2]
         for index in (best, *others.tolist()):
@@ -476,11 +379,3 @@ class WallAngles:
             for low, high in zip(self.low, self.high, strict=True)
         ]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:
-    """Return the solution (2,) of the normal equations, None if they do not determine it."""
-    values = np.linalg.eigvalsh(matrix)
-    if not values[0] > 1e-6 * values[1] > 0:
-        return None
-    return np.asarray(np.linalg.solve(matrix, slope))
