@@ -18,7 +18,7 @@ from minorloop_head.procedures.centre import Centring
 from minorloop_head.procedures.mark import BEHIND, Marking, tool_pixel
 from minorloop_head.procedures.steps import WITHIN
 from minorloop_head.procedures.values import Reading
-from minorloop_head.vision.tracking import PatchTracker
+from minorloop_head.vision.tracking import SURELY
 
 PATIENCE = 30.0
 """Longest duration of a stage in seconds: in the simulated pipe the head takes 5 to 12 s to come to
@@ -71,10 +71,10 @@ def ended(verdict: str, off: float | None, score: float = 1.0) -> str:
         Of the recognition of the point when the touch began.
     """
     said = _ended(verdict, off)
-    if score < PatchTracker.surely:
+    if score < SURELY:
         said += (
             f"; the point was hard to recognise, with a score of {score:.2f}, and "
-            f"{PatchTracker.surely:g} is sure: pick one that stands out"
+            f"{SURELY:g} is sure: pick one that stands out"
         )
     return said
 

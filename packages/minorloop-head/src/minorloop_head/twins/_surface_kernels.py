@@ -96,17 +96,3 @@ def add_dirt(surface, size, x0, z0, radius, albedo, softness, lobes):
             k = j % columns
             surface[i, k, 0] *= 1.0 + (albedo - 1.0) * share
             surface[i, k, 3] *= 1.0 - 0.7 * share
-
-
-@njit(cache=True, nogil=True)
-def halve(fine, coarse):
-    """Average 2 by 2 texels."""
-    for i in range(coarse.shape[0]):
-        for j in range(coarse.shape[1]):
-            for k in range(4):
-                coarse[i, j, k] = 0.25 * (
-                    fine[2 * i, 2 * j, k]
-                    + fine[2 * i, 2 * j + 1, k]
-                    + fine[2 * i + 1, 2 * j, k]
-                    + fine[2 * i + 1, 2 * j + 1, k]
-                )

@@ -121,7 +121,6 @@ class CScan:
     """Depth of the strongest echo below the wall; unseen where there is none, in gaps and above the
     water."""
     amplitude: FloatArray
-    amplitude_sd: FloatArray
     """Shape (rows, columns). Of the echo of the wall about a texel, as a share of that of a plain
     wall; NaN in gaps and more than the width of the beam above the water."""
     gap: BoolArray
@@ -171,7 +170,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     points = _flat(echoes.spots, patch)
     if used.size < _FEWEST:
         blank = np.full(flooded.shape, np.nan)
-        return CScan(unseen_map(patch), blank, blank, flooded, water, (), noise)
+        return CScan(unseen_map(patch), blank, flooded, water, (), noise)
     tree = cKDTree(points[used])
     off, found = map(np.asarray, tree.query(_flat(patch.places, patch)))
     nearest, near = used[found], off < width
@@ -190,7 +189,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
         finds = _finds(slender, floors, _silent(echoes, clear, on, steepest), on)
     deep = np.abs(echoes.depth)
     floor = np.hypot(np.where(deep > PULSE, _FLOOR_SD, 0.0), speed_sd * deep)
-    depth, amplitude = echoes.depth, echoes.amplitude
+    depth = echoes.depth
     sd = np.hypot(_astray(depth, echoes, noise[0]), floor)
     seen = mapped & np.isfinite(depth[nearest])
     wall = DepthMap(
@@ -199,11 +198,8 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
         np.where(seen, sd[nearest], np.inf),
         np.where(seen, ECHOES, UNSEEN).astype(np.uint8),
     )
-    loud, loud_sd = (
-        np.where(mapped, values[nearest], np.nan)
-        for values in (amplitude, _astray(amplitude, echoes, noise[1]))
-    )
-    return CScan(wall, loud, loud_sd, flooded & ~near, water, finds, noise)
+    loud = np.where(mapped, echoes.amplitude[nearest], np.nan)
+    return CScan(wall, loud, flooded & ~near, water, finds, noise)
 
 
 def _astray(values: FloatArray, echoes: WallEchoes, noise: float) -> FloatArray:

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop_head.geometry import wall_point
 from minorloop_head.vision import frame_checks
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
@@ -36,8 +36,30 @@ TRACKED, LOST, OUT_OF_VIEW = "tracked", "lost", "out of view"
 AMBIGUOUS, APART, JUMPED = "several alike", "apart from its surroundings", "jumped"
 """Verdicts of a step; others are those of ``frame_checks``."""
 
-_AROUND = 2
-"""Patches to each side of the one that is followed."""
+SURELY = 0.6
+"""Least correlation of the patch itself from which its place is its own. With less, the place is
+that of the surroundings."""
+_FRESH = 0.2
+"""Turn from all views from which a new one is kept, in radians. By trial: with 0.07 a patch drifts
+by twice as much, since a view repeats the error of the match that it is taken from."""
+_SIZE, _AROUND = 1.6e-3, 2
+"""Side of a patch in metres, and patches to each side of the one that is followed."""
+_REACH, _WIDEST = 0.8e-3, 8e-3
+"""Largest distances in the search for a lost patch, in metres: at first, and at last."""
+_LEAST, _AGAIN = 0.55, 0.4
+"""Least correlation of a patch that agrees, and of one in two halves of a picture."""
+_SHARE = 0.4
+"""Least share of the patches in view that agree."""
+_ALONE = 0.75
+"""Largest correlation elsewhere, as a share of the best, with which a lost patch is found."""
+_APART, _VAGUE = 0.1e-3, 0.05e-3
+"""Largest distance of the patch from where its surroundings put it, and largest standard deviation
+of its place, in metres."""
+_JUMP = 0.7e-3
+"""Largest distance in metres from the expected place that is believed at once; a farther one is
+believed when the next frame confirms it."""
+_MOST_VIEWS = 24
+"""Views that are kept."""
 _FEWEST = 4
 """Patches of the wall with this contrast that tell a place without detail of its own."""
 _DETAIL = 0.025
@@ -117,69 +139,20 @@ class _Found:
 
 @dataclass(frozen=True, eq=False)
 class PatchTracker:
-    """Alignment of a patch of the wall and of those around it, see `PatchPictures`.
-
-    Raises
-    ------
-    ParameterError
-        If a size is not positive or a share is not between 0 and 1.
-    """
+    """Alignment of a patch of the wall and of those around it, see `PatchPictures`."""
 
     camera: CalibratedCamera
     """The camera."""
-    size: float = 1.6e-3
-    """Side of a patch, in metres."""
-    reach: float = 0.8e-3
-    widest: float = 8e-3
-    """Largest distances in the search for a lost patch, in metres: at first, and at last."""
-    least: float = 0.55
-    """Least correlation of a patch that agrees."""
-    surely: float = 0.6
-    """Least correlation of the patch itself from which its place is its own. With less, the place
-    is that of the surroundings."""
-    again: float = 0.4
-    """Least correlation of a patch in two halves of a picture."""
-    share: float = 0.4
-    """Least share of the patches in view that agree."""
-    alone: float = 0.75
-    """Largest correlation elsewhere, as a share of the best, with which a lost patch is found."""
-    apart: float = 0.1e-3
-    """Largest distance in metres of the patch from where its surroundings put it."""
-    vague: float = 0.05e-3
-    """Largest standard deviation of the place, in metres."""
-    jump: float = 0.7e-3
-    """Largest distance in metres from the expected place that is believed at once; a farther one is
-    believed when the next frame confirms it."""
-    fresh: float = 0.2
-    """Turn from all views from which a new one is kept, in radians."""
-    most_views: int = 24
-    """Views that are kept."""
-
-    def __post_init__(self) -> None:
-        for name in ("size", "reach", "widest", "apart", "vague", "jump", "fresh"):
-            if not getattr(self, name) > 0:
-                raise ParameterError(
-                    f"{name} of the tracker is {getattr(self, name)}; give a number > 0"
-                )
-        for name in ("least", "surely", "again", "share", "alone"):
-            if not 0 <= getattr(self, name) < 1:
-                raise ParameterError(
-                    f"{name} of the tracker is {getattr(self, name)}; give a share in [0, 1)"
-                )
-        if self.most_views < 1:
-            raise ParameterError(f"{self.most_views} views of the tracker; give at least 1")
 
     @cached_property
     def pictures(self) -> PatchPictures:
         """How patches look in pictures of this camera."""
-        return PatchPictures(self.camera, self.size, self.least, width=320.0)
+        return PatchPictures(self.camera, _SIZE, _LEAST, width=320.0)
 
     @cached_property
     def details(self) -> PatchPictures:
         """How the patch that is followed looks in them."""
-        return PatchPictures(
-            self.camera, self.size, self.least, side=32, width=640.0, detail=_DETAIL
-        )
+        return PatchPictures(self.camera, _SIZE, _LEAST, side=32, width=640.0, detail=_DETAIL)
 
     def begin(
         self, image: Image, pixel: npt.ArrayLike, pan: float, tilt: float
@@ -201,16 +174,16 @@ class PatchTracker:
         shown = self.camera.pixel(corners, pan, tilt)
         if not (self._inside(shown, 0.0) and np.isfinite(place).all()):
             raise SignalError(
-                f"the frame does not show {1e3 * self.size:.3g} mm of wall about pixel "
+                f"the frame does not show {1e3 * _SIZE:.3g} mm of wall about pixel "
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
             )
         view = self._view(self.pictures, image, place, angles)
-        own = _shown(self.details, image, place[None], angles, self.again)
+        own = _shown(self.details, image, place[None], angles, _AGAIN)
         clear = self._view(replace(self.pictures, detail=_DETAIL), image, place, angles)
         if not len(view.sd) or (not len(own.sd) and len(clear.sd) < _FEWEST):
             raise SignalError(
                 f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey or lost in noise, two "
-                f"halves of the frame agree by less than {self.again}; pick one with detail, or "
+                f"halves of the frame agree by less than {_AGAIN}; pick one with detail, or "
                 "set focus, lights and gain"
             )
         still, (_, sums) = np.zeros(2), frame_checks.repeated(image, ())
@@ -265,7 +238,7 @@ class PatchTracker:
         if found.verdict in (LOST, AMBIGUOUS):
             found = self._found_again(state, image, expected)
         far = float(np.hypot(*(found.angles - expected))) * self._distance(state)
-        if found.verdict == TRACKED and not state.missed and far > self.jump:
+        if found.verdict == TRACKED and not state.missed and far > _JUMP:
             found = replace(found, verdict=JUMPED)
         if found.verdict != TRACKED:
             return self._not_seen(state, given, found.verdict, found.score)
@@ -284,8 +257,8 @@ class PatchTracker:
         if not state.missed:  # a patch that was lost has no known drift
             drift = state.drift + _FADE * (turn - state.turn - state.drift)
         off = self._nearest(state, found.angles).origins[0] - found.angles
-        new = found.whole and not state.missed and len(views) < self.most_views
-        if new and np.hypot(*off) > self.fresh:
+        new = found.whole and not state.missed and len(views) < _MOST_VIEWS
+        if new and np.hypot(*off) > _FRESH:
             view = self._view(self.pictures, image, state.home, found.angles)
             views = (*views, view) if len(view.sd) else views
         pixel = self.camera.pixel(state.home, *found.angles.tolist())
@@ -304,14 +277,14 @@ class PatchTracker:
 
     def _places(self, place: FloatArray, around: int) -> FloatArray:
         """Return the middles (P, 2) of a patch, and of so many to each side of it."""
-        steps = self.size * np.arange(-around, around + 1)
+        steps = _SIZE * np.arange(-around, around + 1)
         off = np.stack(np.meshgrid(steps / self.camera.radius, steps), axis=-1).reshape(-1, 2)
         return np.asarray(place + off)
 
     def _view(
         self, pictures: PatchPictures, image: Image, place: FloatArray, angles: FloatArray
     ) -> Patches:
-        return _shown(pictures, image, self._places(place, _AROUND), angles, self.again)
+        return _shown(pictures, image, self._places(place, _AROUND), angles, _AGAIN)
 
     def _nearest(self, state: TrackState, angles: FloatArray) -> Patches:
         """Return the view from angles nearest to others."""
@@ -323,22 +296,22 @@ class PatchTracker:
         fit = self.pictures.agreed(
             self.pictures.pyramid(image), view, start, np.zeros(2), (2, 1, 0)
         )
-        agree, seen = int((fit.scores >= self.least).sum()), int(np.isfinite(fit.scores).sum())
+        agree, seen = int((fit.scores >= _LEAST).sum()), int(np.isfinite(fit.scores).sum())
         angles, score, distance = fit.angles, 0.0, self._distance(state)
-        if not (self.camera.inside(*angles.tolist()) and agree >= max(self.share * seen, 1)):
+        if not (self.camera.inside(*angles.tolist()) and agree >= max(_SHARE * seen, 1)):
             return _Found(angles, math.nan, self._loss(state, start), False)
-        if fit.sd is None or distance * fit.sd.max() > self.vague:
+        if fit.sd is None or distance * fit.sd.max() > _VAGUE:
             return _Found(angles, math.nan, AMBIGUOUS, False)
         if len(state.own.sd):
             scores, _, off = self.details.aligned(self.details.pyramid(image)[0], state.own, angles)
             score = float(np.nan_to_num(scores[0]))
             if score < _HIDDEN * state.usual:
                 return _Found(angles, score, self._loss(state, start), False)
-            if score >= self.surely and distance * np.hypot(*off[0]) > self.apart and agree > 1:
+            if score >= SURELY and distance * np.hypot(*off[0]) > _APART and agree > 1:
                 return _Found(angles, score, APART, False)
-            angles = angles + off[0] if score >= self.surely else angles
+            angles = angles + off[0] if score >= SURELY else angles
         pixel = self.camera.pixel(state.home, *angles.tolist())
-        verdict = TRACKED if score >= self.surely or self._inside(pixel, _EDGE) else OUT_OF_VIEW
+        verdict = TRACKED if score >= SURELY or self._inside(pixel, _EDGE) else OUT_OF_VIEW
         return _Found(angles, score, verdict, agree > _WHOLE * len(view.sd))
 
     def _found_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
@@ -349,7 +322,7 @@ class PatchTracker:
         """
         if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _EDGE):
             return _Found(expected, math.nan, OUT_OF_VIEW, False)
-        reach = min(self.reach * 1.5 ** min(state.missed, 20), self.widest)
+        reach = min(_REACH * 1.5 ** min(state.missed, 20), _WIDEST)
         half = int(reach / _GRID)
         steps = np.arange(-half, half + 1) * _GRID / self._distance(state)
         tried = expected + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -357,7 +330,7 @@ class PatchTracker:
         found = self.pictures.searched(pyramid, view, tried)
         best = int(np.argmax(found))
         far = np.abs(tried - tried[best]).max(axis=1) > _NEAR * float(steps[1] - steps[0])
-        if found[far].max(initial=-1.0) > self.alone * found[best]:
+        if found[far].max(initial=-1.0) > _ALONE * found[best]:
             return _Found(expected, math.nan, AMBIGUOUS, False)
         return self._found(state, image, tried[best])
 
