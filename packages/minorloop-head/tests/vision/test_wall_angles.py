@@ -256,19 +256,9 @@ def test_a_first_picture_without_wall_is_refused(seen):
         seen.eyes.begin(plain(image), REST)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"size": 0.0}, "size is 0.0; give a number above 0"),
-        ({"least": 1.0}, "least is 1.0; give a correlation between 0 and 1"),
-        ({"readout": -1.0}, "readout is -1.0 s; give 0 or more"),
-        ({"fewest": 0}, "fewest is 0; give 1 or more"),
-        ({"low": (1.0, 1.0)}, "give low < high"),
-    ],
-)
-def test_options_out_of_range_are_refused(seen, options, said):
-    with pytest.raises(ParameterError, match=said):
-        replace(seen.eyes, **options)
+def test_angles_without_a_range_are_refused(seen):
+    with pytest.raises(ParameterError, match="give low < high"):
+        replace(seen.eyes, low=(1.0, 1.0))
 
 
 def brushed(phi, z):

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite
+from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.vision import frame_checks
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
@@ -45,6 +45,12 @@ from minorloop_head.vision.wall_patches import (
 
 NOTHING_SEEN = "check lights, lens and cable"
 """What to do where a picture shows nothing."""
+_SIZE, LEAST = 1.6e-3, 0.55
+"""Side of a patch in metres, and least correlation of one that agrees."""
+_FEWEST = 4
+"""Least number of patches that agree; after a search for a lost view it is twice that."""
+_WIDEST = math.radians(0.25)
+"""Largest standard deviation of an angle, in radians."""
 _ONE_IN = 3
 """A picture is used if one in three of the patches in view agree. Far down the pipe their looks
 change fast, and half of them may not; at wrong angles one in seven agrees on average."""
@@ -97,7 +103,7 @@ class WallAngles:
     Raises
     ------
     ParameterError
-        If a number is out of its range.
+        If a least angle is not below the largest.
     """
 
     camera: CalibratedCamera
@@ -106,14 +112,6 @@ class WallAngles:
     high: tuple[float, float] = (math.radians(36.0), math.radians(36.0))
     """Least and largest pan and tilt of the line of sight, in radians; a lost view is looked for
     between them."""
-    size: float = 1.6e-3
-    """Side of a patch, in metres."""
-    least: float = 0.55
-    """Least correlation of a patch that agrees, between 0 and 1."""
-    fewest: int = 4
-    """Least number of patches that agree; after a search for a lost view it is twice that."""
-    widest: float = math.radians(0.25)
-    """Largest standard deviation of an angle, in radians."""
     readout: float = 8e-3
     """Time in seconds from the first row of a picture to the last, 0 if they are taken at once.
     What it is wrong by is not part of the standard deviations."""
@@ -122,23 +120,13 @@ class WallAngles:
     last."""
 
     def __post_init__(self) -> None:
-        for name in ("size", "widest"):
-            if not as_finite(name, getattr(self, name)) > 0:
-                raise ParameterError(f"{name} is {getattr(self, name)}; give a number above 0")
-        if not 0 < self.least < 1:
-            raise ParameterError(f"least is {self.least}; give a correlation between 0 and 1")
-        if not self.readout >= 0:
-            raise ParameterError(f"readout is {self.readout} s; give 0 or more")
-        for name in ("fewest", "tries"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; give 1 or more")
         if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
             raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
 
     @cached_property
     def pictures(self) -> PatchPictures:
         """How patches look in pictures of this camera."""
-        return PatchPictures(self.camera, self.size, self.least, self.readout)
+        return PatchPictures(self.camera, _SIZE, LEAST, self.readout)
 
     def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
         """Take a picture as that of known angles, such as the head at rest.
@@ -165,12 +153,12 @@ class WallAngles:
         patches = self.pictures.new(
             self.pictures.pyramid(image), at, none, np.zeros(2), np.zeros(2)
         )
-        if len(patches.sd) < self.fewest:
+        if len(patches.sd) < _FEWEST:
             if verdict == frame_checks.SATURATED:
                 raise SignalError(f"the first picture is {verdict}; {NOTHING_SEEN}")
             raise SignalError(
                 f"the first picture shows {len(patches.sd)} patches of wall with detail, and "
-                f"{self.fewest} are needed; set focus, lights and gain"
+                f"{_FEWEST} are needed; set focus, lights and gain"
             )
         state = WallState(
             patches,
@@ -228,7 +216,7 @@ class WallAngles:
         there.
         """
         alike = sight.likeness >= _SURE and sight.agreeing >= _MOST * sight.seen
-        sure = alike or sight.agreeing >= max(_MANY * self.fewest, _NEARLY * sight.seen)
+        sure = alike or sight.agreeing >= max(_MANY * _FEWEST, _NEARLY * sight.seen)
         if sure or not (state.hunted or state.doubt):
             return None
         if state.doubt is None or state.missed > _GOING:
@@ -240,8 +228,8 @@ class WallAngles:
             self.pictures.compared([image], 0, some, sight.angles, np.zeros(2))[0]
             for image in (pyramid[0], state.doubt.image)
         )
-        turned = (now >= self.least) & (before < 0.5 * self.least)  # noise changes it by less
-        return None if turned.sum() >= self.fewest else state.doubt
+        turned = (now >= LEAST) & (before < 0.5 * LEAST)  # noise changes it by less
+        return None if turned.sum() >= _FEWEST else state.doubt
 
     def _expected(self, state: WallState, t: float) -> FloatArray:
         """Return the angles at a time if the head goes on turning for a while."""
@@ -295,7 +283,7 @@ class WallAngles:
             return state.patches, trial
         ripe = trial.of(np.flatnonzero(turned))
         scores, stays = self.pictures.tried(pyramid, ripe, angles, rates)
-        wall = ripe.of(np.flatnonzero((scores >= self.least) & ~(stays >= scores)))
+        wall = ripe.of(np.flatnonzero((scores >= LEAST) & ~(stays >= scores)))
         return state.patches.with_more(wall), trial.of(np.flatnonzero(~turned))
 
     def _found(
@@ -303,7 +291,7 @@ class WallAngles:
     ) -> tuple[Sight, Patches]:
         """Return the angles near others at which the patches agree, and mark those that do not."""
         patches, chosen = state.patches, self.pictures.in_view(state.patches, start)
-        if chosen.size < self.fewest:
+        if chosen.size < _FEWEST:
             return nothing(NO_PATCH, 0, int(chosen.size)), patches
         levels = (2, 1, 0, 0) if state.missed or state.hunted else (1, 0)
         agreement = self.pictures.agreed(pyramid, patches.of(chosen), start, state.rates, levels)
@@ -319,17 +307,17 @@ class WallAngles:
         patches, searched = state.patches, state.hunted > 0
         angles, sd, scores = agreement.angles, agreement.sd, agreement.scores
         seen = np.isfinite(scores)
-        agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
+        agree = seen & (np.nan_to_num(scores, nan=-1.0) >= LEAST)
         hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched and state.doubt is None)
         counts = int(agree.sum()), int((agree | (seen & ~hidden)).sum())
-        fewest, one_in = self.fewest, _ONE_IN
+        fewest, one_in = _FEWEST, _ONE_IN
         if searched:
-            fewest, one_in = min(2 * self.fewest, max(counts[1], _ALL)), _SEARCHED
+            fewest, one_in = min(2 * _FEWEST, max(counts[1], _ALL)), _SEARCHED
         needed = max(fewest, math.ceil(counts[1] / one_in))
         if counts[0] < needed:
             return nothing(FEW, *counts, needed), patches
         inside = (angles > np.array(self.low)) & (angles < np.array(self.high))
-        if sd is None or not (sd.max() <= self.widest and inside.all()):
+        if sd is None or not (sd.max() <= _WIDEST and inside.all()):
             return nothing(UNSURE, *counts), patches
         poor = patches.poor.copy()
         poor[chosen[seen & ~agree]] += 1

@@ -18,7 +18,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
 from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from minorloop_head.vision.wall_angles import WallAngles
+from minorloop_head.vision.wall_angles import LEAST, WallAngles
 from minorloop_head.vision.wall_patches import SEEN, WallState
 
 _ROUNDS = 3
@@ -159,7 +159,7 @@ def _adjusted(
         )
         by_turn = np.array([camera.pixel(turned[n][chosen], pan, tilt) - here for n in range(2)])
         for p in range(len(chosen)):
-            if not scores[p] >= estimator.least or view[k] == origin[chosen[p]]:
+            if not scores[p] >= LEAST or view[k] == origin[chosen[p]]:
                 continue
             noise = 8.0 / some.points.shape[1] * (1.0 - min(float(scores[p]), 0.99))
             spread = np.linalg.inv(own[p] + 1e-9 * np.eye(2))
