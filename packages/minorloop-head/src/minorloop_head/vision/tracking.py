@@ -66,8 +66,8 @@ _DETAIL = 0.025
 """Least contrast of a patch that is not dirt on the lens. On four walls with hardly any texture
 (seeds 1000 to 1003), spots on the lens gave up to 0.022; on drawn walls the least was 0.03."""
 _BORDER, _EDGE = 4.0, 45.0
-"""Distances from the edge of a frame in pixels within which a patch is out of view: nothing is
-searched, and plain wall is not followed, of which half of the patch is beyond the edge."""
+"""Distances from the edge of a frame in pixels within which a patch is out of view, and within
+which a lost one is not searched."""
 _FADE = 0.5  # damping of the drift
 _WHOLE = 0.7
 """Share of the patches that agree, from which a view of them is kept."""
@@ -170,9 +170,7 @@ class PatchTracker:
             raise SignalError("the frame is black; switch the lights on before a patch is picked")
         place, angles = self.camera.place(pixel, pan, tilt), np.array([pan, tilt])
         u, v = np.asarray(pixel, dtype=np.float64)
-        corners = place + 0.5 * (self._places(place, 1)[[0, 2, 6, 8]] - place)
-        shown = self.camera.pixel(corners, pan, tilt)
-        if not (self._inside(shown, 0.0) and np.isfinite(place).all()):
+        if not self._inside(np.array([u, v]), _BORDER):
             raise SignalError(
                 f"the frame does not show {1e3 * _SIZE:.3g} mm of wall about pixel "
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
@@ -297,21 +295,22 @@ class PatchTracker:
             self.pictures.pyramid(image), view, start, np.zeros(2), (2, 1, 0)
         )
         agree, seen = int((fit.scores >= _LEAST).sum()), int(np.isfinite(fit.scores).sum())
-        angles, score, distance = fit.angles, 0.0, self._distance(state)
+        angles, distance = fit.angles, self._distance(state)
         if not (self.camera.inside(*angles.tolist()) and agree >= max(_SHARE * seen, 1)):
             return _Found(angles, math.nan, self._loss(state, start), False)
         if fit.sd is None or distance * fit.sd.max() > _VAGUE:
             return _Found(angles, math.nan, AMBIGUOUS, False)
-        if len(state.own.sd):
-            scores, _, off = self.details.aligned(self.details.pyramid(image)[0], state.own, angles)
-            score = float(np.nan_to_num(scores[0]))
+        score = float(np.median(fit.scores[fit.scores >= _LEAST]))
+        own, _, off = self.details.aligned(self.details.pyramid(image)[0], state.own, angles)
+        if np.isfinite(own).any():
+            score = float(own[0])
             if score < _HIDDEN * state.usual:
                 return _Found(angles, score, self._loss(state, start), False)
             if score >= SURELY and distance * np.hypot(*off[0]) > _APART and agree > 1:
                 return _Found(angles, score, APART, False)
             angles = angles + off[0] if score >= SURELY else angles
         pixel = self.camera.pixel(state.home, *angles.tolist())
-        verdict = TRACKED if score >= SURELY or self._inside(pixel, _EDGE) else OUT_OF_VIEW
+        verdict = TRACKED if self._inside(pixel, _BORDER) else OUT_OF_VIEW
         return _Found(angles, score, verdict, agree > _WHOLE * len(view.sd))
 
     def _found_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
