@@ -44,6 +44,8 @@ _FRESH = 0.2
 by twice as much, since a view repeats the error of the match that it is taken from."""
 _SIZE, _AROUND = 1.6e-3, 2
 """Side of a patch in metres, and patches to each side of the one that is followed."""
+_SHOWN = 0.45
+"""Distance of the edge of a frame from a point that can be picked, in sides of a patch."""
 _REACH, _WIDEST = 0.8e-3, 8e-3
 """Largest distances in the search for a lost patch, in metres: at first, and at last."""
 _LEAST, _AGAIN = 0.55, 0.4
@@ -170,7 +172,8 @@ class PatchTracker:
             raise SignalError("the frame is black; switch the lights on before a patch is picked")
         place, angles = self.camera.place(pixel, pan, tilt), np.array([pan, tilt])
         u, v = np.asarray(pixel, dtype=np.float64)
-        if not self._inside(np.array([u, v]), _BORDER):
+        sides = place + _SHOWN * (self._places(place, 1)[1::2] - place)
+        if not self._inside(self.camera.pixel(sides, pan, tilt), 0.0):
             raise SignalError(
                 f"the frame does not show {1e3 * _SIZE:.3g} mm of wall about pixel "
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
