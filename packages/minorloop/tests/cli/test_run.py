@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from board_process import commands, simulated_board
+from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.store import Store
 
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
@@ -89,8 +90,9 @@ def test_holdouts_of_adaptive_runs_are_refused(run, refused):
     assert "leave rows, skip and holdout out" in refused("identify a.sqlite --holdout 0.3")
 
 
-def test_one_channel_of_a_bench_with_several_is_run_and_resumed(run, tmp_path):
+def test_one_channel_of_a_bench_with_several_is_run_and_resumed(run, tmp_path, monkeypatch):
     pytest.importorskip("pyvisa_py", reason="needs pyvisa-py: minorloop[instruments]")
+    monkeypatch.setattr(Bench, "answer_time", lambda bench: 0.0)  # a busy machine answers late
     Path("y.csv").write_text("y voltage [V],hold [s]\n0,0.3\n100,0.3\n")
     Path("other.csv").write_text("voltage [V],hold [s]\n0,0.3\n")
     with simulated_board(tmp_path) as (address, _):
