@@ -1,4 +1,3 @@
-import csv
 import shlex
 from pathlib import Path
 
@@ -17,11 +16,6 @@ def _planned(_somewhere, run):
     assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
 
 
-def _exported(name):
-    with open(name, newline="") as file:
-        return list(csv.reader(file))
-
-
 def test_from_a_plan_to_a_model(run, answer):
     status, out, err = run(f"{RUN} --store runs.sqlite")
     assert status == 0
@@ -29,9 +23,9 @@ def test_from_a_plan_to_a_model(run, answer):
     assert err.count("\n") == 11
     assert err.startswith("1/11  -1.2 V  ")
     assert run("runs export --store runs.sqlite --save points.csv")[0] == 0
-    header, *rows = _exported("points.csv")
-    assert header[:4] == ["index", "voltage [V]", "curvature [1/m]", "sd [1/m]"]
-    assert [int(row[0]) for row in rows] == list(range(11))
+    header, *rows = Path("points.csv").read_text().splitlines()
+    assert header.startswith("index,voltage [V],curvature [1/m],sd [1/m]")
+    assert [int(row.split(",")[0]) for row in rows] == list(range(11))
     assert run("runs export --store runs.sqlite")[1] == Path("points.csv").read_text()
     from_store = answer("identify runs.sqlite --law levels=4")
     from_csv = answer("identify points.csv --input voltage --output curvature --law levels=4")

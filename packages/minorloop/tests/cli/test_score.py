@@ -5,7 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from command_line import write
+
 SCORE = "score model.json other.csv"
+HEADER = "time [s],voltage [V],length [um],curve"
 CHANCE = np.random.default_rng(1000)
 
 
@@ -16,12 +19,8 @@ def other(model):
     curve = np.repeat([4, 7, 9], 80)
     y = np.concatenate([model.simulate(u[curve == k], "positive") for k in (4, 7, 9)])
     rows = np.column_stack([0.5 * np.arange(240), u, y + 0.05 * CHANCE.normal(size=240), curve])
-    write("other.csv", rows)
+    write("other.csv", HEADER, rows)
     return rows
-
-
-def write(name, rows, header="time [s],voltage [V],length [um],curve"):
-    np.savetxt(name, rows, "%.17g", ",", header=header, comments="")
 
 
 CURVES = "--record curves=curve,start_of_curve=positive"
@@ -40,7 +39,7 @@ def test_residuals_are_those_of_the_outputs_that_simulate_writes(other, answer, 
 
 
 def test_a_model_that_does_not_predict_the_record_ends_with_status_1(other, run):
-    write("turned.csv", other * [1, 1, -1, 1])
+    write("turned.csv", HEADER, other * [1, 1, -1, 1])
     status, out, err = run("score model.json turned.csv")
     assert status == 1
     assert "the model does not predict this record" in " ".join(out.split())
