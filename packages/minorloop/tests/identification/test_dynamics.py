@@ -26,7 +26,7 @@ def plays(u):
     return 40 * (z + 0.1 * z * (1 - z))
 
 
-def sweeps(frequencies=(8.0, 20.0, 50.0)):
+def sweeps(frequencies=(4.0, 20.0, 50.0)):
     """Rest, then sines of decreasing amplitude."""
     parts = [np.zeros(40)]
     for frequency in frequencies:
@@ -124,7 +124,7 @@ def virgin(u):
 
 
 def test_a_virgin_start_is_not_fitted():
-    u = sweeps((6.0, 20.0, 9.0, 4.0))
+    u = sweeps((4.0, 20.0, 9.0, 3.0))
     found = ml.identify(
         ml.Record(u, virgin(u), time_of(u)),
         ml.Dynamics(ml.Plane(**COARSE), first="operator", poles=2, creep=False),
@@ -184,7 +184,7 @@ def test_the_structure_of_the_plane_is_chosen_by_the_error_of_the_whole_model():
 
 
 def test_a_record_without_dynamics_has_none():
-    u = sweeps((8.0,))
+    u = sweeps((5.0,))
     record = ml.Record(u, measured(u, Linear.lags()), time_of(u))
     found = ml.identify(record, ml.Dynamics(ml.Plane(**COARSE)))
     assert not found.dynamic
