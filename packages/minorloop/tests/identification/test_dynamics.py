@@ -57,14 +57,12 @@ LAGS = Linear.lags(6e-3, 2e-3)
 @cache
 def stage():
     u = sweeps()
-    return ml.identify(
-        ml.Record(u, measured(u, LAGS), time_of(u)), ml.Dynamics(ml.Plane(**COARSE)), holdout=0.1
-    )
+    law = ml.Dynamics(ml.Plane(**COARSE), first="operator")
+    return ml.identify(ml.Record(u, measured(u, LAGS), time_of(u)), law, holdout=0.1)
 
 
 def test_finds_two_poles_after_the_operator():
     found = stage()
-    assert found.model.first == "operator"
     assert found.model.creep is None
     assert found.model.linear.delay < 0.3e-3
     np.testing.assert_allclose(found.model.linear.time_constants, [6e-3, 2e-3], rtol=0.05)
@@ -159,8 +157,9 @@ def test_finds_dead_time_and_a_resonance():
     system = Linear([omega**2], [1, 0.2 * omega, omega**2], delay=3 / RATE)
     found = ml.identify(
         ml.Record(u, measured(u, system), time_of(u)),
-        ml.Dynamics(ml.Plane(**COARSE), first="operator", poles=2, creep=False),
+        ml.Dynamics(ml.Plane(**COARSE), poles=2, creep=False),
     )
+    assert found.model.first == "operator"
     assert found.model.linear.delay == pytest.approx(3 / RATE, abs=0.2 / RATE)
     poles = found.model.linear.poles
     np.testing.assert_allclose(np.abs(poles), omega, rtol=0.01)
@@ -186,7 +185,7 @@ def test_the_structure_of_the_plane_is_chosen_by_the_error_of_the_whole_model():
 def test_a_record_without_dynamics_has_none():
     u = sweeps((5.0,))
     record = ml.Record(u, measured(u, Linear.lags()), time_of(u))
-    found = ml.identify(record, ml.Dynamics(ml.Plane(**COARSE)))
+    found = ml.identify(record, ml.Dynamics(ml.Plane(**COARSE), first="operator"))
     assert not found.dynamic
     assert "no better than with the operator alone" in found.advice[-1]
 
