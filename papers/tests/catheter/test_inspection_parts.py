@@ -67,7 +67,7 @@ from papers.claims import claim_table, figure
 @pytest.fixture(scope="module")
 def mission():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("minorloop_head.procedures.ring.TURNS", 8)
+        patch.setattr("minorloop_head.procedures.ring.TURNS", 16)
         patch.setattr("papers.catheter.mission.ADVANCES", (4e-3,))
         patch.setattr("papers.catheter.mission.VIEWS", 4)
         return run_mission(1)
