@@ -88,6 +88,10 @@ class ScannedRaster:
         Why it was not scanned; empty if it was.
     steps : tuple of LogEntry
         Of the visit until its end, or since the scan before it, for who keeps the scan.
+    centre : (float, float)
+        Phi and z of its middle, in radians and metres.
+    shift : float
+        Its displacement in pitches, in both directions.
     """
 
     reference: FloatArray = field(default_factory=lambda: np.zeros(2))
@@ -100,6 +104,8 @@ class ScannedRaster:
     again: int = 0
     refused: str = ""
     steps: tuple[LogEntry, ...] = ()
+    centre: tuple[float, float] = (0.0, 0.0)
+    shift: float = 0.0
 
     @property
     def progress(self) -> float:
@@ -147,8 +153,8 @@ class RasterScan:
         ScannedRaster
             As made.
         """
-        made.done = False
-        if (yield from self._over(made, centre, shift)):
+        made.centre, made.shift, made.done = centre, shift, False
+        if (yield from self._over(made)):
             made.stage = "light"
             if light is None:
                 yield Request(water=True)
@@ -157,47 +163,43 @@ class RasterScan:
                 yield from meter(self.calibration, light, last=Request(water=True))
             made.stage = "turn"
             yield from go(angles=made.targets[made.point])
-            while (yield from self._row_scanned(made, centre, shift)):
-                yield from self._rolled(made, centre, shift)
+            while (yield from self._row_scanned(made)):
+                yield from self._rolled(made)
         made.done = True
         return made
 
-    def _over(
-        self, made: ScannedRaster, centre: tuple[float, float], shift: float
-    ) -> Procedure[bool]:
+    def _over(self, made: ScannedRaster) -> Procedure[bool]:
         """Bring the probe over the next row of the raster; return whether it gets there."""
         while True:
             made.stage = "travel"
             now = yield NOW
             if not made.point:
-                roll = self.rolled(centre[0], now.place)[1] - now.place[1]
+                roll = self.rolled(made.centre[0], now.place)[1] - now.place[1]
                 made.onward = 1 if roll >= 0 else -1
-            place = self._rolled_to(made, centre, shift, now)
-            place[0] = centre[1] + shift * PITCH
+            place = self._rolled_to(made, now)
+            place[0] = made.centre[1] + made.shift * PITCH
             yield from go(place, self.perpendicular)
             now = yield NOW
             rows = made.point // self.points * made.onward
             first = now.place - (0.0, rows * PITCH / self.calibration.radius)
-            made.targets = self.targets(centre, first, shift, made.onward)
+            made.targets = self.targets(made.centre, first, made.shift, made.onward)
             if len(made.targets):
                 break
-            if not (yield from self._retreated(made, centre, shift)):
+            if not (yield from self._retreated(made)):
                 return False
         if not made.point:
-            made.reference = self.rolled(centre[0], now.place)
+            made.reference = self.rolled(made.centre[0], now.place)
         return True
 
-    def _row_scanned(
-        self, made: ScannedRaster, centre: tuple[float, float], shift: float
-    ) -> Procedure[bool]:
+    def _row_scanned(self, made: ScannedRaster) -> Procedure[bool]:
         """Fire at the points of a row, from where the catheter is; return whether there is more.
 
         If the row is not within reach from there, it has still to be come to again.
         """
         now, n = (yield NOW), made.point // self.points
-        aims = self._row(centre, now.place, shift, self._index(n, made.onward))
+        aims = self._row(made.centre, now.place, made.shift, self._index(n, made.onward))
         if not len(aims):
-            return (yield from self._retreated(made, centre, shift))
+            return (yield from self._retreated(made))
         made.targets[n * self.points : (n + 1) * self.points] = aims
         made.stage, since = "points", now.t - DWELL
         while True:
@@ -235,25 +237,21 @@ class RasterScan:
             made.bursts = (*made.bursts, burst)
         return now
 
-    def _rolled(
-        self, made: ScannedRaster, centre: tuple[float, float], shift: float
-    ) -> Procedure[None]:
+    def _rolled(self, made: ScannedRaster) -> Procedure[None]:
         """Roll to the next row."""
         made.stage = "roll"
         now = yield NOW
-        yield from go(self._rolled_to(made, centre, shift, now), patience=_ROLLING)
+        yield from go(self._rolled_to(made, now), patience=_ROLLING)
 
-    def _retreated(
-        self, made: ScannedRaster, centre: tuple[float, float], shift: float
-    ) -> Procedure[bool]:
+    def _retreated(self, made: ScannedRaster) -> Procedure[bool]:
         """Turn back before a row that was jumped past; False if it is too far, or too often."""
         now = yield NOW
-        row = self._rolled_to(made, centre, shift, now)
+        row = self._rolled_to(made, now)
         if made.again >= MOST_AGAIN or abs(row[1] - now.place[1]) > RETREAT:
             return False
         made.stage, made.again = "retreat", made.again + 1
         now = yield NOTHING
-        row = self._rolled_to(made, centre, shift, now)
+        row = self._rolled_to(made, now)
         yield from go(row - (0.0, made.onward * RETREAT), patience=_ROLLING)
         yield NOTHING
         return True
@@ -342,13 +340,11 @@ class RasterScan:
         """Return the place of the n-th row in the raster, by growing phi."""
         return n if onward > 0 else self.points - 1 - n
 
-    def _rolled_to(
-        self, made: ScannedRaster, centre: tuple[float, float], shift: float, now: Reading
-    ) -> FloatArray:
+    def _rolled_to(self, made: ScannedRaster, now: Reading) -> FloatArray:
         """Return the place (2,) of the catheter for the next row, from where it is."""
         n = self._index(made.point // self.points, made.onward)
-        steps = n - 0.5 * (self.points - 1) + shift
-        return self.rolled(centre[0] + steps * PITCH / self.calibration.radius, now.place)
+        steps = n - 0.5 * (self.points - 1) + made.shift
+        return self.rolled(made.centre[0] + steps * PITCH / self.calibration.radius, now.place)
 
     def burst(
         self,
