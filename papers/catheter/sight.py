@@ -19,7 +19,7 @@ from minorloop_head.procedures.centre import Centred, Centring
 from minorloop_head.procedures.focus import focus
 from minorloop_head.procedures.go import go as go_to
 from minorloop_head.procedures.mark import TOUCHED, Marking, Touch, aim_at
-from minorloop_head.procedures.meter import wall_ahead
+from minorloop_head.procedures.meter import Light, wall_ahead
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.steps import acquire, bring_in_reach, go, meter, search
 from minorloop_head.procedures.values import Request
@@ -87,7 +87,7 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Results:
     test = Marking(calibration=calibration)
     metres = np.array([radius, 1.0])
     bring_in_reach(rig, test, place - beside / metres)
-    tried = rig.run(test.touch(Touch(place=place, beside=-beside), rig.light))
+    tried = rig.run(test.touch(Touch(place=place, beside=-beside), Light()))
     tip.tool.marks.clear()
     marking = Marking(calibration=replace(calibration, tool=tried.tool or calibration.tool))
     bring_in_reach(rig, marking, place + beside / metres)
@@ -99,7 +99,7 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Results:
         if touch.stop == "near" and not pictures:
             pictures.append(tip.frame().image)
 
-    rig.run(marking.touch(touch, rig.light), watch)
+    rig.run(marking.touch(touch, Light()), watch)
     after = rig.reading(Request(frame=True)).image
     assert after is not None
     return _scored(rig, tip, hole, touch, [*pictures, after])
