@@ -39,8 +39,6 @@ ELSEWHERE = {
     "minorloop_head/console/numbered_findings.py": "minorloop_head/console/test_session.py",
     "minorloop_head/console/outgoing.py": "minorloop_head/console/test_session.py",
     "minorloop_head/console/scan_echoes.py": "minorloop_head/console/test_depth_work.py",
-    "minorloop_head/control/guard_log.py": "minorloop_head/control/test_guard.py",
-    "minorloop_head/control/guard_state.py": "minorloop_head/control/test_guard.py",
     "minorloop_head/control/head.py": "minorloop_head/control/test_head_control.py",
     "minorloop_head/control/transient.py": "minorloop_head/control/test_heating.py",
     "minorloop_head/inspection/heads.py": "minorloop_head/cli/test_head.py",

@@ -368,7 +368,7 @@ def _nearly_all(control: HeadControl) -> list[float]:
     return [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
 
 
-def _later_sensors(seed: int, law: Controller) -> dict[str, float]:
+def _later_sensors(seed: int, law: Controller | None) -> dict[str, float]:
     """Drive a wire by the internal model with sensors that are later than it knows.
 
     It has no guard, which would find such readings late. Returns the predicted edges of stability,

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop_head.control.guard_state import Event
+from minorloop_head.control.guard import Event
 from minorloop_head.control.head import HeadControl
 from minorloop_head.control.reach import Unreachable
 from minorloop_head.twins.head import Head

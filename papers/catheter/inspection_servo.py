@@ -18,7 +18,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop_head.control.head import HeadControl, head_control
-from minorloop_head.control.sensing import SensorWatch
+from minorloop_head.control.readings import SensorWatch
 from minorloop_head.geometry import Mount, meet_wall
 from minorloop_head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop_head.procedures.centre import CONE, Centred, Centring

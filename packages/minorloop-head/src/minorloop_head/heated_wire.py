@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_waveform
 from minorloop.errors import ParameterError
+from minorloop.operators._kernels import push_balance
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
@@ -149,10 +150,9 @@ class HeatedWire:
         if abs(gap / stiff) < SMALLEST_CHANGE:
             return state
         tracker = state.tracker.copy()
-        after = tracker.push_balance(
-            state.power, state.angle, gap, stiff=stiff, drag=self.latent, solves=SOLVES
-        )
-        return HeatedState(*after, tracker)
+        after, angle = np.array([state.power]), np.array([state.angle])
+        tracker.run(push_balance, gap, stiff, self.latent, SOLVES, after, angle)
+        return HeatedState(float(after[0]), float(angle[0]), tracker)
 
     def moved(self, state: HeatedState, power: float) -> HeatedState:
         """Return the state after the effective power has moved monotonically to a value.

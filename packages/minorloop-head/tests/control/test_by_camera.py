@@ -7,6 +7,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop_head.control.by_camera import AGE, LEAD, camera_control
+from minorloop_head.control.readings import ReadingState
 from wires import identified
 
 FOUND_AGAIN = 10.0
@@ -65,8 +66,7 @@ def test_a_lead_that_is_not_positive_is_refused(lead):
 def test_readings_that_are_not_used_do_not_bound_a_target():
     control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
     state = control.begin((40.0, 40.0), (0.3, 0.3))
-    late = [
-        replace(each, sensed=replace(each.sensed, fault="late", last=44.0)) for each in state.axes
-    ]
+    known = ReadingState(fault="late", last=44.0)
+    late = [replace(each, reading=known) for each in state.axes]
     _, state = control.step(replace(state, axes=tuple(late)), (20.0, 15.0), (44.0, 44.0))
     assert [axis.reference for axis in state.axes] == pytest.approx([20.0, 15.0])

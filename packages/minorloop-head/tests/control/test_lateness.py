@@ -7,20 +7,10 @@ import pytest
 
 from minorloop_head.control.by_camera import camera_control
 from minorloop_head.control.head import head_control
-from minorloop_head.control.lateness import Lateness, Stop, StopWatch
+from minorloop_head.control.lateness import Lateness, LatenessWatch
+from minorloop_head.control.observer import PowerObserver
 from minorloop_head.twins.surroundings import Course, Surroundings
-from wires import TICK, Run, identified, identified_head
-
-
-def test_readings_are_doubted_for_a_while_and_anew_where_they_are_late_again():
-    state = Lateness().later(TICK, 0.0)
-    assert (state.late, state.doubted) == (0.0, 0.0)
-    state = state.later(TICK, 0.5)
-    for _ in range(round(20.0 / TICK)):
-        state = state.later(TICK, 0.0)
-    assert (state.late, state.doubted) == (0.5, pytest.approx(10.0))
-    assert state.later(TICK, 0.7) == Lateness().later(TICK, 0.7)
-    assert state.later(10.1, 0.0) == Lateness()
+from wires import TICK, Run, identified, identified_head, made_up
 
 
 def test_a_loop_with_late_readings_stops_swinging_and_says_why():
@@ -58,14 +48,100 @@ def test_pictures_of_the_usual_age_are_never_late(delay, around):
     [(7, 0.48, 0.48), (2, 0.48, 0.48), (1, 0.48, 0.0), (7, 1.48, 1.48), (7, 2.48, 0.0)],
 )
 def test_a_stop_tells_how_late_the_readings_are_also_if_some_are_missing(missing, late, found):
-    """Of some readings, one is missing; or all but one in three."""
-    watch = StopWatch(wire=identified().model, delay=2)
-    state, angle, lag, told = Stop(), 0.0, round(late / TICK) + 1, []
+    """Of some readings, one is missing; or all but one in three. Late ones are doubted for 30 s."""
+    observer = PowerObserver(wire=identified().model, delay=2)
+    watch, estimate = LatenessWatch(observer=observer), observer.found()
+    state, angle, lag, told = Lateness(), 0.0, round(late / TICK) + 1, []
     power = [0.16 if k < 150 else max(0.16 - 0.004 * (k - 150), 0.06) for k in range(270)]
     for k in range(1, 270):
         angle += 60.0 * (power[max(k - lag, 0)] - 0.06) * TICK
         lost = k % 3 if missing == 1 else k % missing == 0
-        state = watch.step(state, math.nan if lost else angle, power[k - 1])
+        read = math.nan if lost else angle
+        state = watch.step(state, estimate, math.sqrt(power[k - 1]), read, expected=angle)
         told.append(state.late)
     assert max(told[:150]) == 0.0
     assert max(told) == pytest.approx(found, abs=0.05)
+    for seconds, still in ((25.0, found > 0.0), (5.0, False)):
+        for _ in range(round(seconds / TICK)):
+            state = watch.step(state, estimate, 0.0, math.nan, expected=angle)
+        assert (state.late > 0.0) == (state.doubted > 0.0) == still
+
+
+OBSERVER = PowerObserver(wire=made_up(), delay=2)
+
+
+def currents(t):
+    """Rises and falls of the current in A, which turn the wire by some ten degrees."""
+    return math.sqrt(0.14 if t % 5.0 < 2.5 else 0.04)
+
+
+def watched(
+    later=0.0, *, since=0.0, held=0.0, power=currents, colder=0.0, noise=0.0, lost=0, seconds=16.0
+):
+    """When readings of the wire of the observer are found to be late, and by how much; or None.
+
+    From ``since`` on they are older by ``later`` seconds, after ``held`` seconds without any; of
+    ``lost``, one is missing.
+    """
+    rng, wire = np.random.default_rng(3), OBSERVER.wire
+    watch, state = LatenessWatch(observer=OBSERVER), Lateness()
+    true, angles = wire.begin(), [wire.begin().angle] * 200
+    estimate, current = OBSERVER.found(angles[-1], 0.0), 0.0
+    for k in range(round(seconds / TICK)):
+        true = wire.step(true, current**2, TICK, ambient=colder)
+        angles.append(true.angle)
+        older = OBSERVER.delay - 1 + (round(later / TICK) if k * TICK >= since else 0)
+        reading = angles[-1 - older] + noise * rng.normal()
+        if (lost and k % lost == 0) or since <= k * TICK < since + held:
+            reading = math.nan
+        before, estimate = estimate, OBSERVER.predicted(estimate, current)
+        state = watch.step(state, before, current, reading, expected=estimate.expected)
+        if state.late:
+            return k * TICK, state.late
+        estimate = OBSERVER.corrected(estimate, reading)
+        current = power(k * TICK)
+    return None
+
+
+@pytest.mark.parametrize("later", [0.48, 0.72, 1.0])
+@pytest.mark.parametrize("options", [{}, {"noise": 0.05, "lost": 3}])
+def test_late_readings_are_found_with_their_age(later, options):
+    when, late = watched(later, **options)
+    assert when < 9.0
+    assert late == pytest.approx(later + OBSERVER.delay * TICK, abs=0.15)
+
+
+@pytest.mark.parametrize("since", [6.4, 6.8])
+def test_readings_that_were_held_back_in_a_motion_are_found_at_once(since):
+    when, late = watched(0.48, since=since, held=0.48, noise=0.02)
+    assert since + 0.48 < when < since + 1.5
+    assert late == pytest.approx(0.56, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"since": 6.0, "held": 0.48, "noise": 0.02},
+        {"noise": 0.3},
+        {"later": 0.08},
+        {"later": 0.32},  # a loop comes to rest with them
+        {"colder": -0.02},
+        {"colder": 0.02, "noise": 0.05, "lost": 3},
+        {"later": 0.48, "power": lambda t: 0.05 * t, "seconds": 2.0},  # it never moves
+        {"later": 4.0, "seconds": 12.0},
+    ],
+)
+def test_others_are_not_late(options):
+    assert watched(**options) is None
+
+
+def test_readings_that_end_while_observers_are_compared_are_not_late():
+    watch, state = LatenessWatch(observer=OBSERVER), Lateness()
+    estimate = OBSERVER.found(0.0, 0.0)
+    state = watch.step(state, estimate, 0.1, 5.0, expected=0.0)
+    for _ in range(100):
+        state = watch.step(state, estimate, 0.1, math.nan, expected=0.0)
+        assert state.late == 0.0
+    assert state.comparison is None
+    assert watch.step(state, estimate, 0.1, 5.0, expected=0.0, steps=300).late == 0.0

@@ -43,10 +43,10 @@ def test_a_motion_that_gets_slower_is_found_as_numpy_finds_it(missing):
 
 @pytest.mark.parametrize("steps", [1, 3, 9])
 def test_readings_are_added_and_the_oldest_are_dropped(steps):
-    recent, expected = np.empty((2, 0)), np.empty((2, 0))
+    recent, expected = np.empty((3, 0)), np.empty((3, 0))
     for k in range(12):
-        recent = kernels.added(recent, 0.1 * k, float(k), steps, 20)
-        more = np.tile([[0.1 * k], [np.nan]], steps)
-        more[1, -1] = k
+        recent = kernels.added(recent, 0.1 * k, 0.2 * k, float(k), steps, 20)
+        more = np.tile([[0.1 * k], [0.2 * k], [np.nan]], steps)
+        more[2, -1] = k
         expected = np.concatenate([expected, more], axis=1)[:, -20:]
         np.testing.assert_array_equal(recent, expected)

@@ -98,7 +98,8 @@ def test_both_causes_are_named_where_readings_do_not_tell_them_apart():
     watch = ReachWatch(wire=made_up())
     bank = watch._hypotheses.begin(PowerObserver(wire=made_up()).found(), moving=False)
     trial = Trial(bank, 0.0, 0.0, seconds=9.6)
-    alike = np.where(watch._colder, 1.0 / watch._colder.sum(), 1.0 / (~watch._colder).sum())
+    colder = watch._hypotheses.colder == 1
+    alike = np.where(colder, 1.0 / colder.sum(), 1.0 / (~colder).sum())
     assert watch._reason(trial, alike, 0.0, late=False) is None
     assert watch._reason(trial, alike, 0.0, late=True) == "colder surroundings or stronger cooling"
     told = replace(trial, evidence=20.0)

@@ -5,7 +5,7 @@ from minorloop.errors import ParameterError
 from minorloop_head.control.by_camera import LEAD, camera_control
 from minorloop_head.control.head import head_control
 from minorloop_head.control.limits import WireLimits
-from minorloop_head.control.sensing import SensorWatch
+from minorloop_head.control.readings import SensorWatch
 from minorloop_head.procedures.steer import steer
 from minorloop_head.twins.head import Head
 from wires import identified, made_up

@@ -13,12 +13,12 @@ LEAST_RISE = 0.5
 """Degrees below which a branch counts as flat: ten times the noise of the holds behind it."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def place(power, low, scale, points, flat, steeper):
     """Return where a power lies in the table: index to the left, and share of the step."""
     at = flat + steeper * ((power - low) * scale - flat)
     at = min(max(at, 0.0), points - 1.000001)
-    left = int(at)
+    left = np.int32(at)
     return left, at - left
 
 
@@ -31,21 +31,26 @@ def last_flat(branch):
     return flat
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def equivalent(ambient, resistance, angle, ends):
     """Return the power to which an ambient is equivalent for a wire at an angle, in A^2."""
     hot = min(max((angle - ends[0]) / (ends[1] - ends[0]), 0.0), 1.0)
     return ambient / (resistance + (1.0 - resistance) * hot)
 
 
-@njit(cache=True, nogil=True)
-def advance(power, cost, branch, low, scale, around, ends, wire, heat, interval, reading, misses):
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
+def advance(
+    power, cost, branch, low, scale, around, colder, ends, wire, heat, interval, reading, misses
+):
     """Return powers and costs (M,) after an interval with a heating power and a reading, or NaN.
 
+    Also the least cost of those that are not ``colder`` (M,), less that of those that are.
     ``ends`` are the least and the greatest angle, ``wire`` lag and latent heat; ``misses`` are the
     error that counts as one, the largest, the weight of a reading, and what a cost keeps.
     """
     unit, most, news, keep = misses
+    if np.isnan(reading):
+        reading, news, keep = 0.0, 0.0, 1.0
     after, costs = np.empty_like(power), np.empty_like(cost)
     flat = last_flat(branch)
     for k in range(power.size):
@@ -56,14 +61,18 @@ def advance(power, cost, branch, low, scale, around, ends, wire, heat, interval,
         gap = heat - around[1, k] * (power[k] - ambient)
         stiff = wire[0] + around[1, k] * interval + wire[1] * rise * scale * around[3, k]
         after[k] = power[k] + interval * gap / stiff
-        costs[k] = cost[k]
-        if not np.isnan(reading):
-            miss = min(abs(reading - angle) / unit, most)
-            costs[k] = cost[k] * keep + miss * miss * news
-    return after, costs
+        miss = min(abs(reading - angle) / unit, most)
+        costs[k] = cost[k] * keep + miss * miss * news
+    other, cold = np.inf, np.inf
+    for k in range(power.size):
+        if colder[k]:
+            cold = min(cold, costs[k])
+        else:
+            other = min(other, costs[k])
+    return after, costs, other - cold
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def settled(power, branch, low, scale, around, ends, heat, angle, beyond, stop):
     """Return the final angles (M,) under a heating power for a wire that is at an angle now.
 

@@ -5,21 +5,18 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def added(recent, power, reading, steps, most):
-    """Return powers and readings (2, n) with so many steps more, of which the last has a reading.
+def added(recent, power, angle, reading, steps, most):
+    """Return powers, angles and readings (3, n) with so many steps more; the last has a reading.
 
     The oldest are dropped, so that ``n`` is ``most`` at most.
     """
     before = recent.shape[1]
     count = min(before + steps, most)
-    dropped = before + steps - count
-    after = np.empty((2, count))
-    for k in range(count):
-        if dropped + k < before:
-            after[0, k], after[1, k] = recent[0, dropped + k], recent[1, dropped + k]
-        else:
-            after[0, k], after[1, k] = power, np.nan
-    after[1, count - 1] = reading
+    kept = max(count - steps, 0)
+    after = np.empty((3, count))
+    after[:, :kept] = recent[:, before - kept :]
+    after[0, kept:], after[1, kept:], after[2, kept:] = power, angle, np.nan
+    after[2, count - 1] = reading
     return after
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from minorloop_head.control.head import HeadControl, Law, head_control
-from minorloop_head.control.sensing import SensorWatch
+from minorloop_head.control.readings import SensorWatch
 from minorloop_head.control.unread import UnreadWatch
 from minorloop_head.heated_wire import HeatedWire
 

@@ -1,6 +1,6 @@
-"""Guard around every controller: limits, checks of sensor and target, and a log.
+"""Guard of one wire: limits, checks of sensor and target, the law inside them, and a log.
 
-Whatever the controller requests and the sensor reads, the current that leaves the guard keeps the
+Whatever the law requests and the sensor reads, the current that leaves the guard keeps the
 limits of current and temperature. If the sensor is lost, stuck or has the wrong sign, the wire
 cools; if it reads what no wire can do, the wire goes by its model for some seconds, and then cools
 until both agree, as they do for a cold wire; if a target cannot be reached, the guard holds an
@@ -10,22 +10,73 @@ angle that can. Nothing is raised in the loop; the log gives reasons.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, Literal, NamedTuple, TypeAlias
 
+from minorloop.arrays import check_kind
 from minorloop.errors import ParameterError
 from minorloop_head.control.controller import Controller, Loop
-from minorloop_head.control.delays import DelayWatch
-from minorloop_head.control.guard_log import ASTRAY, GuardLog
-from minorloop_head.control.guard_state import COOLED, Cause, GuardState, StepClock
-from minorloop_head.control.lateness import StopWatch
+from minorloop_head.control.lateness import Lateness, LatenessWatch
 from minorloop_head.control.limits import WireLimits
-from minorloop_head.control.motion import MotionWatch, SignWatch
-from minorloop_head.control.observer import Estimate, PowerObserver
-from minorloop_head.control.reach import STROKE_SHARE, ReachState, ReachWatch
-from minorloop_head.control.sensing import Fault, Sensed, SensorWatch, as_number
+from minorloop_head.control.observer import Estimate, ObserverControl, PowerObserver
+from minorloop_head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Unreachable
+from minorloop_head.control.readings import (
+    ASTRAY,
+    Expected,
+    Fault,
+    ReadingState,
+    ReadingWatch,
+    SensorWatch,
+    as_number,
+)
 from minorloop_head.heated_wire import HeatedState
 
+Cause: TypeAlias = Literal[
+    "sensor",
+    "sensor back",
+    "unread",
+    "read again",
+    "reference",
+    "clock",
+    "hot",
+    "unreachable",
+    "reachable",
+    "behind",
+    "warm",
+    "stress",
+]
+COOLED = ("lost", "stuck", "unconfirmed", "reversed")
+"""Faults of the sensor at which the wire cools."""
+FAULTS: dict[Fault, str] = {
+    "lost": "the sensor is lost; the wire cools",
+    "stuck": "the sensor is stuck; the wire cools",
+    "implausible": "the sensor is implausible: {odd}; the wire goes by its model",
+    "late": "readings show where the wire was {late:.1f} s before: they are late, or a load sways "
+    "the wire; it goes by its model for a while",
+    "reversed": "readings fall while the wire is heated: the sign of the sensor is reversed, or "
+    "the picture is mirrored; the wire cools until it is begun anew",
+    "unconfirmed": f"readings have contradicted the model for {ASTRAY:g} s, and one of both is "
+    "wrong; the wire cools until they agree",
+}
+"""What is wrong with a sensor, and what the wire does."""
+ENDED: dict[Cause, tuple[Cause, str]] = {
+    "sensor": ("sensor back", "the sensor is trusted again"),
+    "unread": ("read again", "there are readings again"),
+    "unreachable": ("reachable", "targets are tried again"),
+}
+"""What is logged when a cause ends."""
+MOST_EVENTS, MOST_ALIKE = 64, 8
+"""How many events the log keeps: the newest, and those of one cause."""
+_UNREAD = 5
+"""Missing readings from which the log says so, where the patience is longer: more than are lost by
+chance."""
+_BEHIND_FOR = 1.0
+"""Seconds from which a wire behind a moving target is logged."""
+_IDLE_LAGS = 4.0
+"""Lags without current after which a wire above its target means surroundings that are too warm:
+98 % of the heat have left it by then."""
 _HOLD_SHARE = 0.9
 """Share of the reach of a wire at which an unreachable target is held: some current is left."""
 _COLD = 0.3
@@ -35,7 +86,7 @@ _BEHIND_BY = 2.0
 _RESYNC, _RESYNC_SHARE = 5.0, 0.1
 """Seconds for which times differ from their clock by the same time, and share of them by which that
 may change, until the clock counts as set: longer than readings come late in a row."""
-_LARGEST = 1e6
+LARGEST = 1e6
 """Angle in degrees from which a number counts as none."""
 _LONGEST_GAP = 500
 """Intervals after which a gap counts as a jump of the clock: 20 s at 25 Hz."""
@@ -43,9 +94,89 @@ _LATE = 1.5
 """Intervals from which a step counts as late."""
 
 
+@dataclass(frozen=True)
+class Event:
+    """Entry of the log."""
+
+    step: int
+    """Number of the step, from 1."""
+    cause: Cause
+    """Such as ``sensor`` or ``unreachable``."""
+    text: str
+    """A sentence."""
+
+
+class StepClock(NamedTuple):
+    """What is known of the time by the times of the steps."""
+
+    t: float = math.nan
+    """The newest accepted time in seconds, NaN if there was none."""
+    waited: int = 0
+    """Steps since."""
+    strange: int = 0
+    """Number of times in a row that differ from that clock, all by as much."""
+    off: float = math.nan
+    """By how much, in seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class GuardState:
+    """State of the guard."""
+
+    estimate: Estimate
+    """Of the wire."""
+    heated: float
+    """Effective power by the current alone, in A^2."""
+    driven: HeatedState
+    """Wire by its current alone, whatever the readings say."""
+    bias: float
+    """Power that the surroundings added at the beginning, in A^2."""
+    reference: float
+    """Last target that was a number, in degrees."""
+    applied: float
+    """Present current in A."""
+    inner: Any = None
+    """State of a law with an estimate of its own."""
+    reading: ReadingState = field(default_factory=ReadingState)
+    """What is known by the readings."""
+    lateness: Lateness = field(default_factory=Lateness)
+    """What is known of how late they are."""
+    reach: ReachState = field(default_factory=ReachState)
+    """Of the target."""
+    asked: float = math.nan
+    """What it was computed from, in degrees; NaN if that was no number."""
+    steps: int = 0
+    """Steps so far."""
+    clock: StepClock = field(default_factory=StepClock)
+    """By the times of the steps."""
+    behind: float = 0.0
+    """Seconds for which the wire has been behind a moving target at a limit."""
+    idle: float = 0.0
+    """Seconds for which it has been above its target without a current."""
+    active: frozenset[Cause] = frozenset()
+    """Causes that persist."""
+    log: tuple[Event, ...] = ()
+    """The newest events, oldest first."""
+
+    @property
+    def unreachable(self) -> Unreachable | None:
+        """Why the target is out of reach, None if that is not known."""
+        return self.reach.verdict
+
+    @property
+    def fault(self) -> Fault:
+        """What is wrong with the sensor; empty if nothing is."""
+        return self.reading.fault
+
+    @property
+    def cools(self) -> bool:
+        """Whether the wire cools for that."""
+        return self.fault in COOLED
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Guard:
-    """A controller inside the limits of its wire.
+    """A law inside the limits of its wire.
 
     Raises
     ------
@@ -53,21 +184,22 @@ class Guard:
         If controller and observer do not have the same interval.
     """
 
-    controller: Controller
-    """Of one wire."""
     observer: PowerObserver
     """Estimates the effective power of the wire, and so its temperature."""
+    controller: Controller | None = None
+    """A law with an estimate of its own; without one, the observer is an `ObserverControl`, and the
+    current follows from the estimate of the guard."""
     limits: WireLimits = field(default_factory=WireLimits)
     """Of the wire."""
     sensor: SensorWatch = field(default_factory=SensorWatch)
-    """Checks of the sensor."""
+    """Which readings are usable."""
 
     def __post_init__(self) -> None:
-        kinds = {"observer": PowerObserver, "limits": WireLimits, "sensor": SensorWatch}
-        for name, kind in kinds.items():
-            if not isinstance(getattr(self, name), kind):
-                raise ParameterError(f"{name} is {getattr(self, name)!r}; give a {kind.__name__}")
-        if self.controller.interval != self.observer.interval:
+        alone = self.controller is None
+        check_kind("observer", self.observer, ObserverControl if alone else PowerObserver)
+        check_kind("limits", self.limits, WireLimits)
+        check_kind("sensor", self.sensor, SensorWatch)
+        if self.controller and self.controller.interval != self.observer.interval:
             raise ParameterError(
                 f"the controller steps every {self.controller.interval} s and the observer every "
                 f"{self.observer.interval} s; give them the same interval"
@@ -87,15 +219,14 @@ class Guard:
         most = self.observer.highest
         on = min(max(current, 0.0), most) if math.isfinite(current) else most
         estimate = self.observer.found(angle, on)
-        heated = max(on**2, estimate.wire.power)
         return GuardState(
-            inner=self.controller.begin(angle, on),
             estimate=estimate,
-            heated=heated,
+            heated=max(on**2, estimate.wire.power),
             driven=estimate.wire,
             bias=estimate.ambient,
             reference=angle,
             applied=on,
+            inner=self.controller and self.controller.begin(angle, on),
         )
 
     def step(
@@ -125,86 +256,83 @@ class Guard:
         asked : object, optional
             What was asked for, if the reference was computed from it.
         """
-        reading = measurement if raw is None else raw
-        whole = as_number(reference if asked is None else asked)
-        steps, read, notes, clock = self._passed(state, reading, t)
-        wanted, notes = self._wanted(state, reference, asked, notes)
-        estimate, heated = self._predicted(state, steps)
-        number, expected = as_number(read), estimate.expected
-        usable = math.isfinite(number) and self.sensor.possible(number)
-        angle = as_number(measurement) if usable else math.nan
-        belief = self._motion.step(
-            state.belief,
-            angle,
-            expected,
+        whole = reference if asked is None else asked
+        steps, read, notes, clock = self._passed(
+            state.clock, measurement if raw is None else raw, t
+        )
+        wanted = as_number(reference)
+        if not abs(wanted) < LARGEST:
+            shown = float(whole) if isinstance(whole, float) else whole
+            wanted = state.reference
+            notes["reference"] = (
+                f"target {shown!r:.40} is not a number below {LARGEST:g}; {wanted:.4g} degrees "
+                "are kept"
+            )
+        estimate, heated, driven = self._predicted(state, steps)
+        expected = Expected(
+            angle=estimate.expected,
             motion=estimate.wire.angle - state.estimate.wire.angle,
             heating=state.applied**2 + estimate.ambient - state.estimate.wire.power,
+            driven=driven.angle,
             steps=steps,
         )
-        sensed = self.sensor.step(state.sensed, read, believed=belief.believed)
-        if raw is not None and math.isfinite(sensed.value):
-            sensed = replace(sensed, value=measurement)
-        driven = self._driven(state, steps)
-        sign = self._sign.step(state.sign, angle, driven.angle, steps=steps)
-        if sign.reversed or belief.astray > ASTRAY:
-            fault: Fault = "reversed" if sign.reversed else "unconfirmed"
-            sensed = replace(sensed, value=math.nan, fault=fault)
-        used = math.nan if sensed.fault or not belief.believed else angle
-        stop = self._stop.step(state.stop, used, state.applied**2, steps=steps)
-        delays = self._delays.step(
-            state.delays, state.estimate, state.applied, used, expected=expected, steps=steps
+        reading = self._readings.step(state.reading, read, as_number(measurement), expected)
+        lateness = self._lateness.step(
+            state.lateness,
+            state.estimate,
+            state.applied,
+            reading.value,
+            expected=expected.angle,
+            steps=steps,
         )
-        late = stop.late or delays.late
-        if late and not state.lateness.doubted:  # the readings have led the estimate astray
-            past = (driven.angle,) * len(estimate.past)
-            estimate = Estimate(driven, state.bias, 0.0, past)
-        lateness = state.lateness.later(steps * self.observer.interval, late)
-        if lateness.doubted > 0.0 and sensed.fault not in COOLED:
-            sensed = replace(sensed, value=math.nan, fault="late")
-        estimate = self.observer.corrected(estimate, sensed.value)
-        reach = self._watched(state, sensed, wanted, estimate)
+        if lateness.doubted:
+            if not state.lateness.doubted:  # the readings have led the estimate astray
+                past = (driven.angle,) * len(estimate.past)
+                estimate = Estimate(driven, state.bias, 0.0, past)
+            if reading.fault not in COOLED:
+                reading = reading._replace(value=math.nan, fault="late")
+        estimate = self.observer.corrected(estimate, reading.value)
+        reach = ReachState()
+        if not reading.fault:
+            reach = self._watch.step(state.reach, wanted, reading.value, state.applied, estimate)
         target = self._target(wanted, reach)
-        # Where readings are not believed, a law goes on with what the model expects.
-        doubted = sensed.fault in ("implausible", "late") or (usable and not belief.believed)
-        known = expected if doubted or sign.reversed else sensed.value
-        inner = state.inner
-        for _ in range(steps - 1):  # the law goes on by its model, as the current did
-            inner = replace(self.controller.step(inner, target, math.nan)[1], applied=state.applied)
-        requested, inner = self.controller.step(inner, target, known)
-        most = self.observer.highest
-        requested = min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0
+        # Where readings are not used, a law goes on with what the model expects.
+        instead = reading.used or math.isnan(as_number(read))
+        known = reading.value if instead else expected.angle
+        requested, inner = self._requested(state, estimate, target, known, steps)
         cool = self._allowed(estimate, heated)
-        current = min(requested, cool, self._useful(sensed, reach, estimate))
-        if current != requested:
+        current = min(requested, cool, self._useful(reading, reach, estimate))
+        if self.controller and current != requested:
             inner = replace(inner, applied=current)
-        moving = math.isfinite(whole) and whole != state.asked
-        behind = self._behind(state, wanted, sensed.value, current, moving=moving)
-        idle = self._idle(state, wanted, sensed.value, current)
+        moving = as_number(whole) != state.asked and math.isfinite(as_number(whole))
+        at_limit = current >= self.observer.highest or current <= 0.0
+        behind = at_limit and moving and abs(wanted - reading.value) > _BEHIND_BY
+        above = reading.value > wanted + _BEHIND_BY and not state.fault
+        idle = current <= 0.0 and above
         new = GuardState(
-            inner=inner,
             estimate=estimate,
             heated=heated,
-            sensed=sensed,
-            belief=belief,
             driven=driven,
             bias=state.bias,
-            sign=sign,
-            lateness=lateness,
-            stop=stop,
-            delays=delays,
-            reach=reach,
             reference=wanted,
-            asked=whole,
             applied=current,
+            inner=inner,
+            reading=reading,
+            lateness=lateness,
+            reach=reach,
+            asked=as_number(whole),
             steps=state.steps + 1,
             clock=clock,
-            behind=behind,
-            idle=idle,
+            behind=state.behind + self.observer.interval if behind else 0.0,
+            idle=state.idle + self.observer.interval if idle else 0.0,
             active=state.active,
             log=state.log,
         )
-        hot = self.temperature(new) if cool < requested else None
-        return current, self._log.step(state, new, notes, hot)
+        if cool < requested:
+            notes["hot"] = (
+                f"the wire may be {self.temperature(new):.0f} degrees Celsius; less current"
+            )
+        return current, self._logged(state, new, notes)
 
     def later(self, steps: int) -> Guard:
         """Return the guard for readings that are older by some intervals; states remain valid.
@@ -214,7 +342,7 @@ class Guard:
         steps : int
             0 or more. A law without a delay of its own, such as the adaptive one, remains as it is.
         """
-        law = self.controller
+        law: Any = self.controller
         if isinstance(law, Loop):
             law = law.later(steps)
         return replace(self, controller=law, observer=self.observer.later(steps))
@@ -238,70 +366,34 @@ class Guard:
 
     @cached_property
     def _watch(self) -> ReachWatch:
-        return ReachWatch(
-            wire=self.observer.wire,
-            rise=self.limits.rise,
-            interval=self.observer.interval,
-            delay=self.observer.delay,
-            highest=self.observer.highest,
-        )
+        return ReachWatch(wire=self.observer.wire, rise=self.limits.rise, **self._clock)
 
     @cached_property
-    def _log(self) -> GuardLog:
-        return GuardLog(limits=self.limits, sensor=self.sensor, lag=self.observer.wire.lag)
+    def _readings(self) -> ReadingWatch:
+        return ReadingWatch(wire=self.observer.wire, sensor=self.sensor, **self._clock)
 
     @cached_property
-    def _motion(self) -> MotionWatch:
-        return MotionWatch(
-            wire=self.observer.wire, jump=self.sensor.jump, interval=self.observer.interval
-        )
+    def _lateness(self) -> LatenessWatch:
+        return LatenessWatch(observer=self.observer)
 
-    @cached_property
-    def _stop(self) -> StopWatch:
-        return StopWatch(
-            wire=self.observer.wire,
-            jump=self.sensor.jump,
-            interval=self.observer.interval,
-            delay=self.observer.delay,
-            highest=self.observer.highest,
-        )
-
-    @cached_property
-    def _sign(self) -> SignWatch:
-        return SignWatch(
-            wire=self.observer.wire,
-            jump=self.sensor.jump,
-            interval=self.observer.interval,
-            highest=self.observer.highest,
-        )
-
-    @cached_property
-    def _delays(self) -> DelayWatch:
-        return DelayWatch(observer=self.observer)
-
-    def _driven(self, state: GuardState, steps: int) -> HeatedState:
-        """Return the wire by its current alone, some intervals later."""
-        wire, driven = self.observer.wire, state.driven
-        power, interval = state.applied**2, self.observer.interval
-        for _ in range(steps):
-            driven = wire.step(driven, power, interval, ambient=state.bias)
-        return driven
+    @property
+    def _clock(self) -> dict[str, Any]:
+        return {name: getattr(self.observer, name) for name in ("interval", "delay", "highest")}
 
     def _passed(
-        self, state: GuardState, measurement: object, t: object
+        self, clock: StepClock, measurement: object, t: object
     ) -> tuple[int, object, dict[Cause, str], StepClock]:
         """Return the passed intervals, the reading if it is new, notes, and the clock.
 
         If times differ from the clock by the same time for seconds, it was set.
         """
-        clock, interval = state.clock, self.observer.interval
-        waited = clock.waited + 1
+        interval, waited = self.observer.interval, clock.waited + 1
         if t is None:
-            return 1, measurement, {}, replace(clock, waited=waited, strange=0)
+            return 1, measurement, {}, clock._replace(waited=waited, strange=0)
         now = as_number(t)
         if not math.isfinite(now):
             note: dict[Cause, str] = {"clock": f"time is {t!r:.40}; the reading is not used"}
-            return 1, math.nan, note, replace(clock, waited=waited, strange=0)
+            return 1, math.nan, note, clock._replace(waited=waited, strange=0)
         if math.isnan(clock.t):
             return 1, measurement, {}, StepClock(now)
         off = now - clock.t - waited * interval
@@ -316,15 +408,25 @@ class Guard:
             note = {"clock": f"the clock was set from {clock.t:.6g} to {now:.6g} s"}
             return 1, measurement, note, StepClock(now)
         note = {"clock": f"time went from {clock.t:.6g} to {now:.6g} s; the reading is not used"}
-        return (
-            1,
-            math.nan,
-            note,
-            StepClock(clock.t, waited, strange, off if strange == 1 else clock.off),
-        )
+        first = off if strange == 1 else clock.off
+        return 1, math.nan, note, StepClock(clock.t, waited, strange, first)
+
+    def _predicted(self, state: GuardState, steps: int) -> tuple[Estimate, float, HeatedState]:
+        """Return estimate, heated power and driven wire some intervals later, before a reading."""
+        estimate, heated, driven = state.estimate, state.heated, state.driven
+        observer, power = self.observer, state.applied**2
+        interval, lag = observer.interval, observer.wire.lag
+        for k in range(steps):
+            if k:
+                estimate = observer.corrected(estimate, math.nan)
+            estimate = observer.predicted(estimate, state.applied)
+            gained = power + max(estimate.ambient, 0.0) - heated
+            heated += interval * gained / (lag + interval)
+            driven = observer.wire.step(driven, power, interval, ambient=state.bias)
+        return estimate, heated, driven
 
     def _target(self, wanted: float, reach: ReachState) -> float:
-        """Return the target of the controller."""
+        """Return the target of the law."""
         low, top = self.observer.wire.operator.range
         target = min(wanted, STROKE_SHARE * top)
         if reach.verdict is not None and reach.verdict.reason != "beyond the stroke":
@@ -332,38 +434,20 @@ class Guard:
         # The loop begins flat: many powers give the angle of a cold wire.
         return target if target > low + _COLD else low - 1.0
 
-    def _wanted(
-        self, state: GuardState, reference: object, asked: object, notes: dict[Cause, str]
-    ) -> tuple[float, dict[Cause, str]]:
-        wanted = as_number(reference)
-        if abs(wanted) < _LARGEST:
-            return wanted, notes
-        given = reference if asked is None else asked
-        shown = float(given) if isinstance(given, float) else given
-        text = (
-            f"target {shown!r:.40} is not a number below {_LARGEST:g}; {state.reference:.4g} "
-            "degrees are kept"
-        )
-        return state.reference, {**notes, "reference": text}
-
-    def _predicted(self, state: GuardState, steps: int) -> tuple[Estimate, float]:
-        """Return the estimate after some intervals before its reading, and the heated power."""
-        estimate, heated = state.estimate, state.heated
-        observer, lag = self.observer, self.observer.wire.lag
-        for k in range(steps):
-            if k:
-                estimate = observer.corrected(estimate, math.nan)
-            estimate = observer.predicted(estimate, state.applied)
-            gained = state.applied**2 + max(estimate.ambient, 0.0) - heated
-            heated += observer.interval * gained / (lag + observer.interval)
-        return estimate, heated
-
-    def _watched(
-        self, state: GuardState, sensed: Sensed, wanted: float, estimate: Estimate
-    ) -> ReachState:
-        if sensed.fault:
-            return ReachState()
-        return self._watch.step(state.reach, wanted, sensed.value, state.applied, estimate)
+    def _requested(
+        self, state: GuardState, estimate: Estimate, target: float, known: float, steps: int
+    ) -> tuple[float, Any]:
+        """Return the current in A that the law requests, within its limits, and its state."""
+        if isinstance(self.observer, ObserverControl):
+            return self.observer.toward(estimate, target), None
+        assert self.controller is not None
+        inner = state.inner
+        for _ in range(steps - 1):  # the law goes on by its model, as the current did
+            inner = self.controller.step(inner, target, math.nan)[1]
+            inner = replace(inner, applied=state.applied)
+        requested, inner = self.controller.step(inner, target, known)
+        most = self.observer.highest
+        return min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0, inner
 
     def _allowed(self, estimate: Estimate, heated: float) -> float:
         """Return the largest current in A that keeps the wire cool enough by both estimates."""
@@ -375,29 +459,62 @@ class Guard:
         )
         return min(math.sqrt(power), self.observer.highest)
 
-    def _useful(self, sensed: Sensed, reach: ReachState, estimate: Estimate) -> float:
+    def _useful(self, reading: ReadingState, reach: ReachState, estimate: Estimate) -> float:
         """Return the largest current in A for this state of the sensor and this target."""
         low, top = self.observer.wire.operator.range
-        angle = sensed.value if math.isfinite(sensed.value) else estimate.angle
-        if sensed.fault in COOLED or angle > STROKE_SHARE * top:
-            return 0.0
+        angle = reading.value if reading.used else estimate.angle
         verdict = reach.verdict
-        if verdict is None:
-            return self.observer.highest
-        nothing = verdict.reach < low + self._watch.tolerance
-        return 0.0 if nothing or verdict.reason == "no motion" else self.observer.highest
+        nothing = verdict is not None and (
+            verdict.reach < low + self.tolerance or verdict.reason == "no motion"
+        )
+        if reading.fault in COOLED or angle > STROKE_SHARE * top or nothing:
+            return 0.0
+        return self.observer.highest
 
-    def _behind(
-        self, state: GuardState, wanted: float, value: float, current: float, *, moving: bool
-    ) -> float:
-        """Return the seconds for which the wire, at a limit, has been behind a moving target."""
-        at_limit = current >= self.observer.highest or current <= 0.0
-        if at_limit and moving and abs(wanted - value) > _BEHIND_BY:
-            return state.behind + self.observer.interval
-        return 0.0
+    def _logged(self, old: GuardState, new: GuardState, notes: dict[Cause, str]) -> GuardState:
+        """Return the new state with its log; a persistent cause is logged when it begins."""
+        present = dict(self._present(new)) | notes
+        known = old.active if new.fault == old.fault else old.active - {"sensor"}
+        fresh = [(cause, text) for cause, text in present.items() if cause not in known]
+        for cause, after in ENDED.items():
+            if cause in old.active and cause not in present:
+                fresh += [] if cause == "unread" and new.fault else [after]
+        if not fresh and present.keys() == old.active:
+            return new
+        log = (*old.log, *(Event(new.steps, cause, text) for cause, text in fresh))
+        return replace(new, active=frozenset(present), log=_newest(log) if fresh else old.log)
 
-    def _idle(self, state: GuardState, wanted: float, value: float, current: float) -> float:
-        """Return the seconds for which the wire has been above its target without a current."""
-        if current <= 0.0 and value > wanted + _BEHIND_BY and not state.sensed.fault:
-            return state.idle + self.observer.interval
-        return 0.0
+    def _present(self, state: GuardState) -> Iterator[tuple[Cause, str]]:
+        """Yield the causes that the state shows, with their sentences."""
+        reading = state.reading
+        odd = f"readings jumped by {reading.jumped:.3g} degrees, which no wire can"
+        if reading.believed:
+            odd = f"readings are not from {self.sensor.low:g} to {self.sensor.high:g} degrees"
+        if reading.fault:
+            yield "sensor", FAULTS[reading.fault].format(odd=odd, late=state.lateness.late)
+        elif not reading.used and max(reading.missing, reading.odd) >= _UNREAD:
+            what = "there is no reading" if reading.missing >= _UNREAD else odd
+            yield "unread", f"{what}; the wire goes by its model"
+        if state.unreachable is not None:
+            yield "unreachable", str(state.unreachable)
+        if state.behind > _BEHIND_FOR:
+            yield "behind", "the target moves faster than the wire can follow"
+        if state.idle > _IDLE_LAGS * self.observer.wire.lag:
+            yield (
+                "warm",
+                f"without a current it stays above {state.reference:.1f} degrees: the surroundings "
+                "are too warm",
+            )
+        if self.limits.stressed(state.estimate.angle):
+            yield "stress", f"the stress of the wire is above {self.limits.stress / 1e6:.0f} MPa"
+
+
+def _newest(log: tuple[Event, ...]) -> tuple[Event, ...]:
+    """Return the newest events; a frequent cause does not displace others."""
+    kept: list[Event] = []
+    alike: dict[Cause, int] = {}
+    for event in reversed(log):
+        alike[event.cause] = alike.get(event.cause, 0) + 1
+        if alike[event.cause] <= MOST_ALIKE:
+            kept.append(event)
+    return tuple(reversed(kept[:MOST_EVENTS]))

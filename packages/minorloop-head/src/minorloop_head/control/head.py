@@ -14,18 +14,15 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, check_kind, check_option, frozen
 from minorloop.errors import ParameterError
 from minorloop_head.control.controller import Controller
-from minorloop_head.control.guard import Guard
-from minorloop_head.control.guard_state import Event, GuardState
+from minorloop_head.control.guard import LARGEST, Event, Guard, GuardState
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.control.observer import ObserverControl, PowerObserver
-from minorloop_head.control.sensing import Sensed, SensorWatch, as_number
+from minorloop_head.control.readings import ReadingState, SensorWatch, as_number
 from minorloop_head.control.unread import Unread, UnreadWatch
 from minorloop_head.heated_wire import HeatedWire
 
 Law = Callable[..., Controller]
 """What makes a controller from ``wire=`` and options, such as `ObserverControl`."""
-_LARGEST = 1e6
-"""Angle in degrees from which a number counts as none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +102,7 @@ class HeadControl:
         count = len(self.axes)
         angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
         currents = np.zeros(count) if current is None else _numbers(current, count)
-        own = self._undo @ np.where(np.abs(angles) < _LARGEST, angles, 0.0)
+        own = self._undo @ np.where(np.abs(angles) < LARGEST, angles, 0.0)
         pairs = zip(self.axes, own.tolist(), currents.tolist(), strict=True)
         return HeadState(tuple(axis.begin(angle, on) for axis, angle, on in pairs))
 
@@ -144,10 +141,10 @@ class HeadControl:
         estimated = np.array([axis.estimate.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
         unread = state.unread
-        newest = np.array([_bounding(axis.sensed) for axis in state.axes])
+        newest = np.array([_bounding(axis.reading) for axis in state.axes])
         wanted = self._near(wanted, newest, self.lead / unread.slower)
         if self.unread is not None:
-            gap = max(max(axis.sensed.missing, axis.sensed.odd) for axis in state.axes)
+            gap = max(max(axis.reading.missing, axis.reading.odd) for axis in state.axes)
             modelled = estimated + self._mixing @ estimated
             unread = self.unread.step(unread, gap, modelled, searched=searched)
             wanted = self.unread.near(unread, wanted)
@@ -211,7 +208,7 @@ class HeadControl:
 
         For the effect on other axes, ``instead`` replaces angles that are faulty or not numbers.
         """
-        known = np.abs(seen) < _LARGEST
+        known = np.abs(seen) < LARGEST
         filled = np.where(known & working, seen, instead + self._mixing @ instead)
         return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
 
@@ -225,7 +222,7 @@ class HeadControl:
 
         A wire that would have to leave its stroke stops at its end; the others compensate that.
         """
-        known = np.abs(wanted) < _LARGEST
+        known = np.abs(wanted) < LARGEST
         filled = np.where(known, wanted, instead + self._mixing @ instead)
         ends = np.array([axis.observer.wire.operator.range for axis in self.axes])
         own = np.clip(self._undo @ filled, ends[:, 0], ends[:, 1])
@@ -277,16 +274,17 @@ def head_control(
     given: object = wires
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise ParameterError(f"wires is {wires!r:.60}; give a tuple of HeatedWire, one an axis")
-    axes = tuple(
-        Guard(
-            controller=controller(law, wire, **options),
-            observer=PowerObserver(wire=wire, **_clock(options)),
-            limits=WireLimits() if limits is None else limits,
-            sensor=SensorWatch() if sensor is None else sensor,
-        )
-        for wire in wires
-    )
-    return HeadControl(axes, coupling, lead, unread)
+    limits = WireLimits() if limits is None else limits
+    sensor = SensorWatch() if sensor is None else sensor
+    axes = []
+    for wire in wires:
+        own = controller(law, wire, **options)
+        if isinstance(own, ObserverControl):
+            axes.append(Guard(observer=own, limits=limits, sensor=sensor))
+        else:
+            observer = PowerObserver(wire=wire, **_clock(options))
+            axes.append(Guard(observer=observer, controller=own, limits=limits, sensor=sensor))
+    return HeadControl(tuple(axes), coupling, lead, unread)
 
 
 def controller(law: str | Law, wire: HeatedWire, **options: Any) -> Controller:
@@ -318,9 +316,9 @@ def controller(law: str | Law, wire: HeatedWire, **options: Any) -> Controller:
     return ObserverControl(wire=wire, **options)
 
 
-def _bounding(sensed: Sensed) -> float:
+def _bounding(known: ReadingState) -> float:
     """Return the newest reading, which a wanted one stays near; NaN if it is not to be believed."""
-    return math.nan if sensed.fault in ("late", "unconfirmed", "reversed") else sensed.last
+    return math.nan if known.fault in ("late", "unconfirmed", "reversed") else known.last
 
 
 def _clock(options: dict[str, Any]) -> dict[str, Any]:

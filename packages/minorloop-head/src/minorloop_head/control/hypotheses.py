@@ -15,6 +15,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop_head.control import _hypotheses_kernels as _kernels
+from minorloop_head.control.controller import HIGHEST_CURRENT
 from minorloop_head.control.observer import Estimate
 from minorloop_head.heated_wire import HeatedWire
 
@@ -59,6 +60,8 @@ class Bank:
     branch: FloatArray
     """Shape (257,). Angle on the rising branch at equal steps of the effective power, in
     degrees."""
+    colder: float = 0.0
+    """Least cost of a stronger cooling less that of a colder ambient."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,6 +75,8 @@ class Hypotheses:
     cold_resistance: float
     """Resistance of a cold wire over that of a hot one: a degree of the ambient equals more power
     where the resistance is lower."""
+    highest: float = HIGHEST_CURRENT
+    """Largest current in A."""
 
     def begin(self, estimate: Estimate, *, moving: bool) -> Bank:
         """Return the bank before a heating.
@@ -99,13 +104,14 @@ class Hypotheses:
     def step(self, bank: Bank, current: float, measurement: float, interval: float) -> Bank:
         """Return the bank after an interval with a current; the measurement may be NaN."""
         wire, decay = self.wire, float(np.exp(-interval / _MEMORY))
-        power, cost = _kernels.advance(
+        power, cost, colder = _kernels.advance(
             bank.power,
             bank.cost,
             bank.branch,
             self._low,
             self._per_unit,
             self._around,
+            self.colder,
             wire.operator.range,
             (wire.lag, wire.latent),
             current**2,
@@ -113,7 +119,7 @@ class Hypotheses:
             measurement,
             (_MODEL_ERROR, _MOST_MISS, interval / _DECORRELATION, decay),
         )
-        return Bank(power, cost, bank.branch)
+        return Bank(power, cost, bank.branch, colder)
 
     def weights(self, bank: Bank) -> FloatArray:
         """Return the weight (M,) of each hypothesis; they sum to 1."""
@@ -172,6 +178,11 @@ class Hypotheses:
     def steeper(self) -> FloatArray:
         """Slope (M,) of the branch of each hypothesis over that of the identified one."""
         return np.asarray(1.0 + _STEEPER * self._drawn[3])
+
+    @cached_property
+    def colder(self) -> IntArray:
+        """Whether the ambient of each (M,) changes the reach more than its cooling: 1, else 0."""
+        return (-self.ambient > self.highest**2 * (1.0 - 1.0 / self.cooling)).astype(np.intp)
 
     @cached_property
     def density(self) -> FloatArray:

@@ -1,21 +1,29 @@
-"""Whether readings are later than they should be, where a motion gets slower.
+"""Whether readings are later than they should be: at the end of a motion, and by observers.
 
 A wire slows down when its current falls, at once: the rate of its angle is that of its temperature,
-and this follows the power. At the end of a motion `StopWatch` compares by which delay the rate of
-the readings follows the power. What makes a wire start later than its model expects, a colder room
-or the width of the hysteresis, does not matter there.
+and this follows the power. At the end of a motion the rate of the readings is compared with the
+power some time before. What makes a wire start later than its model expects, a colder room or the
+width of the hysteresis, does not matter there.
+
+Late readings make a loop swing, and an observer that believes them errs. So does one whose
+surroundings have changed: a colder wire starts later. Beside the observer of a loop run some with
+longer delays, and some in time but with a colder or a warmer wire. Readings are late if one of the
+first expects them much better than each of the second.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
-from minorloop_head.control import _lateness_kernels as _kernels
-from minorloop_head.control.motion import WireWatch
+from minorloop.arrays import FloatArray, IntArray
+from minorloop_head.control import _lateness_kernels, _observer_kernels
+from minorloop_head.control.controller import width
+from minorloop_head.control.observer import Estimate, PowerObserver
+from minorloop_head.control.readings import fastest
 
 _LATER = 0.2
 """Seconds of lateness from which a stop tells it."""
@@ -41,84 +49,275 @@ _AGAIN = 5
 """Steps in a row in which this must be found."""
 _SEEN = 0.5
 """Least share of the steps of a window in which there is a reading."""
+_BEFORE = 1.5
+"""Seconds before a comparison at which it begins: the estimate of the loop was still right then."""
+_ERRS = 0.5
+"""Degrees by which readings must differ from what the loop expects for a comparison to begin."""
+_LONGEST, _CALM = 6.0, 2.0
+"""Seconds after which it ends, and seconds in which the loop expects the readings to half of
+`_ERRS`."""
+_COLDER = -0.25, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1
+"""Powers that the surroundings may add to those that the loop knows, as shares of the range."""
+_ENDURED = 0.16, 0.28
+"""Seconds by which readings may be later and a loop still comes to rest, nearer to its target than
+by its model alone."""
+_DELAYS = 0.4, 0.48, 0.6, 0.72, 0.88, 1.08, 1.32, 1.6, 2.0
+"""Seconds by which they may be too late; the last is there to show that they are later still."""
+_WITHIN = 0.8
+"""Time constant in seconds of the mean squares that are compared."""
+_LEAST, _NEARER = 0.5, 2.2
+"""Rms error in degrees of all that are in time, and how many times smaller that of a later one must
+be. By trial on simulated heads with late readings and such in time;
+``python -m benchmarks.late_readings`` counts how many of both are called late."""
+_MOVED = 3.0
+"""Degrees by which the readings of the last `_BEFORE` must vary: noise has no delay."""
+_ROOM = 64
+"""Extrema for which memories have room at first."""
 
 
-@dataclass(frozen=True)
-class Lateness:
-    """What is known of how late the readings are."""
+class Comparison(NamedTuple):
+    """Estimates of the observers, in the order of `DelayWatch._observers`."""
 
-    late: float = 0.0
-    """Lateness in seconds, 0 if none is known."""
-    doubted: float = 0.0
-    """Seconds for which late readings will not be used yet."""
-
-    def later(self, passed: float, found: float) -> Lateness:
-        """Return what is known some seconds later; it begins anew if it was ``found`` again.
-
-        Parameters
-        ----------
-        passed : float
-            In seconds.
-        found : float
-            Age of the readings in seconds, 0 if they are not known to be late.
-        """
-        if found > 0.0:
-            return Lateness(found, _DOUBTED)
-        doubted = self.doubted - passed
-        return Lateness(self.late, doubted) if doubted > 0.0 else Lateness()
-
-
-@dataclass(frozen=True, eq=False)
-class Stop:
-    """State of `StopWatch`."""
-
-    recent: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
-    """Shape (2, n). Powers in A^2 that were applied up to the newest readings, oldest first, and
-    the readings in degrees, NaN where there was none."""
+    values: FloatArray
+    past: FloatArray
+    stacks: FloatArray
+    rows: IntArray
+    squares: FloatArray
+    """Estimates (N, 6), their past angles (N, D), memories (N, rows, 4) and rows in use (N,), and
+    mean square errors (N,) in degrees^2, not yet divided by ``weight``; see `_observer_kernels`."""
+    weight: float = 0.0
+    steps: int = 0
+    """Steps since the beginning."""
+    calm: int = 0
     row: int = 0
-    """Steps in a row in which they were late."""
-    late: float = 0.0
-    """Age of the readings in seconds, 0 if they are not known to be late."""
+    """Steps in a row in which the loop erred little, and in which the readings were late."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StopWatch(WireWatch):
-    """Finds readings that are late where a motion gets slower; parameters as of `WireWatch`.
+class DelayWatch:
+    """Finds readings that are late by comparing observers."""
+
+    observer: PowerObserver
+    """That of the loop."""
+
+    def step(
+        self,
+        before: Comparison | None,
+        recent: FloatArray,
+        estimates: tuple[Estimate, ...],
+        error: float,
+        *,
+        steps: int = 1,
+    ) -> tuple[Comparison | None, float]:
+        """Return the comparison after one more reading, and the age of late ones in s; 0 if none.
+
+        Parameters
+        ----------
+        before : Comparison, optional
+            None if there was none.
+        recent : (3, n) array
+            Powers in A^2 up to the newest readings, angles of the loop before them, and readings in
+            degrees, NaN where there was none that is believed; oldest first.
+        estimates : tuple of Estimate
+            Of the loop, before the last powers.
+        error : float
+            Newest reading less what the loop expects, in degrees.
+        steps : int
+            Intervals since the last reading was due.
+        """
+        powers, angles, readings = recent
+        first, found = max(len(readings) - steps, 0), before
+        if not np.isnan(error) and self._ended(readings[:first]):
+            found = None
+        if found is None:
+            if not abs(error) > _ERRS:
+                return None, 0.0
+            first = self._first(readings)
+            found = self._begun(estimates[first - len(readings)], angles[first::-1])
+        found = self._advanced(found, powers[first:], readings[first:])
+        calm = 0 if abs(error) > 0.5 * _ERRS else found.calm + steps
+        late = self._late(found, readings)
+        row = found.row + 1 if late else 0
+        if calm >= self._count(_CALM) or found.steps >= self._count(_LONGEST):
+            return None, 0.0
+        return found._replace(calm=calm, row=row), late if row >= _AGAIN else 0.0
+
+    def _ended(self, readings: FloatArray) -> bool:
+        """Return whether the readings have ended: those that a network held back come late then."""
+        last = readings[-self._count(_ENDURED[0]) :]
+        return bool(last.size and np.isnan(last).all())
+
+    def _first(self, readings: FloatArray) -> int:
+        """Return the moment at which a comparison begins: where readings ended, if they did so."""
+        first = max(len(readings) - self._count(_BEFORE), 0)
+        if self._ended(readings[:-1]):
+            while len(readings) > first + 1 and not np.isnan(readings[first]):
+                first += 1
+        return first
+
+    def _begun(self, estimate: Estimate, angles: FloatArray) -> Comparison:
+        """Return the comparison that begins at an estimate; angles before are newest first."""
+        wire, count = estimate.wire, len(self._delays)
+        values = np.tile(estimate.values, (count, 1))
+        values[:, _observer_kernels.AMBIENT] += self._colder
+        values[:, _observer_kernels.ERROR] = 0.0
+        past = np.full(int(self._delays.max()), angles[-1])
+        past[: len(angles)] = angles[: len(past)]
+        stack, rows = wire.tracker.model.stack(wire.tracker.memory, _ROOM)
+        copies = np.tile(stack, (count, 1, 1))
+        return Comparison(
+            values, np.tile(past, (count, 1)), copies, np.full(count, rows), np.zeros(count)
+        )
+
+    def _advanced(self, before: Comparison, powers: FloatArray, readings: FloatArray) -> Comparison:
+        """Return the comparison some intervals later."""
+        share = self.observer.interval / _WITHIN
+        most = int(before.rows.max()) + 2 * len(powers) + 2  # an interval adds two rows at most
+        room = max(most - before.stacks.shape[1], 0)
+        stacks = np.pad(before.stacks, ((0, 0), (0, room), (0, 0)))
+        values, past, squares = (
+            each.copy() for each in (before.values, before.past, before.squares)
+        )
+        rows = before.rows.copy()
+        wire = self.observer.wire.operator
+        _observer_kernels.compare(
+            wire.tables, stacks, rows, self.observer.constants, wire.range, self._gains,
+            self._delays, values, past, squares, powers, readings, share,
+        )  # fmt: skip
+        read = int(np.isfinite(readings).sum())
+        weight = 1.0 - (1.0 - before.weight) * (1.0 - share) ** read
+        steps = before.steps + len(powers)
+        return Comparison(
+            values, past, stacks, rows, squares, weight, steps, before.calm, before.row
+        )
+
+    def _late(self, found: Comparison, readings: FloatArray) -> float:
+        """Return the age of the readings in s, 0 if those in time explain them."""
+        borne = len(_COLDER) + len(_ENDURED)
+        in_time, later = np.split(found.squares / max(found.weight, 1e-9), [borne])
+        best, least = int(np.argmin(later)), float(in_time.min())
+        if not least > max(_LEAST**2, _NEARER**2 * later[best]) or best == len(later) - 1:
+            return 0.0
+        newest = readings[-self._count(_BEFORE) :]
+        read = newest[np.isfinite(newest)]
+        if not read.size or np.ptp(read) < _MOVED:
+            return 0.0
+        return float(self._delays[borne + best]) * self.observer.interval
+
+    def _count(self, seconds: float) -> int:
+        return max(round(seconds / self.observer.interval), 1)
+
+    @cached_property
+    def _observers(self) -> tuple[PowerObserver, ...]:
+        later = (self.observer.later(self._count(t)) for t in (*_ENDURED, *_DELAYS))
+        return (*[self.observer] * len(_COLDER), *later)
+
+    @cached_property
+    def _delays(self) -> IntArray:
+        return np.array([each.delay for each in self._observers])
+
+    @cached_property
+    def _gains(self) -> FloatArray:
+        return np.array([each.gains for each in self._observers])
+
+    @cached_property
+    def _colder(self) -> FloatArray:
+        """Power (N,) in A^2 that the surroundings add at the beginning to those of the loop."""
+        colder = np.zeros(len(self._observers))
+        colder[: len(_COLDER)] = np.array(_COLDER) * width(self.observer.wire)
+        return colder
+
+
+@dataclass(frozen=True, eq=False)
+class Lateness:
+    """What is known of how late the readings are."""
+
+    recent: FloatArray = field(default_factory=lambda: np.empty((3, 0)))
+    """Shape (3, n). Powers in A^2 that were applied up to the newest readings, angles of the
+    estimates before them, and readings in degrees, NaN where there was none; oldest first."""
+    estimates: tuple[Estimate, ...] = ()
+    """The last of these estimates."""
+    comparison: Comparison | None = None
+    """Of observers with longer delays, while readings differ from what is expected."""
+    row: int = 0
+    """Steps in a row in which a stop showed that they were late."""
+    late: float = 0.0
+    """Age of the readings in seconds, 0 if they are not known to be late."""
+    doubted: float = 0.0
+    """Seconds for which late readings will not be used yet."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LatenessWatch:
+    """Finds late readings: where a motion gets slower, and by observers with longer delays.
 
     Notes
     -----
     With the effective power w and the slope s, dy/dt = s (p - w) / (tau + q s). Within seconds,
     w and s change slowly: the rate of the readings is regressed on the power some time before, on a
-    constant and on time.
+    constant and on time. In a loop that swings, where they do change, the observers find it; where
+    readings become late at rest, or by 2 s, the regression does.
     """
 
-    def step(self, before: Stop, reading: float, power: float, *, steps: int = 1) -> Stop:
-        """Return what is known after one more reading.
+    observer: PowerObserver
+    """That of the loop."""
+
+    def step(
+        self,
+        before: Lateness,
+        estimate: Estimate,
+        current: float,
+        reading: float,
+        *,
+        expected: float,
+        steps: int = 1,
+    ) -> Lateness:
+        """Return what is known after one more reading; late ones are doubted for some time.
 
         Parameters
         ----------
-        before : Stop
+        before : Lateness
+        estimate : Estimate
+            Of the loop, before the current was applied.
+        current : float
+            In A, that was on until the reading.
         reading : float
             In degrees; NaN where there is none that is believed.
-        power : float
-            That was applied in the intervals up to it, in A^2.
+        expected : float
+            What the loop expects, in degrees.
         steps : int
-            Number of these intervals.
+            Intervals since the last reading was due.
         """
-        recent = _kernels.added(before.recent, power, reading, steps, self._kept)
+        recent = _lateness_kernels.added(
+            before.recent, current**2, estimate.wire.angle, reading, steps, self._kept
+        )
+        back = max(round(_BEFORE / self.observer.interval), 1)
+        estimates = (*before.estimates, *[estimate] * min(steps, back))[-back:]
+        comparison, found = self._delays.step(
+            before.comparison, recent, estimates, reading - expected, steps=steps
+        )
         late = self._late(recent)
         row = before.row + 1 if late else 0
-        return Stop(recent, row, late if row >= _AGAIN else 0.0)
+        late = late if row >= _AGAIN else found
+        if late:
+            return Lateness(recent, estimates, comparison, row, late, _DOUBTED)
+        left = max(before.doubted - steps * self.observer.interval, 0.0)
+        kept = before.late if left else 0.0
+        return Lateness(recent, estimates, comparison, row, kept, left)
+
+    @cached_property
+    def _delays(self) -> DelayWatch:
+        return DelayWatch(observer=self.observer)
 
     def _late(self, recent: FloatArray) -> float:
         """Return after how many seconds the rate follows the power, 0 if in time or not known."""
         count, last = self._window, self._lags[-1]
-        power, reading = recent
+        power, _, reading = recent
         if len(reading) < self._kept:
             return 0.0
         moved = (_SLOWER - _BACK) * _WINDOW / 4  # less cannot be such a motion
-        over = _RATE, _RATE * self.interval
-        rate = _kernels.slowing(reading, count, _SEEN, moved, over, _SLOWER, _BACK)
+        over = _RATE, _RATE * self.observer.interval
+        rate = _lateness_kernels.slowing(reading, count, _SEEN, moved, over, _SLOWER, _BACK)
         if not rate.size:
             return 0.0
         mean = np.convolve(power, np.full(_RATE, 1.0 / _RATE), "valid")
@@ -134,12 +333,12 @@ class StopWatch(WireWatch):
         in_time, late, _ = self._lags
         best = late + int(np.argmax(explained[late:]))
         left, otherwise = 1.0 - explained[best], 1.0 - explained[: in_time + 1].max()
-        varied = size[best] >= (_VARIED * self.highest**2) ** 2 * len(rate)
+        varied = size[best] >= (_VARIED * self.observer.highest**2) ** 2 * len(rate)
         least, most = (share * self._fastest for share in _GAIN)
         good = varied and left <= 1.0 - _EXPLAINED and least <= gain[best] <= most
         if not good or best == len(explained) - 1 or otherwise < _BETTER * left:
             return 0.0
-        return best * self.interval
+        return best * self.observer.interval
 
     def _fitted(self, values: FloatArray) -> FloatArray:
         """Return the constant and the linear part of values (..., n)."""
@@ -153,13 +352,14 @@ class StopWatch(WireWatch):
 
     @cached_property
     def _window(self) -> int:
-        return max(round(_WINDOW / self.interval), 8)
+        return max(round(_WINDOW / self.observer.interval), 8)
 
     @cached_property
     def _lags(self) -> tuple[int, int, int]:
         """Intervals up to which readings are in time, and from and up to which they are late."""
         in_time, first, last = (
-            self.delay + round(t / self.interval) for t in (_IN_TIME, _LATER, _OLDEST)
+            self.observer.delay + round(t / self.observer.interval)
+            for t in (_IN_TIME, _LATER, _OLDEST)
         )
         return in_time, first, last
 
@@ -167,3 +367,7 @@ class StopWatch(WireWatch):
     def _kept(self) -> int:
         """Intervals of a window and the longest lag before it."""
         return self._window + self._lags[-1] + _RATE
+
+    @cached_property
+    def _fastest(self) -> float:
+        return fastest(self.observer.wire)

@@ -10,10 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.operators.tracker import Tracker
+from minorloop_head.control import _observer_kernels as _kernels
 from minorloop_head.control.controller import Loop, heating, mean_slope, within
-from minorloop_head.heated_wire import HeatedState, HeatedWire
+from minorloop_head.heated_wire import SOLVES, HeatedState, HeatedWire
 
 _FLATTEST = 0.3
 """Least slope over the mean slope of the operator with which a power is corrected."""
@@ -55,6 +61,12 @@ class Estimate:
     def expected(self) -> float:
         """Angle that is read now, in degrees: that of a predicted estimate."""
         return self.past[-1] + self.offset
+
+    @property
+    def values(self) -> FloatArray:
+        """Its numbers (6,) in the order of the compiled steps."""
+        power, angle = self.wire.power, self.wire.angle
+        return np.array([power, angle, self.ambient, self.error, self.offset, self.way])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -135,45 +147,52 @@ class PowerObserver(Loop):
 
     def predicted(self, estimate: Estimate, current: float) -> Estimate:
         """Return the estimate one interval later, under a current, before its reading."""
-        wire = self.wire.step(estimate.wire, current**2, self.interval, ambient=estimate.ambient)
-        way, past = wire.power - estimate.wire.power, (wire.angle, *estimate.past)
-        return Estimate(wire, estimate.ambient, estimate.error, past, estimate.offset, way)
+        tracker, values = estimate.wire.tracker.copy(), estimate.values
+        tracker.run(_kernels.predict, self.constants, values, current**2)
+        past = (float(values[_kernels.ANGLE]), *estimate.past)
+        return _estimate(values, tracker, past)
 
     def corrected(self, predicted: Estimate, measurement: float) -> Estimate:
         """Return a predicted estimate after its reading, NaN where there is none."""
-        found, error = predicted, 0.0
-        if math.isfinite(measurement):
-            error = self._smoothed(predicted.error, measurement - predicted.expected)
-            found = self._corrected(predicted, error)
-        past = (found.wire.angle, *predicted.past[1:])[: self.delay]
-        return Estimate(found.wire, found.ambient, error, past, found.offset, found.way)
+        past = predicted.past
+        if not math.isfinite(measurement):
+            return replace(predicted, error=0.0, past=past[: self.delay])
+        tracker, values = predicted.wire.tracker.copy(), predicted.values
+        off = measurement - predicted.expected
+        tracker.run(_kernels.correct, self.wire.operator.range, self.gains, values, off)
+        past = (float(values[_kernels.ANGLE]), *past[1:])[: self.delay]
+        return _estimate(values, tracker, past)
 
-    def _smoothed(self, before: float, now: float) -> float:
-        keep = math.exp(-self.interval / self.smoothing) if self.smoothing > 0 else 0.0
-        return now + (before - now) * keep
+    @cached_property
+    def constants(self) -> tuple[float, float, float, float]:
+        """Those of the wire, for the compiled steps."""
+        return self.wire.lag, self.wire.latent, self.interval, float(SOLVES)
 
-    def _corrected(self, estimate: Estimate, error: float) -> Estimate:
-        """Return an estimate after a difference between reading and model."""
-        wire, rate = estimate.wire, self.correction * self.interval
-        beyond = math.copysign(max(abs(error) - self.dead_band, 0.0), error)
-        if beyond == 0.0:
-            return estimate
-        mean, towards = mean_slope(self.wire), rate * beyond
-        change = wire.tracker.aim(wire.angle + towards, "clip") - wire.power
-        ahead = (
-            wire.tracker.aim(wire.angle + math.copysign(towards, estimate.way), "clip") - wire.power
+    @cached_property
+    def gains(self) -> tuple[float, ...]:
+        """Those of a correction, for the compiled steps.
+
+        Shares of a difference by which the power and the bias change in an interval; what the
+        filter keeps; dead band in degrees; mean and least slope in degrees per A^2; offset and
+        largest difference in degrees; largest bias in A^2.
+        """
+        mean = mean_slope(self.wire)
+        return (
+            self.correction * self.interval,
+            self.learning * self.interval,
+            math.exp(-self.interval / self.smoothing) if self.smoothing > 0 else 0.0,
+            self.dead_band,
+            mean,
+            _FLATTEST * mean,
+            _MOST_OFFSET,
+            _LARGEST_ERROR,
+            _MOST_BIAS * self.highest**2,
         )
-        share = min(abs(towards) / (mean * (abs(ahead) or math.inf)), 1.0)
-        if abs(estimate.offset) > _MOST_OFFSET and estimate.offset * beyond > 0.0:
-            share = 1.0
-        most = abs(towards) / (_FLATTEST * mean)
-        moved = self.wire.moved(wire, wire.power + share * min(max(change, -most), most))
-        learnt = min(max(beyond, -_LARGEST_ERROR), _LARGEST_ERROR) / (_FLATTEST * mean)
-        ambient = estimate.ambient + share * self.learning * self.interval * learnt
-        bound = _MOST_BIAS * self.highest**2
-        offset = estimate.offset + (1.0 - share) * towards - share * rate * estimate.offset
-        ambient = min(max(ambient, -bound), bound)
-        return Estimate(moved, ambient, estimate.error, estimate.past, offset, estimate.way)
+
+
+def _estimate(values: FloatArray, tracker: Tracker, past: tuple[float, ...]) -> Estimate:
+    power, angle, ambient, error, offset, way = values.tolist()
+    return Estimate(HeatedState(power, angle, tracker), ambient, error, past, offset, way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,6 +241,11 @@ class ObserverControl(PowerObserver):
     ) -> tuple[float, ObserverState]:
         """Return the current for the next interval and the next state."""
         estimate = self.update(state.estimate, state.applied, measurement)
+        current = self.toward(estimate, reference)
+        return current, ObserverState(estimate, current)
+
+    def toward(self, estimate: Estimate, reference: float) -> float:
+        """Return the current in A that drives a wire to an angle in degrees, within the limits."""
         power = heating(
             self.wire,
             estimate.wire,
@@ -230,5 +254,4 @@ class ObserverControl(PowerObserver):
             ambient=estimate.ambient,
             steepest=self.steepness * mean_slope(self.wire),
         )
-        current = self.current(power)
-        return current, ObserverState(estimate, current)
+        return self.current(power)

@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.arrays import FloatArray
 from minorloop_head.control.controller import Loop
 from minorloop_head.control.hypotheses import Bank, Hypotheses
 from minorloop_head.control.observer import Estimate
@@ -237,8 +237,6 @@ class ReachWatch(Loop):
         """Return the trial one interval later."""
         moved = abs(angle - trial.mark) > _STILL_DEGREES
         bank = self._hypotheses.step(trial.bank, current, measurement, self.interval)
-        others, colder = self._sides
-        now = float(bank.cost[others].min() - bank.cost[colder].min())
         return Trial(
             bank=bank,
             began=trial.began,
@@ -247,7 +245,7 @@ class ReachWatch(Loop):
             full=trial.full + self.interval if self._is_full(current) else 0.0,
             still=0.0 if moved else trial.still + self.interval,
             least=min(trial.least, current),
-            evidence=now if abs(now) > abs(trial.evidence) else trial.evidence,
+            evidence=max(bank.colder, trial.evidence, key=abs),
         )
 
     def _verdict(self, trial: Trial, reference: float, angle: float) -> Unreachable | None:
@@ -305,7 +303,7 @@ class ReachWatch(Loop):
                 return None
             still = angle - trial.began < 0.5 * self.tolerance
             return "no motion" if still else "load or ageing"
-        share = float(weight[self._colder].sum()) / total
+        share = float(weight @ self._hypotheses.colder) / total
         if abs(trial.evidence) > _WORSE:
             share = float(trial.evidence > 0)
         if max(share, 1.0 - share) > (_LIKELY if late else _CLEAR):
@@ -313,19 +311,13 @@ class ReachWatch(Loop):
         return "colder surroundings or stronger cooling" if late else None
 
     @cached_property
-    def _colder(self) -> BoolArray:
-        """Whether the ambient of each hypothesis (M,) changes the reach more than its cooling."""
-        bank = self._hypotheses
-        return np.asarray(-bank.ambient > self.highest**2 * (1.0 - 1.0 / bank.cooling))
-
-    @cached_property
-    def _sides(self) -> tuple[IntArray, IntArray]:
-        """Which hypotheses are not colder, and which are: numbers select them faster than flags."""
-        return np.flatnonzero(~self._colder), np.flatnonzero(self._colder)
-
-    @cached_property
     def _hypotheses(self) -> Hypotheses:
-        return Hypotheses(wire=self.wire, rise=self.rise, cold_resistance=self.cold_resistance)
+        return Hypotheses(
+            wire=self.wire,
+            rise=self.rise,
+            cold_resistance=self.cold_resistance,
+            highest=self.highest,
+        )
 
 
 def _shown(angle: float) -> str:

@@ -8,9 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from minorloop_head.control.guard_state import GuardState
+from minorloop_head.control.guard import GuardState
 from minorloop_head.control.head import HeadState
 from minorloop_head.vision.wall_patches import UNTURNED
 
@@ -230,9 +228,9 @@ def _reading(axis: GuardState, why: str) -> tuple[str, str]:
     """Return the kind of the fault of a reading and what is wrong; both empty if it is good."""
     if axis.fault:
         return axis.fault, _with(_newest(axis, "sensor"), why)
-    if not np.isnan(axis.sensed.value):
+    if axis.reading.used:
         return "", ""
-    if axis.sensed.odd and not axis.belief.believed:
+    if axis.reading.odd and not axis.reading.believed:
         return _DOUBTED, f"{_DOUBTED}; the wire went by its model"
     if why.startswith(UNTURNED):
         return UNTURNED, f"readings were not used, because {why}; the wire went by its model"

@@ -308,7 +308,7 @@ class _Drive:
 
 def _judged(control: HeadControl, state: HeadState) -> tuple[BoolArray, FloatArray]:
     """Return whether the newest readings (2,) were used, and the angles (2,) by the model."""
-    used = np.isfinite([axis.sensed.value for axis in state.axes])
+    used = np.array([axis.reading.used for axis in state.axes])
     return used, control.modelled(state)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -45,38 +46,18 @@ class Tracker:
         self._rows = self._advance(self._stack, u)
         return float(self._y[0])
 
-    def push_balance(
-        self, u: float, y: float, gap: float, *, stiff: float, drag: float, solves: int
-    ) -> tuple[float, float]:
-        """Push the input that a balance with the output gives, and return both.
-
-        The input moves by du and the output by dy so that stiff du + drag dy = gap.
+    def run(self, loop: Callable[..., int], *arguments: object) -> None:
+        """Update the memory by a compiled loop that adds at most one extremum.
 
         Parameters
         ----------
-        u, y : float
-            Present input and output.
-        gap : float
-            Not 0.
-        stiff, drag : float
-            Positive, and not negative.
-        solves : int
-            Fixed-point iterations for the slope dy / du.
-
-        Raises
-        ------
-        ParameterError
-            If input or gap is not a finite number.
+        loop : callable
+            Takes `PlaneTables`, the stack, the rows in use, and the arguments; returns the rows.
+        *arguments
+            Of the loop.
         """
         self._make_room()
-        self._u[0], self._y[0] = as_finite("u", u), y
-        gap = as_finite("gap", gap)
-        self._rows = int(
-            _kernels.push_balance(
-                self._tables, self._stack, self._rows, gap, stiff, drag, solves, self._u, self._y
-            )
-        )
-        return float(self._u[0]), float(self._y[0])
+        self._rows = int(loop(self._tables, self._stack, self._rows, *arguments))
 
     def _make_room(self) -> None:
         """Make room for another row of the stack: an input adds at most one."""
