@@ -1,10 +1,11 @@
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
 from minorloop_head.heated_wire import HeatedWire
-from wires import made_up
+from wires import TICK, made_up
 
 powers = st.floats(0.0, 0.16)
 
@@ -70,3 +71,13 @@ def test_times_of_heat_that_cannot_be_are_refused():
         HeatedWire(wire.operator, 0.0)
     with pytest.raises(ParameterError, match="latent is -1"):
         HeatedWire(wire.operator, 1.0, -1.0)
+
+
+def test_no_wire_turns_faster_than_its_fastest_rate():
+    wire = made_up()
+    state, angles = wire.begin(), [0.0]
+    for _ in range(300):
+        state = wire.step(state, 0.16, TICK)
+        angles.append(state.angle)
+    most = wire.fastest * 0.16 * TICK
+    assert 0.2 * most < np.diff(angles).max() <= most

@@ -8,6 +8,7 @@ the transformation makes the lag longer while the wire moves.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,8 @@ SOLVES = 2
 """Fixed-point iterations for the slope in a step."""
 _HALVINGS = 40
 """Bisections for the past of a wire: 1e-12 of the range."""
+_GRID = 513
+"""Powers at which the slope of the operator is found: 20 and more in each of its bands."""
 _NEAR = 0.01
 """Tolerance of an angle as a share of the range."""
 
@@ -75,6 +78,19 @@ class HeatedWire:
             raise ParameterError(f"lag is {self.lag}; give a positive number of seconds")
         if self.latent < 0:
             raise ParameterError(f"latent is {self.latent}; give at least 0 A^2 s per degree")
+
+    @cached_property
+    def fastest(self) -> float:
+        """Largest rate for a heating power, in degrees a second per A^2.
+
+        With the slope s of the operator, dy/dt = s (p - w) / (tau + q s), which grows with s. No
+        branch is steeper than those of the loop between the ends of the levels.
+        """
+        low, high = self.operator.levels[[0, -1]].tolist()
+        grid = np.linspace(low, high, _GRID)
+        loop = self.operator.simulate(np.concatenate([grid, grid[-2::-1]]))
+        slope = float(np.abs(np.diff(loop)).max()) / float(grid[1] - grid[0])
+        return slope / (self.lag + self.latent * slope)
 
     def begin(self, power: float = 0.0, start: Start = "negative") -> HeatedState:
         """Return the state of a wire that has settled under a power.

@@ -14,9 +14,8 @@ from minorloop_head.control.readings import (
     ReadingWatch,
     SensorWatch,
     as_number,
-    fastest,
 )
-from wires import TICK, identified, made_up
+from wires import TICK, identified
 
 anything = st.one_of(
     st.floats(allow_nan=True, allow_infinity=True), st.none(), st.text(max_size=3), st.integers()
@@ -146,16 +145,6 @@ def test_readings_that_drift_back_to_the_model_are_believed_after_a_second():
 def test_a_bias_that_begins_in_a_second_without_readings_is_not_believed():
     found = watched([*still(50), *LOST * 25, *still(500, around=30.0)])
     assert not any(each.believed for each in found[75:])
-
-
-def test_no_wire_turns_faster_than_its_fastest_rate():
-    wire = made_up()
-    state, angles = wire.begin(), [0.0]
-    for _ in range(300):
-        state = wire.step(state, 0.16, TICK)
-        angles.append(state.angle)
-    most = fastest(wire) * 0.16 * TICK
-    assert 0.2 * most < np.diff(angles).max() <= most
 
 
 RISE = np.linspace(0.0, 12.0, 60)

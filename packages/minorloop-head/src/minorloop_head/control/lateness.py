@@ -23,7 +23,6 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop_head.control import _lateness_kernels, _observer_kernels
 from minorloop_head.control.controller import width
 from minorloop_head.control.observer import Estimate, PowerObserver
-from minorloop_head.control.readings import fastest
 
 _LATER = 0.2
 """Seconds of lateness from which a stop tells it."""
@@ -141,6 +140,11 @@ class DelayWatch:
         if calm >= self._count(_CALM) or found.steps >= self._count(_LONGEST):
             return None, 0.0
         return found._replace(calm=calm, row=row), late if row >= _AGAIN else 0.0
+
+    def compile(self) -> None:
+        """Compile the comparison, which a loop that errs little does not use."""
+        nothing = np.empty(0)
+        self._advanced(self._begun(self.observer.found(), np.zeros(1)), nothing, nothing)
 
     def _ended(self, readings: FloatArray) -> bool:
         """Return whether the readings have ended: those that a network held back come late then."""
@@ -307,7 +311,9 @@ class LatenessWatch:
 
     @cached_property
     def _delays(self) -> DelayWatch:
-        return DelayWatch(observer=self.observer)
+        watch = DelayWatch(observer=self.observer)
+        watch.compile()
+        return watch
 
     def _late(self, recent: FloatArray) -> float:
         """Return after how many seconds the rate follows the power, 0 if in time or not known."""
@@ -334,7 +340,7 @@ class LatenessWatch:
         best = late + int(np.argmax(explained[late:]))
         left, otherwise = 1.0 - explained[best], 1.0 - explained[: in_time + 1].max()
         varied = size[best] >= (_VARIED * self.observer.highest**2) ** 2 * len(rate)
-        least, most = (share * self._fastest for share in _GAIN)
+        least, most = (share * self.observer.wire.fastest for share in _GAIN)
         good = varied and left <= 1.0 - _EXPLAINED and least <= gain[best] <= most
         if not good or best == len(explained) - 1 or otherwise < _BETTER * left:
             return 0.0
@@ -367,7 +373,3 @@ class LatenessWatch:
     def _kept(self) -> int:
         """Intervals of a window and the longest lag before it."""
         return self._window + self._lags[-1] + _RATE
-
-    @cached_property
-    def _fastest(self) -> float:
-        return fastest(self.observer.wire)

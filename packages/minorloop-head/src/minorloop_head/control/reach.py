@@ -42,6 +42,8 @@ surroundings explain that."""
 _BEGUN = 2.0
 """Degrees from which a wire has begun to turn, about three of the model's error. Before, a late
 wire looks like one that never turns."""
+_JUDGED = 0.2
+"""Seconds between two looks for a verdict."""
 _DEADLINE = 9.5
 """Seconds after which a verdict is given even if its reason is not clear."""
 _CLEAR, _LIKELY = 0.9, 0.8
@@ -250,7 +252,8 @@ class ReachWatch(Loop):
 
     def _verdict(self, trial: Trial, reference: float, angle: float) -> Unreachable | None:
         """Return a verdict once it is certain, and its reason is clear or the time is over."""
-        if trial.full < self.wire.lag or reference - angle <= self.tolerance:
+        due = round(trial.seconds / self.interval) % max(round(_JUDGED / self.interval), 1) == 0
+        if not due or trial.full < self.wire.lag or reference - angle <= self.tolerance:
             return None
         begun = angle > self.wire.operator.range[0] + _BEGUN
         still = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag

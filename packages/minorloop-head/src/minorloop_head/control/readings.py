@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple, TypeAlias
 
-import numpy as np
-
 from minorloop.errors import ParameterError
 from minorloop_head.control.controller import Loop, width, within
 from minorloop_head.heated_wire import HeatedWire
@@ -24,8 +22,6 @@ ASTRAY = 10.0
 model after readings that were wrong and looked right. A cold wire shows which."""
 _SEEN, _SELDOM = 10, 0.1
 """A sensor is noisy if at least so many readings differed, and at most this share did not."""
-_GRID = 513
-"""Powers at which the slope of the operator is found: 20 and more in each of its bands."""
 _DRIFT, _UNSURE = 0.5, 0.3
 """Degrees a second, and share of its motion, by which the error of the model may grow while
 readings are not believed: by a few degrees in 10 s."""
@@ -291,28 +287,11 @@ class ReadingWatch(Loop):
 
     def _turn(self, heating: float) -> float:
         """Return the most degrees by which a heating power in A^2 turns the wire in an interval."""
-        return self._fastest * heating * self.interval
-
-    @cached_property
-    def _fastest(self) -> float:
-        return fastest(self.wire)
+        return self.wire.fastest * heating * self.interval
 
     @cached_property
     def _width(self) -> float:
         return width(self.wire)
-
-
-def fastest(wire: HeatedWire) -> float:
-    """Return the largest rate of a wire for a heating power, in degrees a second per A^2.
-
-    With the slope s of the operator, dy/dt = s (p - w) / (tau + q s), which grows with s. No
-    branch is steeper than those of the loop between the ends of the levels.
-    """
-    low, high = wire.operator.levels[[0, -1]].tolist()
-    grid = np.linspace(low, high, _GRID)
-    loop = wire.operator.simulate(np.concatenate([grid, grid[-2::-1]]))
-    slope = float(np.abs(np.diff(loop)).max()) / float(grid[1] - grid[0])
-    return slope / (wire.lag + wire.latent * slope)
 
 
 def as_number(value: object) -> float:
