@@ -12,6 +12,7 @@ from benchmarks._plants import Array
 from benchmarks._timing import Row, seconds
 from minorloop.identification import Identification
 from minorloop.identification.bands import PER_DEVIATION
+from minorloop.identification.data_sheet import DataSheetModel
 from minorloop.identification.pipeline import Options
 from minorloop.lab.columns import read_columns
 
@@ -66,7 +67,7 @@ def rows(quick: bool = False) -> list[Row]:
 
 def _row(name: str, material: Material) -> tuple[Row, float]:
     loop = (material.coercivity, material.remanence, material.saturation, material.field)
-    models: list[ml.DataSheetModel] = []
+    models: list[DataSheetModel] = []
     elapsed = seconds(lambda: models.append(ml.from_loop(*loop)))
     inside, off, width = [], [], []
     for u, y in material.minor:

@@ -9,16 +9,13 @@ import minorloop
 from minorloop import errors
 
 PUBLIC = """
-Preisach RelayModel PrandtlIshlinskii GeneralisedPrandtlIshlinskii Polynomial Memory Tracker
-Inversion identify Fit excitation densities Dynamics Plane Gaussian Smooth from_loop
-DataSheetModel AfterEffect Viscosity Linear Cascade Trajectory Creep fit_creep Actuator
-Adaptive Channel Prediction NextInput next_input design arx step_response frequency_response
-Preamble describing_function fit_response Recursive representability Plan Store Setup run
-reduce Fault Apparatus measure drive_to resume Record read curvature_from_displacement
-displacement_from_curvature score ModelScore save load connect plot ModelWarning __version__
-MinorloopError ParameterError SignalError UnreachableError NotInvertibleError RecordError
-ModelFileError LimitError OutputError StoreError InstrumentError SafetyError FleetError
-MissingExtraError Oscillator BoucWen Duhem Vibration
+Actuator Adaptive AfterEffect Apparatus BoucWen Cascade Channel Dynamics Fault Fit FleetError
+Gaussian GeneralisedPrandtlIshlinskii InstrumentError LimitError Linear Memory MinorloopError
+MissingExtraError ModelFileError ModelWarning NotInvertibleError Oscillator OutputError
+ParameterError Plan Plane Polynomial PrandtlIshlinskii Preisach Record RecordError RelayModel
+SafetyError Setup SignalError Smooth Store StoreError UnreachableError Vibration Viscosity
+__version__ connect densities design drive_to excitation from_loop identify load measure
+next_input plot read reduce resume run save score
 """
 NAMES = set(PUBLIC.split())
 
