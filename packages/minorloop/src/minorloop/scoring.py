@@ -509,7 +509,7 @@ class ModelScore(Scored):
             return None
         known = part if isinstance(part, BandModel) else BandModel.of_file(part, model)
         rows = self.band_rows
-        sd = known.deviation(model, self.u, self.curves, rows, BAND, self.lag)
+        sd, _ = known.deviation(model, self.u, self.curves, rows, BAND, self.lag)
         return Prediction(self.u[rows], self.prediction[rows], sd, BAND)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from minorloop._modelschema import BandsPart, ErrorPart, reason, square
-from minorloop.arrays import FloatArray, IntArray, as_levels, frozen
+from minorloop.arrays import BoolArray, FloatArray, IntArray, as_levels, frozen
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.bands import BAND
@@ -89,8 +89,10 @@ class BandModel:
         samples: IntArray,
         probability: float = BAND,
         lag: int = 0,
-    ) -> FloatArray:
-        """Standard deviation (M,) of readings at some samples of an input, in increasing order.
+    ) -> tuple[FloatArray, BoolArray]:
+        """Standard deviations (M,) of readings at some samples of an input, in increasing order.
+
+        Also says which of them go where the record does not show how far the model is off.
 
         Parameters
         ----------
@@ -112,14 +114,17 @@ class BandModel:
         wanted = np.zeros(inputs.size, dtype=np.bool_)
         wanted[places] = True
         sd = np.hypot(self.posterior.deviation(inputs, curves.start, wanted), self.noise)
+        outside = _beyond(model, inputs)[places]
+        farther = outside > 0
         if self.error is not None:
-            sd = self.error.deviation(inputs, wanted, curves.start, sd, probability)
+            sd, off = self.error.deviation(inputs, wanted, curves.start, sd, probability)
+            farther = farther | off
         if not self.grouped:  # a left-out group may reach beyond the others, and errors count this
-            sd = np.hypot(sd, beyond(model, inputs)[places])
+            sd = np.hypot(sd, outside)
         within = within_cells(model, inputs, curves.start)
         mean = float(within.mean()) if within.size else 0.0
         left = max(1.0 - self.shown / mean, 0.0) if mean > 0 else 0.0
-        return np.asarray(np.hypot(sd, np.sqrt(left * within[places])))
+        return np.asarray(np.hypot(sd, np.sqrt(left * within[places]))), farther
 
 
 def within_cells(model: Preisach, u: FloatArray, start: Start) -> FloatArray:
@@ -133,7 +138,7 @@ def within_cells(model: Preisach, u: FloatArray, start: Start) -> FloatArray:
     return np.asarray(apart**2)
 
 
-def beyond(model: Preisach, u: FloatArray) -> FloatArray:
+def _beyond(model: Preisach, u: FloatArray) -> FloatArray:
     """Standard deviation (T,) from relays beyond the levels, of which nothing is known.
 
     The output may go on as steeply as the major loop is where it is steepest. What an input beyond

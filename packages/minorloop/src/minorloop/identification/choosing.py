@@ -148,14 +148,14 @@ def validate(
     names = np.unique(fold[rows])
     for count, k in enumerate(names, 1):
         say(f"leaving out groups, fit {count} of {names.size}")
-        x = found.without(fold[regression.rows] == k, record.signed)
+        x = found.without(fold[regression.rows] == k, record)
         y = record.curves.simulate(regression.matrix.spec.model(x), record.u, lag)
         left = rows[fold[rows] == k]
         predicted[left] = y[left]
     return predicted
 
 
-def without_startup(spec: PlaneSpec, record: FitRecord) -> FitRecord:
+def _without_startup(spec: PlaneSpec, record: FitRecord) -> FitRecord:
     """Return the record without a start-up that a coarse fit does not follow."""
     found = fitting.fit_smooth(_coarse(spec, record), record, 0, 0.0)
     regression = found.regression
@@ -196,7 +196,7 @@ def choose(
     spec, choices = specs[0], []
     if np.count_nonzero(record.fitted) < _FEWEST:
         return Chosen(spec, lag or 0, ())
-    settled = without_startup(spec, _first(record))
+    settled = _without_startup(spec, _first(record))
     groups = None if groups is None else groups[: settled.u.size]
     if lag is None:
         say("comparing lags")

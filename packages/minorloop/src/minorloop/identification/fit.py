@@ -14,7 +14,7 @@ from minorloop.identification import record_checks as checks
 from minorloop.identification.choosing import LEVELS, Chosen, check_several_groups, choose, validate
 from minorloop.identification.curves import as_curves, as_groups, check_group_sizes
 from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
-from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
+from minorloop.identification.fitting import FitRecord, fit_plane
 from minorloop.identification.jumps import (
     Jump,
     find_jumps,
@@ -112,7 +112,9 @@ class Plane:
         if group is not None:
             check_several_groups(group[fitted])
         sensor, sd = checks.as_noise(record.sd, fitted)
-        rows = FitRecord(inputs, outputs, fitted, parts, bool(self.signed), sd, noise=sensor)
+        rows = FitRecord(
+            inputs, outputs, fitted, parts, bool(self.signed), sd, 0.0, sensor, group is not None
+        )
         grids = _grids(rows, self.levels, self.spacing)
         specs = self._structures(grids[0])
         automatic = len(specs) > 1 or len(grids) > 1
@@ -131,8 +133,7 @@ class Plane:
                 spec = replace(spec, levels=thresholds)
                 prior = prior if isinstance(prior, Smooth) else Smooth()
         say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
-        how = FitOptions(prior, sensor, grouped=group is not None)
-        found = fit_plane(spec, rows, delay, how, group, say)
+        found = fit_plane(spec, rows, delay, prior, group, say)
         left_out = None if group is None else validate(rows, found, delay, group, say)
         return Identification(
             model=spec.model(found.x),

@@ -67,6 +67,8 @@ class FitRecord:
     """Standard deviation by which the model itself is off; it is added to each ``sd``."""
     noise: float | None = None
     """Standard deviation of all outputs, where it is known and ``sd`` is not given."""
+    grouped: bool = False
+    """Whether errors on left-out groups show how wide bands must be."""
 
     def without(self, sample: int) -> FitRecord:
         """Return the record with one sample less to be fitted."""
@@ -158,23 +160,6 @@ class FitRecord:
         return condense(spec.levels, self.curves.start, inputs, y, measured, labels)
 
 
-@dataclass(frozen=True)
-class FitOptions:
-    """How unknowns are fitted.
-
-    ``grouped``: errors on left-out groups show how wide bands must be.
-    """
-
-    prior: Prior = "auto"
-    noise: float | None = None
-    grouped: bool = False
-
-    @property
-    def smoothness(self) -> float | Literal["auto"]:
-        """Strength of smoothing."""
-        return self.prior.strength if isinstance(self.prior, Smooth) else "auto"
-
-
 @dataclass(frozen=True, eq=False)
 class FittedPlane:
     """Unknowns, the samples that they were fitted to and how, and the outliers.
@@ -186,7 +171,7 @@ class FittedPlane:
     kkt: float
     regression: Regression
     fitted: BoolArray
-    options: FitOptions
+    prior: Prior
     smoothness: float = 0.0
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
@@ -194,17 +179,17 @@ class FittedPlane:
     ridge: Ridge | None = None
     learnt: Hyperparameters | None = None
 
-    def without(self, left: BoolArray, signed: bool) -> FloatArray:
-        """Unknowns fitted in the same way to samples other than ``left`` (M,).
+    def without(self, left: BoolArray, record: FitRecord) -> FloatArray:
+        """Unknowns fitted in the same way to samples of the record other than ``left`` (M,).
 
         Smoothness or hyperparameters are chosen anew, so that they do not know what is left out.
         """
         matrix, y, kept = self.regression.matrix, self.regression.y, ~left
         if self.learnt is not None:
-            return _with_prior(self.regression, signed, self.options, self.learnt, kept=kept).x
-        problem = Problem(matrix, y, signed)
+            return _with_prior(self.regression, record, self.learnt, kept=kept).x
+        problem = Problem(matrix, y, record.signed)
         # Not from the fit to all rows: cells that the others leave open would keep what it knows.
-        chosen = self.options.smoothness == "auto"
+        chosen = _strength(self.prior) == "auto"
         return problem.fit_part(kept, CANDIDATES if chosen else (self.smoothness,))
 
 
@@ -212,49 +197,48 @@ def fit_plane(
     spec: PlaneSpec,
     record: FitRecord,
     lag: int,
-    options: FitOptions,
+    prior: Prior,
     labels: IntArray | None = None,
     say: Callable[[str], None] = lambda stage: None,
 ) -> FittedPlane:
     """Fit with the prior or with smoothness, again where a model error adds to the noise."""
-    found = _fit_once(spec, record, lag, options, labels, say)
+    found = _fit_once(spec, record, lag, prior, labels, say)
     better = record.with_model_error(found)
-    return found if better is record else _fit_once(spec, better, lag, options, labels, say)
+    return found if better is record else _fit_once(spec, better, lag, prior, labels, say)
 
 
 def _fit_once(
     spec: PlaneSpec,
     record: FitRecord,
     lag: int,
-    options: FitOptions,
+    prior: Prior,
     labels: IntArray | None,
     say: Callable[[str], None],
 ) -> FittedPlane:
     regression = record.regression(spec, lag, labels)
-    if isinstance(options.prior, Gaussian):
-        return _fit_with_prior(regression, record, lag, options)
-    if isinstance(options.prior, Smooth):
-        return _smooth(regression, record, options, say)
+    if isinstance(prior, Gaussian):
+        return _fit_with_prior(regression, record, lag, prior)
+    if isinstance(prior, Smooth):
+        return _smooth(regression, record, prior, say)
     if not _takes_prior(regression):
-        smooth = options if spec.bands <= MOST_DENSE else replace(options, prior=Smooth(0.0))
-        return _smooth(regression, record, smooth, say)
-    found = _fit_with_prior(regression, record, lag, options)
+        return _smooth(regression, record, prior if spec.bands <= MOST_DENSE else Smooth(0.0), say)
+    found = _fit_with_prior(regression, record, lag, prior)
     samples = regression.matrix.measurements
     off = np.sqrt(regression.squared_error(found.x) / samples)
     close = off <= _NOISELESS * np.ptp(regression.y) or are_few(spec, samples)
     if samples < spec.unknowns or not close:
         return found
-    plain = _smooth(regression, record, replace(options, prior=Smooth(0.0)), say)
+    plain = _smooth(regression, record, Smooth(0.0), say)
     return plain if reproduces(regression.matrix, plain.x, regression.y) else found
 
 
 def _takes_prior(regression: Regression) -> bool:
     """Whether the prior is quick, or needed and not slow."""
     matrix = regression.matrix
-    return is_cheap(matrix) or (is_quick(matrix) and needs_prior(regression))
+    return is_cheap(matrix) or (is_quick(matrix) and _needs_prior(regression))
 
 
-def needs_prior(regression: Regression) -> bool:
+def _needs_prior(regression: Regression) -> bool:
     """Whether the samples are few for the unknowns, or leave much of the plane open."""
     matrix = regression.matrix
     excited = np.count_nonzero(matrix.excited) / matrix.spec.cells
@@ -273,40 +257,42 @@ def fit_smooth(
     smoothness: float | Literal["auto"],
 ) -> FittedPlane:
     """Fit with smoothness."""
-    return _smooth(record.regression(spec, lag), record, FitOptions(Smooth(smoothness)))
+    return _smooth(record.regression(spec, lag), record, Smooth(smoothness))
 
 
 def _smooth(
     regression: Regression,
     record: FitRecord,
-    options: FitOptions,
+    prior: Prior,
     say: Callable[[str], None] = lambda stage: None,
 ) -> FittedPlane:
     problem = Problem(regression.matrix, regression.y, record.signed, say)
-    fit = problem.fit(options.smoothness)
+    fit = problem.fit(_strength(prior))
     return FittedPlane(
-        fit.x, fit.kkt, regression, record.fitted, options, fit.smoothness, converged=fit.converged
+        fit.x, fit.kkt, regression, record.fitted, prior, fit.smoothness, converged=fit.converged
     )
 
 
+def _strength(prior: Prior) -> float | Literal["auto"]:
+    return prior.strength if isinstance(prior, Smooth) else "auto"
+
+
 def _fit_with_prior(
-    regression: Regression, record: FitRecord, lag: int, options: FitOptions
+    regression: Regression, record: FitRecord, lag: int, prior: Prior
 ) -> FittedPlane:
     """Fit, and leave outliers out."""
-    found, ridge = _with_prior(regression, record.signed, options), None
-    if isinstance(options.prior, Gaussian) and options.prior.mean == "ridge":
-        found, ridge = _with_ridge(found, regression, record, options)
+    found, ridge = _with_prior(regression, record), None
+    if isinstance(prior, Gaussian) and prior.mean == "ridge":
+        found, ridge = _with_ridge(found, regression, record)
     suspects = tuple[int, ...]()
     if are_few(regression.matrix.spec, regression.rows.size):  # one of many has little weight
-        suspects, record, regression, found = _without_outliers(
-            record, regression, found, lag, options
-        )
+        suspects, record, regression, found = _without_outliers(record, regression, found, lag)
     return FittedPlane(
         found.x,
         found.kkt,
         regression,
         record.fitted,
-        options,
+        prior,
         posterior=found.posterior,
         suspects=suspects,
         converged=found.kkt <= ACCEPTABLE,
@@ -316,7 +302,7 @@ def _fit_with_prior(
 
 
 def _without_outliers(
-    record: FitRecord, regression: Regression, found: PriorFit, lag: int, options: FitOptions
+    record: FitRecord, regression: Regression, found: PriorFit, lag: int
 ) -> tuple[tuple[int, ...], FitRecord, Regression, PriorFit]:
     """Leave out one outlier after the other, but none if two of them are next to each other.
 
@@ -332,7 +318,7 @@ def _without_outliers(
         sample = int(regression.rows[worst])
         others = record.without(sample)
         reduced = others.regression(spec, lag)
-        without = _with_prior(reduced, others.signed, options, found.learnt, centre)
+        without = _with_prior(reduced, others, found.learnt, centre)
         if not _is_outlier(without, regression, worst):
             break
         if any(_on_one_branch(spec, inputs, sample, other) for other in suspects):
@@ -351,7 +337,7 @@ def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool
 
 
 def _with_ridge(
-    plain: PriorFit, regression: Regression, record: FitRecord, options: FitOptions
+    plain: PriorFit, regression: Regression, record: FitRecord
 ) -> tuple[PriorFit, Ridge | None]:
     """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
 
@@ -364,7 +350,7 @@ def _with_ridge(
     penalty = PARAMETERS * np.log(regression.rows.size) / 2
     for kind in KINDS:
         fitted = fit_ridge(regression.matrix, regression.y, (kind,))
-        found = _with_prior(regression, record.signed, options, plain.learnt, fitted.x)
+        found = _with_prior(regression, record, plain.learnt, fitted.x)
         if found.likelihood - penalty > least:
             best, chosen, least = found, fitted.ridge, found.likelihood - penalty
     return best, chosen
@@ -372,20 +358,19 @@ def _with_ridge(
 
 def _with_prior(
     regression: Regression,
-    signed: bool,
-    options: FitOptions,
+    record: FitRecord,
     guess: Hyperparameters | None = None,
     centre: FloatArray | None = None,
     kept: BoolArray | None = None,
 ) -> PriorFit:
     return fit_prior(
         regression,
-        signed=signed,
-        noise=options.noise,
+        signed=record.signed,
+        noise=record.noise,
         guess=guess,
         centre=centre,
         kept=kept,
-        independent=options.grouped or kept is not None,  # a part is fitted for its mean
+        independent=record.grouped or kept is not None,  # a part is fitted for its mean
     )
 
 

@@ -33,13 +33,13 @@ from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
 
-PARTS, SEGMENTS = 5, 3
+PARTS, _SEGMENTS = 5, 3
 """Parts of a record without groups, and contiguous segments of each."""
 FEWEST = 50
 """Samples of a record without groups below which nothing is left out."""
 MOST_BANDS = 40
 """Bands of the plane at most, so that the fits without a part take less than a second."""
-NORMAL_PARTS = 8
+_NORMAL_PARTS = 8
 """Independent parts whose weight the normal distribution has against the errors found."""
 _CELLS = 25
 """Bands of the plane on which cells count as reached."""
@@ -115,7 +115,7 @@ def width(scores: FloatArray, probability: float, parts: int, least: float = 0.0
     side = (1 + probability) / 2
     normal = float(ndtri(side))
     found = max(float(np.quantile(scores, probability)) / normal, least)
-    share = parts / (parts + NORMAL_PARTS)
+    share = parts / (parts + _NORMAL_PARTS)
     student = float(stdtrit(max(parts - 1, 1), side)) / normal
     return student * (share * found + 1 - share)
 
@@ -149,10 +149,11 @@ class ModelError:
         start: Start,
         known: FloatArray,
         probability: float,
-    ) -> FloatArray:
-        """Standard deviation (M,) of readings after some inputs.
+    ) -> tuple[FloatArray, BoolArray]:
+        """Standard deviations (M,) of readings after some inputs.
 
-        Half a normal band of this probability is as wide as the errors on left-out parts were,
+        Also says which are farther off than any left-out sample, so that theirs are assumed. Half a
+        normal band of this probability is as wide as the errors on left-out parts were,
         and wider for few parts.
 
         Parameters
@@ -169,13 +170,10 @@ class ModelError:
             Probability of the band.
         """
         own = known**2 + np.interp(u[measured], self.inputs, self.variance)
-        rows = np.column_stack([own, self.reach.covariates(u, measured, start)])
+        off = self.reach.covariates(u, measured, start)
         factor = width(self.scores, probability, self.parts, least=1.0)
-        return np.asarray(factor * np.sqrt(rows @ self.factors))
-
-    def beyond(self, u: FloatArray, measured: BoolArray, start: Start) -> BoolArray:
-        """Which outputs (M,) after some inputs are farther off than any left-out sample."""
-        return np.asarray((self.reach.covariates(u, measured, start) > self.shown).any(axis=1))
+        sd = factor * np.sqrt(np.column_stack([own, off]) @ self.factors)
+        return sd, np.asarray((off > self.shown).any(axis=1))
 
 
 def learn(
@@ -243,7 +241,7 @@ def learn(
 
 def contiguous_parts(samples: int) -> IntArray:
     """(M,) number of the part of each sample."""
-    return np.arange(samples) * PARTS * SEGMENTS // samples % PARTS
+    return np.arange(samples) * PARTS * _SEGMENTS // samples % PARTS
 
 
 def _left_out(

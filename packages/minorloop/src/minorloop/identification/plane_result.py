@@ -13,7 +13,7 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples
 from minorloop.errors import counted
 from minorloop.identification import advising, diagnosis, residuals
 from minorloop.identification.accuracy import CurveAccuracy, by_curve
-from minorloop.identification.band_model import BandModel, beyond, within_cells
+from minorloop.identification.band_model import BandModel, within_cells
 from minorloop.identification.bands import BAND, PER_DEVIATION, Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, percent, polynomial_nrmse
 from minorloop.identification.choosing import FEWEST_GROUPS, Choice, folds
@@ -355,12 +355,8 @@ class Identification(Fit[Preisach]):
         if bands is None:
             return y
         probability = as_probability(bands)
-        sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
-        driven, places = parts.driven(inputs, self.model.levels, self.lag)
-        farther = beyond(self.model, driven)[places] > 0
-        if self.model_error is not None:
-            wanted = np.isin(np.arange(driven.size), places)
-            farther |= self.model_error.beyond(driven, wanted, self.start)
+        every = np.arange(inputs.size)
+        sd, farther = self._deviation(inputs, parts, every, probability)
         share = float(farther.mean()) if farther.size else 0.0
         return Prediction(inputs, y, sd, probability, self._noise, share)
 
@@ -374,7 +370,8 @@ class Identification(Fit[Preisach]):
         begin = self.start if start is None else start
         found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
         samples = np.arange(found.u.size)
-        return replace(found, sd=self._deviation(found.u, Curves.whole(begin), samples, lag=0))
+        sd, _ = self._deviation(found.u, Curves.whole(begin), samples, lag=0)
+        return replace(found, sd=sd)
 
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
         """Standard deviation of predicted readings along the record, sensor noise included.
@@ -388,7 +385,7 @@ class Identification(Fit[Preisach]):
         -------
         (M,) array
         """
-        return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
+        return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))[0]
 
     @property
     def _noise(self) -> float:
@@ -404,8 +401,8 @@ class Identification(Fit[Preisach]):
         samples: IntArray,
         probability: float = BAND,
         lag: int | None = None,
-    ) -> FloatArray:
-        """Standard deviation of readings at some samples of an input, in increasing order."""
+    ) -> tuple[FloatArray, BoolArray]:
+        """As of `BandModel.deviation`, with the lag of the model if none is given."""
         late = self.lag if lag is None else lag
         return self.band_model.deviation(self.model, u, curves, samples, probability, late)
 
@@ -421,7 +418,7 @@ class Identification(Fit[Preisach]):
     def band_sd(self) -> float:
         """Mean standard deviation of up to 800 predicted readings."""
         samples = np.flatnonzero(self.fitted) if self.grouped else np.arange(self.u.size)
-        return float(self._deviation(self.u, self.curves, few(samples)).mean())
+        return float(self.deviation(few(samples)).mean())
 
     @property
     def _names_samples(self) -> bool:
