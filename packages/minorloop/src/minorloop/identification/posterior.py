@@ -127,11 +127,6 @@ class Posterior(ABC):
         wanted = np.ones(u.size, dtype=np.bool_) if measured is None else measured
         return self._whole(self._known(u, wanted, start))
 
-    def row_deviation(self, rows: FloatArray) -> FloatArray:
-        """Standard deviation of the true outputs for regressors (T, n)."""
-        known = np.einsum("tk,tk->t", *[rows @ self.factor] * 2)
-        return self._whole(known if self.apart is None else known + (rows @ self.apart) ** 2)
-
     def _whole(self, variances: FloatArray) -> FloatArray:
         total = variances + (self.hyperparameters.discrepancy * self.unit) ** 2
         return np.sqrt(min(self.samples / max(self.samples - LEARNT, 1), 2.0) * total)

@@ -19,12 +19,10 @@ of the rows, and at least the share of the squared error."""
 _TIMES = 4.0
 """Error of a start-up over that of the other rows."""
 _BLOCKS, _LEAST_BLOCK = 40, 5
-"""Blocks of rows whose means show drift and steps, and least rows of one."""
+"""Blocks of rows whose means show a drift, and least rows of one, and of a group."""
 _DRIFT, _SURE = 0.4, 4.0
 """Share of the variance of these means that a drift explains, and how many of its standard
 deviations it is."""
-_BESIDE = 4
-"""Samples of the thinned record on either side, between which the row of a step is looked for."""
 _OUTLIER, _LEAST_OUTLIER = 10.0, 0.02
 """Error of an outlier over the usual one, and in ranges."""
 _LARGE_RECORD = 200
@@ -253,19 +251,8 @@ def _step_or_drift(
         found = find_offset_step(columns, fitted, measured)
         if found is None:
             return None, find_drift(columns, fitted, measured) or _drift(error)
-    return _located(found, some, error, rows), 0.0
-
-
-def _located(
-    found: tuple[int, float], some: IntArray, error: FloatArray, rows: IntArray
-) -> OffsetStep:
-    """Return a step found among some of the rows with its place among all."""
     place, size = found
-    first, last = some[max(place - _BESIDE, 0)], some[min(place + _BESIDE, some.size - 1)]
-    if rows.size > some.size:
-        near = _shares_of_steps(error[first : last + 1])
-        return OffsetStep(int(rows[first + 1 + int(np.argmax(near))]), size)
-    return OffsetStep(int(rows[place]), size)
+    return OffsetStep(int(rows[some[place]]), size), 0.0
 
 
 def _drift(error: FloatArray) -> float:
@@ -292,17 +279,6 @@ def _block_means(error: FloatArray) -> FloatArray:
     """Return means of the residual in blocks of about the same number of rows."""
     blocks = min(_BLOCKS, max(error.size // _LEAST_BLOCK, 1))
     return np.array([part.mean() for part in np.array_split(error, blocks)])
-
-
-def _shares_of_steps(values: FloatArray) -> FloatArray:
-    """(n - 1,) share of the variance that a step before each value but the first explains."""
-    centred = values - values.mean()
-    squares = float(centred @ centred)
-    if values.size < 2 or squares == 0:
-        return np.zeros(max(values.size - 1, 0))
-    before = np.arange(1, values.size)
-    sums = np.cumsum(centred)[:-1]
-    return np.asarray(sums**2 * (1 / before + 1 / (values.size - before)) / squares)
 
 
 def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDifference | None:

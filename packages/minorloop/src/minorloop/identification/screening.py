@@ -13,9 +13,9 @@ from minorloop.threads import one_thread
 
 _FEWEST = 12
 """Readings below which a record is not checked."""
-_OFF_SD, _OFF, _UNUSUAL = 8.0, 0.2, 0.5
-"""Error of an outlier against the rough model, in robust deviations and in ranges; and the distance
-of its input from the middle 90 % above which the rough model is not reliable."""
+_OFF_SD, _OFF, _FEW = 8.0, 0.2, 10
+"""Error of an outlier against the rough model, in robust deviations and in ranges; and readings for
+each of them: more are no outliers."""
 
 
 def record_faults(
@@ -68,21 +68,5 @@ def _off_rough_model(record: RoughRecord) -> IntArray:
     """Readings with an error against the rough model that their neighbours do not have."""
     off = record.values - record.rough[record.places]
     limit = max(_OFF_SD * spread(off), _OFF * float(np.ptp(record.values)))
-    found = beyond_neighbours(off, record.values, limit) & (np.abs(off) > limit)
-    usual = _outside(record.u[record.places]) < _UNUSUAL
-    return _if_few(record.places[found & usual], record)
-
-
-def _if_few(places: IntArray, record: RoughRecord) -> IntArray:
-    """The places, unless they are too many to be outliers."""
-    return places if places.size <= record.places.size // 10 else places[:0]
-
-
-def _outside(values: FloatArray) -> FloatArray:
-    """Distance from the middle 90 % of the values, over its width."""
-    low, high = np.percentile(values, [5, 95])
-    width = float(high - low) or float(np.ptp(values)) or 1.0
-    outside = low - values
-    np.maximum(outside, values - high, out=outside)
-    np.maximum(outside, 0, out=outside)
-    return np.asarray(outside / width)
+    found = record.places[beyond_neighbours(off, record.values, limit) & (np.abs(off) > limit)]
+    return found if found.size <= record.places.size // _FEW else found[:0]
