@@ -182,14 +182,14 @@ class ModelFile:
         return said
 
     def with_linear(self, path: PathLike, first: First = "operator") -> ModelFile:
-        """Return the model in a cascade with the linear part of a file, as of `read_linear`.
+        """Return the model in a cascade with the linear part of a file, as of `_read_linear`.
 
         ``first`` is which comes first. Raises a `ParameterError` if the model has dynamics already.
         """
         if isinstance(self.model, Cascade):
             raise ParameterError("the model has dynamics of its own; leave the linear part out")
         operator: Any = self.operator
-        return replace(self, model=Cascade(operator, read_linear(path), first))
+        return replace(self, model=Cascade(operator, _read_linear(path), first))
 
     def check_units(self, names: Sequence[str], of: str, hints: Sequence[str] = ("", "")) -> None:
         """Refuse names of an input and an output in other units than those of the model.
@@ -577,7 +577,7 @@ def read(path: PathLike) -> ModelFile:
     return ModelFile(model, names[0], names[1], *about)
 
 
-def read_linear(path: PathLike) -> Linear:
+def _read_linear(path: PathLike) -> Linear:
     """Read a linear part: an object with numerator, denominator, and interval and delay in seconds.
 
     Raises a `ModelFileError` if there is no such file or it has something else; a `ParameterError`

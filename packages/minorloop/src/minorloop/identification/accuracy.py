@@ -11,7 +11,7 @@ from minorloop.identification.baseline import percent
 from minorloop.identification.curves import Curves
 from minorloop.identification.loops import closed_loops, loop_areas
 
-MOST_CURVES = 10
+_MOST_CURVES = 10
 """Curves up to which each has a row; of more, those with the largest errors."""
 _CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
 CurveTable: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]], str]
@@ -149,10 +149,10 @@ def curve_table(curves: Sequence[CurveAccuracy]) -> CurveTable:
     if all(one.left_out is None for one in curves):
         columns -= 1
     which = "by curve"
-    if len(curves) > MOST_CURVES:
+    if len(curves) > _MOST_CURVES:
         shown.sort(key=lambda one: -one.accuracy.nrmse)
-        which = f"the {MOST_CURVES} largest of {len(curves)} curves"
-    rows = [_curve_row(one)[:columns] for one in shown[:MOST_CURVES]]
+        which = f"the {_MOST_CURVES} largest of {len(curves)} curves"
+    rows = [_curve_row(one)[:columns] for one in shown[:_MOST_CURVES]]
     return _CURVE_COLUMNS[:columns], rows, f"errors over the range of the record, {which}"
 
 

@@ -59,7 +59,7 @@ CREEP: dict[str, tuple[Law, ...]] = {
 PER_DECADE = 2
 """Time constants per decade of a spectrum. Responses of lags that are closer than a factor of 3 are
 almost collinear, so that a record cannot separate more."""
-MOST_UNKNOWNS = 6000
+_MOST_UNKNOWNS = 6000
 """Unknowns of the dense normal equations: 300 MB."""
 _BETTER = 0.98
 """Ratio of the left-out errors below which a law with more constants is worth them, as in
@@ -341,10 +341,10 @@ class _Search:
     ) -> None:
         self.record, self.spec, self.spectrum = record, spec, spectrum
         planes = 1 + (0 if spectrum is None else spectrum.size)
-        if planes * spec.cells > MOST_UNKNOWNS:
+        if planes * spec.cells > _MOST_UNKNOWNS:
             raise ParameterError(
                 f"{spec.bands} bands and {planes - 1} time constants are {planes * spec.cells} "
-                f"unknowns, at most {MOST_UNKNOWNS} can be fitted; give fewer levels"
+                f"unknowns, at most {_MOST_UNKNOWNS} can be fitted; give fewer levels"
             )
         used = record.y[record.fitted]
         self.centre, self.unit = float(used.mean()), float(np.ptp(used))

@@ -173,7 +173,7 @@ def chosen(candidates: Sequence[TriedEquation]) -> TriedEquation:
     return min(candidates, key=lambda one: (one.bic, one.structure.parameters))
 
 
-def free_run_error(stretches: Sequence[Stretch], found: Coefficients) -> float:
+def _free_run_error(stretches: Sequence[Stretch], found: Coefficients) -> float:
     """Root-mean-square error of the simulated output over the range; each record has its gain."""
     errors, span = [], 0.0
     for one in stretches:
@@ -202,7 +202,7 @@ def _candidate(
         kind=_kind(found),
         bic=samples * float(np.log(counted)) + structure.parameters * float(np.log(samples)),
         nrmse=float(np.sqrt(mean_square)),
-        free_run=free_run_error(second, found) if second else None,
+        free_run=_free_run_error(second, found) if second else None,
     )
 
 

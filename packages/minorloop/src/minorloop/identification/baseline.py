@@ -16,8 +16,8 @@ _DEPENDENT = 1e-10
 _PLAY, _DEGREE = 2, 6
 """Which play of the rough model shows in what direction loops run, of about a tenth of the range;
 and degree of the polynomial beside it."""
-DEGREES = range(1, 8)
-DELAYS = range(21)
+_DEGREES = range(1, 8)
+_DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
 
 
@@ -65,13 +65,13 @@ def polynomial_nrmse(
     rows = np.flatnonzero(train)
     rows = rows[one_of_each(rows.size, _MOST)]
     wanted = y[rows]
-    highest = min(max(DEGREES), rows.size - 1)
-    least, chosen = np.inf, (0, min(DEGREES))
+    highest = min(max(_DEGREES), rows.size - 1)
+    least, chosen = np.inf, (0, min(_DEGREES))
     with one_thread():
-        for delay in DELAYS[: u.size]:
+        for delay in _DELAYS[: u.size]:
             basis = np.polynomial.chebyshev.chebvander(late(rows, delay), highest)
             errors = _errors(np.asarray(basis, np.float64), wanted)
-            for degree, error in enumerate(errors, start=min(DEGREES)):
+            for degree, error in enumerate(errors, start=min(_DEGREES)):
                 if error < least:
                     least, chosen = error, (delay, degree)
     best_delay, degree = chosen
@@ -99,7 +99,7 @@ def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:
     q, r = np.linalg.qr(basis)
     size = np.abs(r.diagonal())
     explained = np.where(size > _DEPENDENT * size[0], (q.T @ y) ** 2, 0.0)
-    return np.asarray(y @ y - np.cumsum(explained))[min(DEGREES) :]
+    return np.asarray(y @ y - np.cumsum(explained))[min(_DEGREES) :]
 
 
 def rms(residual: FloatArray) -> float:

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 CANDIDATES = 21
 """Candidates for the next input, evenly over the allowed range."""
-SEQUENCES, LENGTH = 40, 8
+_SEQUENCES, LENGTH = 40, 8
 """Random sequences that represent future inputs, and the inputs of each."""
-BEAM = 6
+_BEAM = 6
 """First inputs for which the second one is optimised too."""
 MOST_HOLDS = 1000
 """Largest budget; each hold takes the time of a fit."""
@@ -156,7 +156,7 @@ def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextI
     first = _rows(posterior, memory, candidates) @ posterior.factor
     gains = _gains(aim, first, own)
     best, value = candidates[0], -np.inf
-    for k in np.argsort(gains)[::-1][:BEAM]:
+    for k in np.argsort(gains)[::-1][:_BEAM]:
         spent = first[k] / np.sqrt(first[k] @ first[k] + own)
         after = Memory.after(
             [*memory.extrema[1:], float(candidates[k])],
@@ -189,7 +189,7 @@ def _future_rows(posterior: Posterior) -> FloatArray:
     spec = posterior.spec
     rng = np.random.default_rng(0)
     rows = []
-    for _ in range(SEQUENCES):
+    for _ in range(_SEQUENCES):
         u = rng.uniform(spec.levels[0], spec.levels[-1], LENGTH)
         rows.append(regressors(spec, u, np.ones(LENGTH, dtype=np.bool_), "negative")[0])
     return np.vstack(rows) @ posterior.factor

@@ -12,7 +12,7 @@ _MOST_WORK = 2e9
 about a second."""
 
 
-def singular_values(matrix: DesignMatrix) -> FloatArray:
+def _singular_values(matrix: DesignMatrix) -> FloatArray:
     """Singular values of the design with unit columns, largest first.
 
     Taken from the design itself where it is small. From its Gram matrix otherwise, and then
@@ -35,7 +35,7 @@ def singular_values(matrix: DesignMatrix) -> FloatArray:
 def rank_and_condition(matrix: DesignMatrix) -> tuple[int, float]:
     """Rank of the design with unit columns, and the condition of its determined part."""
     with one_thread():
-        values = singular_values(matrix)
+        values = _singular_values(matrix)
     if not values.size or values[0] == 0:
         return 0, np.inf
     least = values[0] * (1e-10 if _is_small(matrix) else 1e-7)

@@ -30,7 +30,7 @@ from minorloop.identification.prior import Gaussian, Prior, Smooth
 from minorloop.lab.records import Record
 from minorloop.threads import one_thread
 
-MOST_POLES = 3
+_MOST_POLES = 3
 _MOST_ROWS = 40_000
 """Samples, the first ones, that dynamics are compared on."""
 _BANDS, _FINER = 25, 50
@@ -100,8 +100,8 @@ class Dynamics:
         check_option("first", first, ("auto", "operator", "linear"))
         if creep != "auto":
             checks.check_flags(creep=creep)
-        if poles != "auto" and (isinstance(poles, bool) or poles not in range(MOST_POLES + 1)):
-            raise ParameterError(f'poles is {poles!r}; give "auto" or 0 to {MOST_POLES}')
+        if poles != "auto" and (isinstance(poles, bool) or poles not in range(_MOST_POLES + 1)):
+            raise ParameterError(f'poles is {poles!r}; give "auto" or 0 to {_MOST_POLES}')
         if not isinstance(self.plane, Plane):
             raise ParameterError(f"plane is {self.plane!r}; give a Plane")
         if self.plane.lag not in ("auto", 0):
@@ -119,7 +119,7 @@ class Dynamics:
         with one_thread():
             say("comparing dynamics")
             later = short.without(startup)
-            tried = search(later, order, count, MOST_POLES, static)
+            tried = search(later, order, count, _MOST_POLES, static)
             best = simplest(tried)
             if creep:
                 say("comparing creep")

@@ -23,7 +23,7 @@ from minorloop.report import Picture, Report, Table
 
 _SAMPLES = 4096
 """Samples of a period of a describing function; its error decreases with their square."""
-HARMONICS = 10
+_HARMONICS = 10
 """Highest harmonic of the distortion."""
 _SHOWN = (
     *(("Hz", 9, ".4g"), ("amplitude", 9, ".4g"), ("gain, dB", 9, ".3f"), ("phase, deg", 10, ".2f")),
@@ -287,7 +287,7 @@ def response_of(
         float(bias),
         gains[:, :, 0],
         gains[:, :, 1] if all(sine.w is not None for row in sines for sine in row) else None,
-        np.array([[harmonic_distortion(sine.y, sine.periods) for sine in row] for row in sines]),
+        np.array([[_harmonic_distortion(sine.y, sine.periods) for sine in row] for row in sines]),
         np.array([[sine.unsettled() for sine in row] for row in sines]),
     )
 
@@ -327,9 +327,9 @@ def fundamental(x: FloatArray, periods: int, harmonic: int = 1) -> complex:
     return complex(2 / x.size * np.sum(x * np.exp(-1j * phase)))
 
 
-def harmonic_distortion(x: FloatArray, periods: int) -> float:
+def _harmonic_distortion(x: FloatArray, periods: int) -> float:
     """Root of the sum of squares of harmonics 2 to 10, over the fundamental."""
-    parts = [abs(fundamental(x, periods, k)) for k in range(1, HARMONICS + 1)]
+    parts = [abs(fundamental(x, periods, k)) for k in range(1, _HARMONICS + 1)]
     return float(np.linalg.norm(parts[1:]) / parts[0]) if parts[0] else np.inf
 
 

@@ -12,7 +12,7 @@ from minorloop.arrays import FloatArray, Levels, as_levels, uniform_levels
 
 _BINS = 4096
 _POWER = 1 / 3
-ADAPTIVE_FLOOR = 0.4
+_ADAPTIVE_FLOOR = 0.4
 """Share of the adaptive thresholds that is evenly distributed."""
 
 
@@ -24,7 +24,7 @@ def levels_for(u: FloatArray, y: FloatArray, bands: int, spacing: str) -> Levels
 
 
 def adaptive_levels(
-    u: FloatArray, y: FloatArray, bands: int, *, floor: float = ADAPTIVE_FLOOR
+    u: FloatArray, y: FloatArray, bands: int, *, floor: float = _ADAPTIVE_FLOOR
 ) -> Levels:
     """Thresholds that are denser where the output is steep.
 

@@ -33,10 +33,10 @@ from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import relay_outputs
 from minorloop.operators.preisach import Preisach
 
-CORRELATION_LENGTHS = (0.25, 0.35, 0.7)
+_CORRELATION_LENGTHS = (0.25, 0.35, 0.7)
 """Lengths over which the discrepancy is correlated: in the present input and the last two extrema,
 as shares of the range."""
-CORRELATED_SHARE = 0.8
+_CORRELATED_SHARE = 0.8
 """Share of the variance of the discrepancy that is correlated; the rest is independent."""
 MOST_SEARCH_BANDS = 20
 """Bands of the plane on which hyperparameters are searched; each search step costs their sixth
@@ -92,7 +92,7 @@ class FewOutputs(Evidence):
     def of(cls, spec: PlaneSpec, y: FloatArray, dense: tuple[FloatArray, FloatArray]) -> FewOutputs:
         """Evidence of outputs (M,) with the regressors and features that `regressors` gives."""
         shares, axes = np.linalg.eigh(_correlated(dense[1]))
-        shares = np.maximum(shares, 0.0) + 1 - CORRELATED_SHARE
+        shares = np.maximum(shares, 0.0) + 1 - _CORRELATED_SHARE
         return cls(spec, y.size, float(y @ y), axes.T @ dense[0], axes.T @ y, shares)
 
     def information(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float, float]:
@@ -159,7 +159,7 @@ def regressors(
 
 def disturbance(features: FloatArray, h: Hyperparameters) -> FloatArray:
     """(M, M) covariance of discrepancy plus noise of few measurements."""
-    independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2
+    independent = (1 - _CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2
     covariance: FloatArray = h.discrepancy**2 * _correlated(features)
     covariance[np.diag_indices(len(features))] += independent
     return covariance
@@ -167,8 +167,8 @@ def disturbance(features: FloatArray, h: Hyperparameters) -> FloatArray:
 
 def _correlated(features: FloatArray) -> FloatArray:
     """(M, M) correlated part of the discrepancy, over its variance."""
-    distance = (features[:, None, :] - features[None, :, :]) / np.array(CORRELATION_LENGTHS)
-    return np.asarray(CORRELATED_SHARE * np.exp(-0.5 * np.sum(distance**2, axis=2)))
+    distance = (features[:, None, :] - features[None, :, :]) / np.array(_CORRELATION_LENGTHS)
+    return np.asarray(_CORRELATED_SHARE * np.exp(-0.5 * np.sum(distance**2, axis=2)))
 
 
 def search(

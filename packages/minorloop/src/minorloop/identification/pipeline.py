@@ -166,7 +166,7 @@ class Options:
         prior = {name: given.pop(name) for name in ("prior", "smoothness", "mean") if name in given}
         law = {one.name: given.pop(one.name) for one in fields(Plane) if one.name in given}
         holdout = given.pop("holdout", 0.0)
-        of_record = {name: given.pop(name) for name in OF_RECORD if name in given}
+        of_record = {name: given.pop(name) for name in _OF_RECORD if name in given}
         if "noise" in given:
             of_record["sd"] = given.pop("noise")
         if given:
@@ -178,5 +178,5 @@ class Options:
         return self.law.identify(record.replace(**self.of_record), self.prior, self.holdout, say)
 
 
-OF_RECORD = ("start", "start_of_curve", "skip", "curves", "groups")
+_OF_RECORD = ("start", "start_of_curve", "skip", "curves", "groups")
 """Options of front ends that are parameters of `Record`."""

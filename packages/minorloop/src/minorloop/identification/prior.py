@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 Mean: TypeAlias = Literal["zero", "ridge"]
 
-LEVEL_VARIANCE = 4.0
+_LEVEL_VARIANCE = 4.0
 """Prior variance of offset and slope, in squared ranges of the output: twice the range."""
-MESH_BANDS = 20
+_MESH_BANDS = 20
 """Most bands of the mesh."""
 _JITTER = 1e-6
 """Variance added to the field, so that its covariance has an inverse."""
@@ -144,7 +144,7 @@ class PlanePrior:
     over those of the nugget. The ``mesh`` has at most so many ``bands``.
     """
 
-    def __init__(self, spec: PlaneSpec, bands: int = MESH_BANDS) -> None:
+    def __init__(self, spec: PlaneSpec, bands: int = _MESH_BANDS) -> None:
         self.spec, self._bands = spec, bands
         self.least: FloatArray | None = None
         self.independent = np.ones(spec.cells)
@@ -195,7 +195,7 @@ class PlanePrior:
         """Standard deviations of offset and slope, where fitted."""
         span = float(self.spec.levels[-1] - self.spec.levels[0])
         units = [1.0] * self.spec.offset + [1.0 / span] * self.spec.slope
-        return np.asarray(np.sqrt(LEVEL_VARIANCE) * np.array(units))
+        return np.asarray(np.sqrt(_LEVEL_VARIANCE) * np.array(units))
 
     def scale(self, h: Hyperparameters) -> FloatArray:
         """(n,) approximate prior standard deviations of the unknowns; all positive."""
@@ -271,18 +271,18 @@ class PlanePrior:
 
     def _reversible_correlation(self, h: Hyperparameters) -> FloatArray:
         """(L, L) correlation of the reversible weights."""
-        return matern(self.middle, self._none, h.along, 1.0)
+        return _matern(self.middle, self._none, h.along, 1.0)
 
     def _correlation(self, along: float, across: float) -> FloatArray:
         """Return the (K, K) Matern correlation, kept while other hyperparameters change."""
         if (along, across) not in self._correlations:
             if len(self._correlations) > 1:
                 del self._correlations[next(iter(self._correlations))]
-            self._correlations[along, across] = matern(self.along, self.across, along, across)
+            self._correlations[along, across] = _matern(self.along, self.across, along, across)
         return self._correlations[along, across]
 
 
-def matern(x: FloatArray, y: FloatArray, at_x: float, at_y: float) -> FloatArray:
+def _matern(x: FloatArray, y: FloatArray, at_x: float, at_y: float) -> FloatArray:
     """(K, K) products of two Matern kernels of order 3/2 between points of coordinates x, y (K,).
 
     ``at_x`` and ``at_y`` are the correlation lengths.
@@ -396,8 +396,8 @@ class Mesh:
         lengths = h.along, h.across
         if self._field is None or self._field.lengths != lengths:
             vertices = self.along.size
-            bulk = matern(self.along, self.across, *lengths)
-            reversible = matern(self.thresholds, np.zeros_like(self.thresholds), h.along, 1.0)
+            bulk = _matern(self.along, self.across, *lengths)
+            reversible = _matern(self.thresholds, np.zeros_like(self.thresholds), h.along, 1.0)
             covariance = np.zeros((self.unknowns, self.unknowns))
             covariance[:vertices, :vertices] = bulk + 1.0
             covariance[vertices:, vertices:] = reversible + 1.0

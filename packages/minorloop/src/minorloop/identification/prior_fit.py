@@ -51,9 +51,9 @@ from minorloop.threads import one_thread
 MOST_CORRELATED = 100
 """Samples up to which the discrepancy is correlated. Along the branches of a longer record, a
 correlated discrepancy would explain what the weights can."""
-MOST_SCREENED = 400
+_MOST_SCREENED = 400
 """Samples up to which leave-one-out residuals are computed."""
-MANY = 10**9
+_MANY = 10**9
 """Number of samples that stands for hyperparameters that are given, not learnt."""
 _LEAST_NOISE = 1e-6
 _ALIKE, _MOST_ALIKE, _SURE = 1.5, 10, 3.0
@@ -139,7 +139,7 @@ class PriorFit:
     kkt: float
     posterior: Posterior
     leave_one_out: FloatArray | None
-    """(M,) standardised leave-one-out residuals; None for more than `MOST_SCREENED` samples."""
+    """(M,) standardised leave-one-out residuals; None for more than `_MOST_SCREENED` samples."""
     learnt: Hyperparameters
     """Result of the search, on a coarse plane."""
     likelihood: float
@@ -341,7 +341,7 @@ def _fit_many(
         system = with_variance_of_residuals(replace(system, h=h))
     normal = None
     if system.h.nugget >= _ROUGH and spec.cells <= MOST_DENSE_CELLS:
-        independent, rise = independent_variances(system)
+        independent, rise = _independent_variances(system)
         if independent is not None:
             normal = system.likelihood + rise
             system = replace(system, plane=system.plane.varied(independent=independent))
@@ -349,7 +349,7 @@ def _fit_many(
                 system = with_variance_of_residuals(system)
     determined = system.determined
     leave_one_out = None
-    if y.size <= MOST_SCREENED and (weight > 0).all():
+    if y.size <= _MOST_SCREENED and (weight > 0).all():
         leave_one_out = _leave_one_out_of_many(system, regression, y)
     switched = matrix.column_squares(weight)[1][: spec.cells]
     found = scaled.fit(
@@ -358,7 +358,7 @@ def _fit_many(
     return found if normal is None else replace(found, likelihood=normal)
 
 
-def independent_variances(system: PriorSystem) -> tuple[FloatArray | None, float]:
+def _independent_variances(system: PriorSystem) -> tuple[FloatArray | None, float]:
     """Variances of the independent parts of the weights, if their distribution has heavy tails.
 
     Gives (K,) variances over those of the nugget, or None if the normal distribution is as likely;
@@ -392,7 +392,7 @@ def posterior_after(
     system = DenseSystem(
         FewOutputs.of(spec, np.zeros(dense[0].shape[0]), dense), PlanePrior(spec), h
     )
-    return system.posterior(1.0, MANY, system.determined)
+    return system.posterior(1.0, _MANY, system.determined)
 
 
 def plain_posterior(regression: Regression, x: FloatArray, determined: float) -> Posterior:

@@ -90,7 +90,7 @@ def read(
     )
 
 
-def is_adaptive(store: Store) -> bool:
+def _is_adaptive(store: Store) -> bool:
     """Whether a run chose its inputs to identify; a drive has a design of its own.
 
     Raises a `ParameterError` if it has sines and no settled points.
@@ -113,7 +113,7 @@ def _points(path: PathLike, *, weighted: bool) -> Record:
     """Return the points of a store, and what chose them."""
     with Store.open(path) as store:
         points = store.points()
-        chooser = chooser_of(store.setup, points) if is_adaptive(store) else None
+        chooser = chooser_of(store.setup, points) if _is_adaptive(store) else None
         sd = np.array([point.sd for point in points])
         log = store.record().with_origin(settled=True)
         if weighted and np.isfinite(sd[np.isfinite(log.y)]).any():

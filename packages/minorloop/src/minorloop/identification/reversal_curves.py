@@ -20,7 +20,7 @@ _TOLERANCE = 1e-9
 and far below a band."""
 
 
-def reversal_values(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> FloatArray:
+def _reversal_values(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> FloatArray:
     """Sort a record of reversal curves into a mesh of reversal values.
 
     Parameters
@@ -78,7 +78,7 @@ def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.Arr
         If a reversal value was not measured.
     """
     grid = as_levels(levels)
-    values = reversal_values(u, y, grid)
+    values = _reversal_values(u, y, grid)
     missing = np.argwhere(np.isnan(values) & (np.tri(grid.size) > 0))
     if len(missing):
         a, b = missing[0]

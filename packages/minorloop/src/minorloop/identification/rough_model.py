@@ -63,7 +63,7 @@ class RoughRecord:
         places = np.flatnonzero(known)
         basis = Basis.of(applied, curves, places.size)
         low, high = np.percentile(y[places], [2, 98])
-        rough = robust_fit(basis, y, known)
+        rough = _robust_fit(basis, y, known)
         span = float(high - low) or float(np.ptp(y[places])) or 1.0
         return cls(applied, y, places, basis, rough, span, lag, curves)
 
@@ -137,7 +137,7 @@ class Basis:
         return 1 + int(self.plays.shape[1]) * self.degree
 
 
-def robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
+def _robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
     """Outputs of the rough model with the least absolute error on the known samples, (T,)."""
     places = few(np.flatnonzero(known))
     rows, wanted = basis.rows(places), y[places]

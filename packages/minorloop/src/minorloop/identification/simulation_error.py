@@ -178,7 +178,7 @@ def parameters_of(model: Oscillator) -> FloatArray:
     return np.concatenate([[model.mass, model.damping], model.stiffness, *law])
 
 
-def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
+def _with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
     """Return a model of the same structure.
 
     Raises a `ParameterError` if a parameter is out of its range.
@@ -248,7 +248,7 @@ def softened(model: Oscillator, free: BoolArray, reach: float) -> Oscillator:
         fall = _SOFT * operator.levels / (abs(slope) * reach)
         law = slope * np.concatenate([1 - fall, 1 + fall])
     parameters[first:] = np.where(free[first:], law, parameters[first:])
-    return with_parameters(model, parameters)
+    return _with_parameters(model, parameters)
 
 
 def fit(
@@ -282,7 +282,7 @@ def fit(
     def model_of(some: FloatArray) -> Oscillator:
         parameters = all_of_them.copy()
         parameters[free] = some
-        return with_parameters(start, parameters)
+        return _with_parameters(start, parameters)
 
     def simulated(some: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         try:

@@ -12,7 +12,7 @@ from minorloop.figures import Drawn
 
 Unreachable: TypeAlias = Literal["raise", "clip"]
 
-REACH_TOLERANCE = 1e-12
+_REACH_TOLERANCE = 1e-12
 """A target counts as reachable up to this share of the range beyond it: rounding of outputs."""
 
 _SHOWN = 12
@@ -83,7 +83,7 @@ def as_signal(values: npt.ArrayLike, *, name: str) -> FloatArray:
 
 def within_reach(targets: FloatArray, low: float, high: float) -> BoolArray:
     """Return which targets lie between the least and the greatest output, except for rounding."""
-    slack = REACH_TOLERANCE * (high - low)
+    slack = _REACH_TOLERANCE * (high - low)
     return (targets >= low - slack) & (targets <= high + slack)
 
 

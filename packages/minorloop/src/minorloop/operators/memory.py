@@ -23,7 +23,7 @@ Start: TypeAlias = "Memory | Saturation"
 StartOfCurve: TypeAlias = "Memory | Saturation | Literal['as-left']"
 """Memory before a curve; ``"as-left"``: the one that the previous curve left."""
 
-DEMAGNETISING_TURNS = 512
+_DEMAGNETISING_TURNS = 512
 """Turns of the oscillation: the middle output is reached to about 1/512 of the range."""
 ROOM = 32
 """Default number of extrema that a memory of bounded length holds."""
@@ -101,7 +101,7 @@ class Memory:
         The swing shrinks by 1/512 of the plane a turn, so a plane symmetric about its middle
         is left within about 1/512 of its range of its middle output. The ends are as of `after`.
         """
-        turns = DEMAGNETISING_TURNS
+        turns = _DEMAGNETISING_TURNS
         middle, half = (low + high) / 2, (high - low) / 2
         shrink = 1 - np.arange(2 * turns) / (2 * turns - 1)
         signs = np.where(np.arange(2 * turns) % 2 == 0, 1.0, -1.0)

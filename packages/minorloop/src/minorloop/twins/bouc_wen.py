@@ -15,9 +15,9 @@ from minorloop.twins import _kernels
 
 RATE = 750.0
 """Samples a second of the records."""
-STAGES = (2, 2, 5)
+_STAGES = (2, 2, 5)
 """Factors of the decimation, in order."""
-TAPS = 31
+_TAPS = 31
 """Taps of each filter: order 30."""
 PERIOD = 8192
 """Samples of one period of a multisine."""
@@ -85,7 +85,7 @@ def multisine_test(seed: int) -> BenchmarkRecord:
 def sweep_test() -> BenchmarkRecord:
     """Return the response to the sweep from rest, without noise."""
     first, last, duration, amplitude = SWEEP
-    factor = int(np.prod(STAGES))
+    factor = int(np.prod(_STAGES))
     t = np.arange(round(duration * RATE) * factor + 1) / (RATE * factor)
     force = amplitude * np.sin(2 * np.pi * (first * t + (last - first) / duration * t**2 / 2))
     u = force[::factor].copy()
@@ -100,7 +100,7 @@ def filters() -> list[tuple[int, FloatArray]]:
     """
     from scipy.signal import firwin
 
-    return [(factor, firwin(TAPS, 1 / factor, window="hamming")) for factor in STAGES]
+    return [(factor, firwin(_TAPS, 1 / factor, window="hamming")) for factor in _STAGES]
 
 
 def decimate(y: FloatArray) -> FloatArray:
@@ -108,7 +108,7 @@ def decimate(y: FloatArray) -> FloatArray:
 
     The signal is continued by its mirror image through its first and its last point.
     """
-    half = TAPS // 2
+    half = _TAPS // 2
     for factor, taps in filters():
         around = np.concatenate([2 * y[0] - y[half:0:-1], y, 2 * y[-1] - y[-2 : -half - 2 : -1]])
         y = np.convolve(around, taps, mode="valid")[::factor]
@@ -124,7 +124,7 @@ def _settled(rng: np.random.Generator, periods: int) -> tuple[FloatArray, FloatA
     excited = (frequencies >= BAND[0]) & (frequencies <= BAND[1])
     spectrum = np.zeros(frequencies.size, dtype=complex)
     spectrum[excited] = np.exp(2j * np.pi * rng.random(int(excited.sum())))
-    factor = int(np.prod(STAGES))
+    factor = int(np.prod(_STAGES))
     coarse = np.fft.irfft(spectrum, PERIOD)
     scale = FORCE / float(np.std(coarse))
     fine = scale * factor * np.fft.irfft(spectrum, PERIOD * factor)
@@ -133,7 +133,7 @@ def _settled(rng: np.random.Generator, periods: int) -> tuple[FloatArray, FloatA
 
 
 def _integrated(force: FloatArray) -> FloatArray:
-    step = 1 / (RATE * int(np.prod(STAGES)))
+    step = 1 / (RATE * int(np.prod(_STAGES)))
     return np.asarray(_kernels.newmark(force, step, *PARAMETERS.values()))
 
 

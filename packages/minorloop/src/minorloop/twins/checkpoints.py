@@ -10,7 +10,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import ROUNDING, Channel
 
-LONGEST_CLOCK = 1e12
+_LONGEST_CLOCK = 1e12
 """In seconds: beyond it, rounding of the clock loses steps of a millisecond."""
 _MOST_SAMPLES = 2**62
 """Most samples of a clock: a counter of 64 bits does not overflow."""
@@ -59,7 +59,7 @@ class Checkpoint:
 
     def clock(self) -> float:
         """Return the simulated time since the start, in seconds."""
-        return self.number("clock", 0.0, LONGEST_CLOCK)
+        return self.number("clock", 0.0, _LONGEST_CLOCK)
 
     def array(self, name: str, like: FloatArray) -> FloatArray:
         """Return finite numbers with the shape of ``like``."""

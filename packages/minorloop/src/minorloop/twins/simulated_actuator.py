@@ -14,7 +14,7 @@ from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
 from minorloop.twins.checkpoints import Checkpoint, check_within
 
-SPREAD = 0.1
+_SPREAD = 0.1
 """Specimens differ from the nominal parameters by up to this share."""
 MAX_SAMPLES = 20_000_000
 """Most samples of one call: 480 MB of a record."""
@@ -85,7 +85,7 @@ class SimulatedPlant(ABC):
         steps.
         """
         value = check_input(self.inputs, u)
-        ends = sample_times(duration, sample_interval)
+        ends = _sample_times(duration, sample_interval)
         began = self._clock
         y = self._hold(value, ends)
         return self._record(began + ends, np.tile(value, (ends.size, 1)), y)
@@ -359,14 +359,14 @@ def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, floa
     """Return the parameters of a specimen, within +-10 % of nominal; nominal if it is None."""
     if specimen is None:
         return dict(parameters)
-    factors = np.random.default_rng(specimen).uniform(1 - SPREAD, 1 + SPREAD, len(parameters))
+    factors = np.random.default_rng(specimen).uniform(1 - _SPREAD, 1 + _SPREAD, len(parameters))
     return {
         name: value * float(factor)
         for (name, value), factor in zip(parameters.items(), factors, strict=True)
     }
 
 
-def sample_times(duration: float, sample_interval: float) -> FloatArray:
+def _sample_times(duration: float, sample_interval: float) -> FloatArray:
     """Return the times of the samples of a hold from its beginning, the last at its end."""
     length, interval = (
         as_seconds("duration", duration),

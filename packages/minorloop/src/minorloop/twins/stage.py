@@ -23,7 +23,7 @@ TRAVEL = 40.0
 """Change of the position in um from 0 to that voltage, without creep."""
 NOISE = 0.01
 """Standard deviation of a reading in um, white: that of a capacitive sensor of this range."""
-RESONANCE = 300.0
+_RESONANCE = 300.0
 """Natural frequency in Hz, in the middle of the specimens."""
 RADII = np.linspace(0.0, 48.0, 97)
 """Radii of the plays in V."""
@@ -49,7 +49,7 @@ class Stage:
             "strength": rng.uniform(0.4, 0.9, 2),
             "rate": 1 / np.array([rng.uniform(12, 25), rng.uniform(30, 60)]),
             "bend": rng.uniform(-0.08, 0.08, 1),
-            "omega": 2 * np.pi * RESONANCE * rng.uniform(0.95, 1.05, 1),
+            "omega": 2 * np.pi * _RESONANCE * rng.uniform(0.95, 1.05, 1),
             "damping": rng.uniform(0.03, 0.06, 1),
             "times": np.array([0.1, 1.0, 10.0]) * rng.uniform(0.7, 1.4, 3),
             "shares": rng.uniform(0.008, 0.02, 3),
