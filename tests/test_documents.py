@@ -1,6 +1,7 @@
 """README, docs and examples do what they say."""
 
 import ast
+import doctest
 import inspect
 import re
 import runpy
@@ -9,6 +10,7 @@ import sys
 from dataclasses import is_dataclass
 from importlib import import_module
 
+import numpy as np
 import pytest
 
 import documents
@@ -242,6 +244,18 @@ def test_every_parameter_of_a_public_name_is_described(name):
         if inspect.isfunction(function) and not method.startswith("_"):
             known = [described(one) for one in describing(inspect.getdoc(function), found, method)]
             assert parameters(function) <= set().union(*known), method
+
+
+@pytest.mark.parametrize("name", CALLABLES)
+def test_a_public_name_has_an_example_that_does_what_it_shows(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names, found = {"ml": minorloop, "np": np}, []
+    (example,) = doctest.DocTestFinder(recurse=False).find(
+        getattr(minorloop, name), name, extraglobs=names
+    )
+    result = doctest.DocTestRunner(verbose=False).run(example, out=found.append)
+    assert result.attempted
+    assert not found
 
 
 def test_the_table_of_public_names_is_complete_and_right():

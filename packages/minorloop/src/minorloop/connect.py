@@ -64,6 +64,11 @@ def connect(
         If the actuator needs an extra that is not installed.
     InstrumentError
         If an instrument does not answer.
+
+    Examples
+    --------
+    >>> [str(one) for one in ml.connect("twin:ipmc,specimen=3").inputs]
+    ['voltage [V]']
     """
     given = {"specimen": specimen, "noise": noise, "seed": seed, **options}
     if not isinstance(address, str):

@@ -34,6 +34,11 @@ def plot(x: object, **options: Any) -> Any:
     ------
     ParameterError
         If nothing draws this class.
+
+    Examples
+    --------
+    >>> figure = ml.plot(ml.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5]))
+    >>> figure.savefig("loops.png")
     """
     known = registered(_GROUP)
     for each in type(x).__mro__:

@@ -80,7 +80,13 @@ def carry(
 
 @dataclass(frozen=True)
 class Apparatus:
-    """An actuator at an address, the channel of it that is used, and how its readings are taken."""
+    """An actuator at an address, the channel of it that is used, and how its readings are taken.
+
+    Examples
+    --------
+    >>> ml.Apparatus("twin:ipmc,specimen=3").address
+    'twin:ipmc,specimen=3'
+    """
 
     address: str
     """As of `minorloop.connect`, such as ``twin:ipmc,specimen=3``."""
@@ -307,6 +313,13 @@ def measure(
         If the store exists.
     MinorloopError
         As of `minorloop.connect`, `Plan` and `minorloop.run`.
+
+    Examples
+    --------
+    >>> ml.Plan([0.0, 0.5], longest=20.0, input="voltage [V]").to_csv("plan.csv")
+    >>> found = ml.measure(ml.Apparatus("twin:ipmc"), "plan.csv", "run.sqlite")
+    >>> found.mode
+    'fresh'
     """
     check_new(store)
 
@@ -373,6 +386,15 @@ def drive_to(
         If units differ.
     MinorloopError
         As of `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
+
+    Examples
+    --------
+    >>> from minorloop.modelfile import read
+    >>> names = {"input": "voltage [V]", "output": "curvature [1/m]"}
+    >>> ml.save(ml.Preisach([-1.2, 1.2], [[10.0]]), "model.json", **names)
+    >>> strip = ml.Apparatus("twin:ipmc")
+    >>> ml.drive_to(read("model.json"), [2.0], strip, "drive.sqlite").mode
+    'fresh'
     """
     check_new(store)
 
@@ -403,6 +425,14 @@ def resume(store: PathLike, *, carry: Carry = carry, say: Say = silent) -> RunRe
         The store.
     carry, say
         As of `measure`.
+
+    Examples
+    --------
+    >>> ml.Plan([0.0, 0.5], longest=20.0, input="voltage [V]").to_csv("plan.csv")
+    >>> ml.measure(ml.Apparatus("twin:ipmc"), "plan.csv", "run.sqlite").mode
+    'fresh'
+    >>> ml.resume("run.sqlite").mode
+    'finished'
     """
     with Store.open(store, write=True) as kept:
         setup = kept.setup

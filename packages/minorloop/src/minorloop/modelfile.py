@@ -477,6 +477,13 @@ def save(
         If the file cannot be written, or exists and ``force`` is false.
     ParameterError
         If a file cannot contain the model, the provenance or the warnings.
+
+    Examples
+    --------
+    >>> model = ml.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5])
+    >>> ml.save(model, "model.json", input="voltage [V]", output="length [um]")
+    >>> ml.load("model.json") == model
+    True
     """
     target = check_writable(path, force=force)
     if isinstance(model, ModelFile):
@@ -547,6 +554,12 @@ def load(path: PathLike) -> Model:
     -----
     ModelWarning
         If the file has warnings.
+
+    Examples
+    --------
+    >>> ml.save(ml.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5]), "model.json")
+    >>> ml.load("model.json").radii.tolist()
+    [0.0, 0.2]
     """
     known = read(path)
     if known.warnings:

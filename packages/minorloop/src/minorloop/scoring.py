@@ -598,6 +598,13 @@ def score(
     ------
     ParameterError, RecordError
         As of `simulate`, or if no row is left to be scored.
+
+    Examples
+    --------
+    >>> u = np.sin(np.linspace(0.0, 20.0, 200))
+    >>> model = ml.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5])
+    >>> ml.score(model, ml.Record(u, model.simulate(u))).nrmse
+    0.0
     """
     known, log = _as_file(model), _checked(record).cut()
     found = simulate(known, log, between=between)

@@ -112,6 +112,13 @@ class Cascade:
     References
     ----------
     Chen, Tan and Shahinpoor, Proc. IEEE/ASME AIM 2005, section V: operator first.
+
+    Examples
+    --------
+    >>> plane = ml.Preisach([-1.0, 0.0, 1.0], [[1.0, 0.0], [0.5, 1.0]])
+    >>> strip = ml.Cascade(plane, ml.Linear.lags(0.5))
+    >>> strip.simulate([0.0, 1.0, 20.0], [-1.0, 1.0, 1.0]).round(2).tolist()
+    [-2.5, 1.82, 2.5]
     """
 
     operator: Operator

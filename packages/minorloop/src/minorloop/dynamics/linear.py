@@ -38,6 +38,11 @@ class Linear(ByValue, Drawn):
     ------
     ParameterError
         If a number is not finite, the system is not causal, or a time is out of its range.
+
+    Examples
+    --------
+    >>> ml.Linear.lags(0.5, 2.0).time_constants.tolist()
+    [2.0, 0.5]
     """
 
     numerator: FloatArray

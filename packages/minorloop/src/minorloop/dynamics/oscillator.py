@@ -47,6 +47,13 @@ class Oscillator:
     Noel and Schoukens, Hysteretic benchmark with a dynamic nonlinearity, Workshop on Nonlinear
     System Identification Benchmarks, 2016. Newmark, A method of computation for structural
     dynamics, ASCE J. Engineering Mechanics 85 (1959) 67.
+
+    Examples
+    --------
+    >>> force = ml.BoucWen(1.0, 0.5, 0.5)
+    >>> structure = ml.Oscillator(2.0, 0.5, 10.0, force)
+    >>> structure.simulate(np.arange(5) / 10, np.ones(5)).shape
+    (5,)
     """
 
     mass: float

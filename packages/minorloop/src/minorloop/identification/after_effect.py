@@ -127,6 +127,14 @@ class Viscosity:
     ----------
     Neel, Annales de Geophysique 5, 1949: fluctuation field. Krejci and Kuhnen, IEE Proceedings D
     148, 2001: creep with a spectrum of time constants. Both in ``docs/theory/time.md``.
+
+    Examples
+    --------
+    >>> t = 0.1 * np.arange(300)
+    >>> u = np.sin(t) * np.linspace(1.0, 0.2, 300)
+    >>> law = ml.Viscosity(4, creep="none", rate=False)
+    >>> ml.identify(ml.Record(u, u, t), law).law
+    'none'
     """
 
     levels: int | npt.ArrayLike = 25

@@ -208,6 +208,12 @@ def from_loop(
     References
     ----------
     Della Torre, Magnetic Hysteresis, 1999, chapter 2: Preisach functions from the major loop.
+
+    Examples
+    --------
+    >>> steel = ml.from_loop(40.0, 1.2, 1.5)
+    >>> round(steel.model.range[1], 2)
+    1.5
     """
     hc, br, bm, hm = _checked(coercivity, remanence, saturation, field)
     levels = _levels(hm / hc)

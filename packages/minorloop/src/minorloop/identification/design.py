@@ -83,6 +83,14 @@ def next_input(
     ParameterError
         If the model was identified without the prior or has more than 64 levels, or ``step`` is not
         positive.
+
+    Examples
+    --------
+    >>> u = ml.design(np.linspace(0.0, 1.0, 9), 6)
+    >>> found = ml.identify(u, u**2, ml.Plane(8, lag=0), prior=ml.Gaussian())
+    >>> memory = ml.Memory.after(u, low=0.0, high=1.0)
+    >>> 0.0 <= ml.next_input(found, memory).u <= 1.0
+    True
     """
     if not hasattr(identification, "posterior"):
         raise ParameterError(
@@ -125,6 +133,11 @@ def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatA
     ------
     ParameterError
         If an option is out of its range.
+
+    Examples
+    --------
+    >>> ml.design([0.0, 0.25, 0.5, 0.75, 1.0], 3).round(2).tolist()
+    [0.0, 0.85, 0.35]
     """
     spec, h = PlaneSpec(as_levels(levels), diagonal="reversible"), Hyperparameters()
     count = as_whole("holds", holds, 3, MOST_HOLDS)

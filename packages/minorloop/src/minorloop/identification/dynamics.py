@@ -71,6 +71,15 @@ class Dynamics:
     ----------
     Fixed operator, free dynamics: Ljung, System Identification, 2nd edition, 1999, section 7.4,
     output error. Alternation for a static map and dynamics in series: section 10.1 there.
+
+    Examples
+    --------
+    >>> t = 0.1 * np.arange(400)
+    >>> u = np.sin(t) * np.linspace(1.0, 0.2, 400)
+    >>> y = ml.Linear.lags(0.5).simulate(t, u)
+    >>> law = ml.Dynamics(ml.Plane(4), first="operator", poles=1, creep=False)
+    >>> ml.identify(ml.Record(u, y, t), law).times.round(1).tolist()
+    [0.5]
     """
 
     plane: Plane = field(default_factory=Plane)

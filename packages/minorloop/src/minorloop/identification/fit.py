@@ -53,6 +53,12 @@ class Plane:
     ----------
     Tan and Baras, Automatica 40, 2004: weights of a discretised plane by constrained least
     squares.
+
+    Examples
+    --------
+    >>> u = np.sin(np.linspace(0.0, 20.0, 200))
+    >>> ml.identify(u, u, ml.Plane(4, diagonal="reversible", lag=0)).model.bands
+    4
     """
 
     levels: int | npt.ArrayLike | Literal["auto"] = "auto"

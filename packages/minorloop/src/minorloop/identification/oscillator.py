@@ -62,6 +62,16 @@ class Vibration:
     ----------
     Schoukens and Ljung, Nonlinear system identification: a user-oriented road map, IEEE Control
     Systems Magazine 39 (2019) 28: simulation error, multisines, averages over periods.
+
+    Examples
+    --------
+    >>> truth = ml.Oscillator(2.0, 0.5, 10.0, ml.BoucWen(1.0, 0.5, 0.5))
+    >>> t = 0.1 * np.arange(400)
+    >>> u = 5 * np.random.default_rng(0).normal(size=400)
+    >>> law = ml.Vibration(ml.Oscillator(2.2, 0.4, 11.0, ml.BoucWen(1.1, 0.4, 0.4)))
+    >>> found = ml.identify(ml.Record(u, truth.simulate(t, u), t), law)
+    >>> round(found.model.mass, 3)
+    2.0
     """
 
     rough: Oscillator | Literal["unknown"] = "unknown"

@@ -56,6 +56,13 @@ class Gaussian:
     ------
     ParameterError
         If there is no such mean.
+
+    Examples
+    --------
+    >>> u = np.sin(np.linspace(0.0, 20.0, 200))
+    >>> found = ml.identify(u, u, ml.Plane(4, lag=0), prior=ml.Gaussian())
+    >>> found.predict([0.5], bands=0.9).sd.shape
+    (1,)
     """
 
     mean: Mean = "zero"
@@ -69,7 +76,14 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class Smooth:
-    """A penalty on differences between neighbouring cells."""
+    """A penalty on differences between neighbouring cells.
+
+    Examples
+    --------
+    >>> u = np.sin(np.linspace(0.0, 20.0, 200))
+    >>> ml.identify(u, u, ml.Plane(4, lag=0), prior=ml.Smooth(1e-5)).smoothness
+    1e-05
+    """
 
     strength: float | Literal["auto"] = "auto"
     """Defined in `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` chooses by

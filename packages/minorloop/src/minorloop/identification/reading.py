@@ -62,6 +62,12 @@ def read(
         If the file, a column or the times cannot be used.
     ParameterError
         If a column is missing, is given twice or belongs to no table.
+
+    Examples
+    --------
+    >>> ml.Record([0.0, 1.0], [0.1, 0.9], None, "u [V]", "y [um]").to_csv("run.csv")
+    >>> ml.read("run.csv", input="u", output="y").output.unit
+    'um'
     """
     if not isinstance(path, str | os.PathLike):
         raise ParameterError(f"path is {path!r}; give the name of a file")

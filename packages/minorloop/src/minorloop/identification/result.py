@@ -220,7 +220,15 @@ def _lines(rows: Sequence[tuple[str, str]]) -> list[str]:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Fit(Scored, Generic[M]):
-    """A model identified from a record, with its errors and advice."""
+    """A model identified from a record, with its errors and advice.
+
+    Examples
+    --------
+    >>> u = np.sin(np.linspace(0.0, 20.0, 200)) * np.linspace(1.0, 0.2, 200)
+    >>> fit = ml.identify(u, u + 0.2 * u**3, ml.Plane(8, lag=0))
+    >>> fit.nrmse < 0.05, fit.predict([0.0, 0.5]).shape
+    (True, (2,))
+    """
 
     HEADLINE: ClassVar[str] = "{output} against {input}"
     """Title of reports and tables; ``fit`` and the names ``input`` and ``output`` are filled in."""

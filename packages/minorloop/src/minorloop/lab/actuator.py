@@ -45,6 +45,11 @@ class Channel:
     ParameterError
         If the limits are not in order, the rate is not positive, or name or unit cannot be
         printed.
+
+    Examples
+    --------
+    >>> ml.Channel("voltage", "V", low=-1.2, high=1.2).unit
+    'V'
     """
 
     name: str
@@ -71,7 +76,14 @@ class Channel:
 
 @runtime_checkable
 class Actuator(Protocol):
-    """A plant with named inputs that can be set and named outputs that can be read."""
+    """A plant with named inputs that can be set and named outputs that can be read.
+
+    Examples
+    --------
+    >>> strip = ml.connect("twin:ipmc")
+    >>> strip.apply(0.5, 10.0, 5.0).y.shape
+    (2,)
+    """
 
     @property
     def inputs(self) -> tuple[Channel, ...]:

@@ -24,7 +24,14 @@ _SHOWN = 6
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of a record, which would spoil what is made of it."""
+    """A fault of a record, which would spoil what is made of it.
+
+    Examples
+    --------
+    >>> record = ml.Record(np.arange(20.0), np.append(np.sin(np.arange(19.0)), 9.9e37))
+    >>> record.faults[0].kind, record.faults[0].samples
+    ('code', (19,))
+    """
 
     kind: Kind
     """Type of the fault."""

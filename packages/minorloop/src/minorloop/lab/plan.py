@@ -73,6 +73,11 @@ class Plan:
     ------
     ParameterError
         If the plan is empty, a number is out of range, or the times contradict each other.
+
+    Examples
+    --------
+    >>> len(ml.Plan([0.0, 1.0, 0.5], longest=60.0))
+    3
     """
 
     inputs: FloatArray

@@ -161,6 +161,12 @@ class Record(Drawn):
         If the shapes do not match, a number cannot be used, or the clock often runs backwards.
     ParameterError
         If there are no rows from ``first`` to ``last``.
+
+    Examples
+    --------
+    >>> record = ml.Record([0.0, 1.0, 0.0], [0.1, 0.9, 0.2], None, "voltage [V]")
+    >>> len(record), record.input.unit
+    (3, 'V')
     """
 
     u: Samples

@@ -237,6 +237,13 @@ def reduce(
         If a number is beyond 1e150.
     ParameterError
         If the record is no `Record`, or an option is out of range.
+
+    Examples
+    --------
+    >>> u = np.repeat([0.0, 1.0, 0.5, 0.2], 50)
+    >>> y = 2 * u + 1e-4 * np.random.default_rng(0).normal(size=200)
+    >>> [point.input for point in ml.reduce(ml.Record(u, y)).points]
+    [0.0, 1.0, 0.5, 0.2]
     """
     check_kind("record", record, Record)
     if flip is not None:

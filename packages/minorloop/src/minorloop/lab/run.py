@@ -149,6 +149,15 @@ def run(
         somewhere in its measured periods, and stays open; the points are kept.
     SafetyError
         If the actuator does not confirm at the end that it is safe; the points are kept.
+
+    Examples
+    --------
+    >>> strip = ml.connect("twin:ipmc")
+    >>> plan = ml.Plan([0.0, 0.5], longest=20.0, input="voltage [V]")
+    >>> setup = ml.Setup("twin:ipmc", "voltage [V]", "curvature [1/m]")
+    >>> with ml.Store.create("run.sqlite", plan, setup) as store:
+    ...     ml.run(strip, plan, store), len(store)
+    ('fresh', 2)
     """
     check_plan(actuator, plan)
     store.check_same(plan)

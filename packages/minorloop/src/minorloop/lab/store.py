@@ -65,7 +65,13 @@ _FIGURES = "SELECT verdict, held, value, sample_interval, time_uncertainty FROM 
 
 @dataclass(frozen=True)
 class Setup:
-    """The actuator and specimen that a plan is carried out on."""
+    """The actuator and specimen that a plan is carried out on.
+
+    Examples
+    --------
+    >>> ml.Setup("twin:ipmc", "voltage [V]", "curvature [1/m]").specimen is None
+    True
+    """
 
     address: str
     """Address of the actuator, such as ``twin:ipmc``."""
@@ -162,6 +168,14 @@ class Store:
         A connection to it, as ``create`` and ``open`` make it.
     lock : int, optional
         Descriptor of the locked file beside it, if it is open to write.
+
+    Examples
+    --------
+    >>> plan = ml.Plan([0.0, 0.5], longest=20.0, input="voltage [V]")
+    >>> setup = ml.Setup("twin:ipmc", "voltage [V]", "curvature [1/m]")
+    >>> with ml.Store.create("run.sqlite", plan, setup) as store:
+    ...     len(store), store.finished
+    (0, False)
     """
 
     path: Path

@@ -88,6 +88,14 @@ class AfterEffect(ByValue, Drawn):
     ----------
     Neel, Annales de Geophysique 5, 1949: fluctuation field, S ln t.
     Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 5: viscosity of a Preisach plane.
+
+    Examples
+    --------
+    >>> plane = ml.Preisach([-1.0, 0.0, 1.0], [[1.0, 0.0], [0.5, 1.0]])
+    >>> slow = ml.AfterEffect(plane, field=0.05, settling=100.0)
+    >>> y = slow.simulate([0.0, 1.0, 100.0], [-1.0, 0.5, 0.5])
+    >>> bool(y[2] > y[1])
+    True
     """
 
     plane: Preisach

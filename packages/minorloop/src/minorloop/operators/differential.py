@@ -188,6 +188,11 @@ class BoucWen(Differential):
     ----------
     Wen, Method for random vibration of hysteretic systems, ASCE J. Engineering Mechanics 102
     (1976) 249.
+
+    Examples
+    --------
+    >>> ml.BoucWen(1.0, 0.5, 0.5).simulate([0.5, 0.0]).round(3).tolist()
+    [0.393, -0.101]
     """
 
     alpha: float

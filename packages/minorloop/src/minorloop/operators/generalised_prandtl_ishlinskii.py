@@ -144,6 +144,13 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
     ----------
     Kuhnen, Modeling, identification and compensation of complex hysteretic nonlinearities: a
     modified Prandtl-Ishlinskii approach, European Journal of Control 9 (2003) 407.
+
+    Examples
+    --------
+    >>> u = np.sin(np.linspace(0.0, 12.0, 200))
+    >>> found = ml.GeneralisedPrandtlIshlinskii.fit(u, np.tanh(2 * u))
+    >>> found.invertible
+    True
     """
 
     plays: PrandtlIshlinskii

@@ -51,6 +51,11 @@ class Memory:
     References
     ----------
     Mayergoyz, Mathematical Models of Hysteresis, 1991, section 1.2.
+
+    Examples
+    --------
+    >>> ml.Memory.after([0.8, -0.5, 0.2], low=-1.0, high=1.0).extrema
+    (-1.0, 0.8, -0.5, 0.2)
     """
 
     extrema: tuple[float, ...]

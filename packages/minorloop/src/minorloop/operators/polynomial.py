@@ -54,6 +54,12 @@ class Polynomial(ByValue, Drawn):
     ----------
     Chen, Tan and Shahinpoor, Proc. IEEE/ASME AIM 2005, section IV: a quadratic curve as the
     single-valued model of an ionic polymer-metal composite, inverted on its rising branch.
+
+    Examples
+    --------
+    >>> curve = ml.Polynomial.fit([0.0, 1.0, 2.0], [0.0, 1.0, 4.0], 2)
+    >>> curve.invert([1.0]).u.round(6).tolist()
+    [1.0]
     """
 
     coefficients: FloatArray

@@ -63,6 +63,12 @@ class PrandtlIshlinskii(ByValue, Drawn):
     ----------
     Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2: plays.
     Krejci and Kuhnen, IEE Proc. Control Theory and Applications 148 (2001) 185: the inverse.
+
+    Examples
+    --------
+    >>> plays = ml.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5])
+    >>> plays.simulate([1.0, 0.5], "demagnetised").round(2).tolist()
+    [1.4, 0.85]
     """
 
     radii: FloatArray

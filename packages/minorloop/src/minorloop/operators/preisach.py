@@ -56,6 +56,14 @@ class Preisach(ByValue, Drawn):
     Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1: geometry, Everett values.
     Tan, Venkataraman and Krishnaprasad, Proc. IEEE CDC 2001: inverse for a piecewise uniform
     density.
+
+    Examples
+    --------
+    >>> model = ml.Preisach([-1.0, 0.0, 1.0], [[1.0, 0.0], [0.5, 1.0]])
+    >>> model.simulate([1.0, 0.5, -1.0])
+    array([ 2.5,  2. , -2.5])
+    >>> model.invert([0.0, 1.0]).u
+    array([0.30901699, 0.65138782])
     """
 
     levels: Levels

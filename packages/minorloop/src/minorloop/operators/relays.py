@@ -52,6 +52,12 @@ class RelayModel(ByValue, Drawn):
     References
     ----------
     Mayergoyz, Mathematical Models of Hysteresis, 1991, section 1.1.
+
+    Examples
+    --------
+    >>> relays = ml.RelayModel([0.0, 1.0], [[0.0, 0.0], [0.0, 2.0]])
+    >>> relays.simulate([0.5, 1.0, 0.5])
+    array([-2.,  2., -2.])
     """
 
     levels: Levels
