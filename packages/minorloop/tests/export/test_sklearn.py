@@ -6,6 +6,7 @@ import pytest
 
 from later import Later
 from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.identification import Smooth
 from minorloop.operators.preisach import Preisach
 
 REASON = "needs scikit-learn: minorloop[sklearn]"
@@ -45,7 +46,7 @@ def test_every_declared_check_fails(results):
 
 
 def test_following_rows_begin_with_the_memory_after_the_fit():
-    found = ours.PreisachRegressor(levels=8, smoothness=0.0, predict_from="end").fit(
+    found = ours.PreisachRegressor(levels=8, prior=Smooth(0.0), predict_from="end").fit(
         X[:400], Y[:400]
     )
     np.testing.assert_allclose(found.predict(X[400:]), Y[400:], atol=1e-5)
@@ -62,7 +63,7 @@ def test_only_the_named_column_is_used():
 
 
 def test_it_works_in_a_search_with_contiguous_blocks():
-    start = ours.PreisachRegressor(smoothness=0.0, predict_from="end")
+    start = ours.PreisachRegressor(prior=Smooth(0.0), predict_from="end")
     splits = selection.TimeSeriesSplit(3, test_size=100)
     scores = selection.cross_val_score(base.clone(start).set_params(levels=8), X, Y, cv=splits)
     assert scores.shape == (3,)

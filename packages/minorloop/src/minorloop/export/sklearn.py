@@ -6,13 +6,15 @@ checks of scikit-learn that exclude this are named in `EXPECTED_FAILURES`, each 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray, as_whole, check_option
 from minorloop.errors import MissingExtraError
-from minorloop.identification.pipeline import Options
+from minorloop.identification.fit import Plane
+from minorloop.identification.prior import Smooth
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
 
@@ -41,8 +43,11 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Bands between the least and the greatest input.
     column : int
         Column of ``X`` that is the input; the others are not used.
-    relay, diagonal, smoothness, slope, signed, prior
-        As for `minorloop.identify`.
+    law : Plane, optional
+        Other options of the plane; its levels and lag are not used. Uniform cells without a slope
+        if not given.
+    prior : "auto", Gaussian or Smooth, optional
+        As for `minorloop.identify`; `Smooth` if not given.
     start : {"negative", "positive", "demagnetised"}
         Memory before the first row of what is fitted.
     predict_from : {"start", "end"}
@@ -64,22 +69,13 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         levels: int = 20,
         *,
         column: int = 0,
-        relay: Any = "bipolar",
-        diagonal: Any = "uniform",
-        smoothness: Any = "auto",
-        slope: bool = False,
-        signed: bool = False,
-        prior: Any = "none",
+        law: Any = None,
+        prior: Any = None,
         start: Any = "negative",
         predict_from: Any = "start",
     ) -> None:
         self.levels, self.column = levels, column
-        self.relay = relay
-        self.diagonal = diagonal
-        self.smoothness = smoothness
-        self.slope = slope
-        self.signed = signed
-        self.prior = prior
+        self.law, self.prior = law, prior
         self.start = start
         self.predict_from = predict_from
 
@@ -106,9 +102,10 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         check_option("predict_from", self.predict_from, ("start", "end"))
         u = self._input(X)
-        options = ("levels", "relay", "diagonal", "smoothness", "slope", "signed", "prior", "start")
-        asked = Options.of({**{name: getattr(self, name) for name in options}, "lag": 0})
-        self.model_ = asked.identify(Record(u, y)).model
+        law = self.law or Plane(diagonal="uniform", slope=False)
+        law = replace(law, levels=self.levels, lag=0)
+        record, prior = Record(u, y, start=self.start), self.prior or Smooth()
+        self.model_ = law.identify(record, prior).model
         low, high = map(float, self.model_.levels[[0, -1]])
         before = self.model_.memory(self.start).extrema
         self.memory_ = Memory.after([*before, *u], low=low, high=high)
