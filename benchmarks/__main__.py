@@ -37,7 +37,7 @@ PARTS = (
     "after_effect",
     "group_bands",
     "bands",
-    "data_sheets",
+    "major_loops",
     "faults",
     "connections",
     "uploads",

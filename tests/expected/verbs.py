@@ -33,7 +33,6 @@ def _identified() -> Any:
             "signed": f"identify run.csv {_COLUMNS} --law levels=8,lag=0,signed=yes",
             "curves": f"identify curves.csv {_COLUMNS} --record curves=curve "
             "--record start_of_curve=positive",
-            "from_loop": "identify --law sheet:40,1.2,1.5 --save sheet.json",
         }
     )
 

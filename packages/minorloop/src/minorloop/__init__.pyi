@@ -29,7 +29,6 @@ from minorloop.identification import excitation as excitation
 from minorloop.identification import identify as identify
 from minorloop.identification import read as read
 from minorloop.identification.adaptive import Adaptive as Adaptive
-from minorloop.identification.data_sheet import from_loop as from_loop
 from minorloop.identification.design import design as design
 from minorloop.identification.design import next_input as next_input
 from minorloop.identification.oscillator import Vibration as Vibration

@@ -171,20 +171,6 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
     assert "Chosen structure: " in Path("chosen.html").read_text()
 
 
-def test_a_model_is_made_from_a_data_sheet(run, answer):
-    line = "identify --law sheet:12.8,0.58,1.5,field=217 --input 'H [A/m]' --output 'B [T]'"
-    status, out, err = run(f"{line} --save sheet.json")
-    assert (status, err) == (0, "")
-    assert "model written to sheet.json\nB [T] against H [A/m]: Preisach" in out
-    assert "! this model was made from a data sheet" in out
-    known = modelfile.read("sheet.json")
-    assert (str(known.input), str(known.output)) == ("H [A/m]", "B [T]")
-    assert known.model.simulate([217.0, 0.0]) == pytest.approx([1.5, 0.58], abs=1e-6)
-    found = answer(line)
-    assert (found["coercivity"], found["field"]) == (12.8, 217)
-    assert found["warnings"] == list(known.warnings)
-
-
 def test_a_ridge_is_the_mean_of_the_prior(run):
     u = np.concatenate([np.linspace(-1, 1, 30), np.linspace(1, -1, 30)])
     ridge = LorentzianDensity(0.3, 0.2, 0.15)

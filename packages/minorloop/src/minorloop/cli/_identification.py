@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 DISTRUSTED = 1
 """Exit status after warnings: the result is written, but the model is not to be trusted."""
-SHEET = "sheet"
-"""Kind of a law that is drawn from a data sheet, without a record."""
 _LAWS, _PRIORS = ("plane", "dynamics", "viscosity", "vibration"), ("auto", "gaussian", "smooth")
 _TIMED = ("viscosity", "vibration")
 """Laws that need a record with times that increase."""
@@ -49,15 +47,14 @@ LawOption = Annotated[
     typer.Option(
         "--law",
         metavar="[KIND:]KEY=VALUE,...",
-        autocompletion=one_of((*(f"{kind}:" for kind in _LAWS), f"{SHEET}:")),
+        autocompletion=one_of(tuple(f"{kind}:" for kind in _LAWS)),
         help="plane: levels (bands, 250 at most), spacing (uniform or adaptive), relay (bipolar, "
         "unipolar), diagonal (uniform, reversible), slope (a linear part), lag (rows, or seconds "
         "as '3 ms'), signed (negative weights, for butterfly loops), offset; yes, no and auto "
         "where they fit. dynamics: dead time, poles and creep too: first (operator, linear), "
         "poles, creep, and what plane has. viscosity: creep (auto, none, thermal, spectrum), rate, "
         "levels, diagonal, spacing. vibration (force to displacement): rough (model file with a "
-        "rough oscillator), period (rows), between (band, straight, held). sheet:HC,BR,BMAX (no "
-        "record): coercivity, remanence and saturation of a data sheet, with field at saturation.",
+        "rough oscillator), period (rows), between (band, straight, held).",
     ),
 ]
 PriorOption = Annotated[
@@ -149,7 +146,7 @@ def law_of(value: TextValue) -> Law[Any]:
     from minorloop.identification.oscillator import Vibration
 
     kind, options, where = value.kind, dict(value.options), f"the law {value.kind}"
-    _common.check_word("law", kind, (*_LAWS, SHEET))
+    _common.check_word("law", kind, _LAWS)
     if value.what:
         raise ParameterError(f"--law has {value.what!r}; give KEY=VALUE after {kind}:")
     if kind == "plane":
@@ -243,7 +240,6 @@ def show_scored(
     *files: _common.Written,
     figures: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
-    judged: bool = True,
 ) -> None:
     """Write files, print what was found, and exit with 1 if it is not to be trusted.
 
@@ -261,8 +257,6 @@ def show_scored(
         What ``--json`` has beside the scores; ``seconds`` is in the table too.
     notes : sequence of str
         What is printed behind the advice.
-    judged : bool
-        Whether a model with warnings is not to be trusted.
     """
     beside = figures or {}
 
@@ -272,7 +266,7 @@ def show_scored(
 
     show = partial(_print, found, title, verbose, beside, notes)
     _common.finish(as_json, content, show, *files)
-    count = len(found.warnings) if judged else 0
+    count = len(found.warnings)
     if count and not as_json:
         which = "the first of these says" if count == 1 else f"the first {count} of these say"
         typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)

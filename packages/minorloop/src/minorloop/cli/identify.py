@@ -10,7 +10,6 @@ import typer
 from minorloop.cli import _common
 from minorloop.cli._compilation import compilation_said
 from minorloop.cli._identification import (
-    SHEET,
     LawOption,
     PriorOption,
     RecordOptions,
@@ -21,8 +20,7 @@ from minorloop.cli._identification import (
     prior_of,
     show_scored,
 )
-from minorloop.errors import ParameterError, counted
-from minorloop.values import TextValue, called, numbers
+from minorloop.errors import counted
 
 NAME = "identify"
 EXAMPLE = (
@@ -31,10 +29,9 @@ EXAMPLE = (
 )
 
 _Data = Annotated[
-    Path | None,
+    Path,
     typer.Argument(
-        help="Table with one header line: CSV, .mat or .xlsx; or an experiment store of run. "
-        "None with --law sheet.",
+        help="Table with one header line: CSV, .mat or .xlsx; or an experiment store of run.",
         show_default=False,
     ),
 ]
@@ -49,7 +46,7 @@ _Save = Annotated[Path | None, typer.Option(help="Write the model to this file."
 
 
 def run(
-    file: _Data = None,
+    file: _Data,
     input: _Input = None,
     output: _Output = None,
     time: _common.Time = None,
@@ -67,14 +64,8 @@ def run(
 
     If the model is not to be trusted, it is written with warnings, and the exit status is 1.
     """
-    _common.check_outputs([save, report], inputs=[file] if file else [], force=force)
+    _common.check_outputs([save, report], inputs=[file], force=force)
     value = law_value(law)
-    if value.kind == SHEET:
-        names = input or "input", output or "output"
-        _of_data_sheet(value, names, save, force, as_json, verbose)
-        return
-    if file is None:
-        raise ParameterError("Missing argument 'file'; see minorloop identify --help")
     from minorloop.modelfile import Provenance
 
     reader, wanted = RecordReader.of(record, between=None), law_of(value)
@@ -98,25 +89,3 @@ def run(
         _common.drawn(report, partial(found.report, str(provenance.data)), force),
         figures={"seconds": seconds},
     )
-
-
-def _of_data_sheet(
-    value: TextValue,
-    names: tuple[str, str],
-    save: Path | None,
-    force: bool,
-    as_json: bool,
-    verbose: bool,
-) -> None:
-    """Make a model from the loop of a data sheet, write it and print what it is."""
-    from minorloop import modelfile
-    from minorloop.identification.data_sheet import from_loop
-
-    loop = numbers(value.what, (3,), "--law sheet", "sheet:HC,BR,BMAX")
-    named = dict(zip(("coercivity", "remanence", "saturation"), loop, strict=True))
-    with _common.working("drawing ridges with this loop"):
-        found = called(from_loop, "--law sheet", value.options, **named)
-    kept = partial(modelfile.save, found, input=names[0], output=names[1], force=force)
-    title = f"{names[1]} against {names[0]}: Preisach, {found.model.bands} bands"
-    file = _common.Written(save, kept, "model written to {}")
-    show_scored(found, title, as_json, verbose, file, judged=False)

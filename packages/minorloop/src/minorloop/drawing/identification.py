@@ -11,14 +11,13 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop.drawing.layout import new_figure
 from minorloop.drawing.operators import clip_to_plane, draw_density
 from minorloop.errors import counted
-from minorloop.identification.bands import BAND, PER_DEVIATION
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.residuals import amplitudes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from minorloop.identification.bands import Prediction
-    from minorloop.identification.data_sheet import DataSheetModel
     from minorloop.identification.excitation import ExcitationReport
     from minorloop.identification.plane_result import Identification
     from minorloop.identification.result import Fit
@@ -385,25 +384,6 @@ def draw_excitation(report: ExcitationReport) -> Any:
         title=f"{report.excited_fraction:.0%} of the cells excited",
         aspect="equal",
     )
-    return figure
-
-
-def draw_data_sheet(
-    result: DataSheetModel, *, input_label: str = "input", output_label: str = "output"
-) -> Any:
-    """Draw symmetric loops up to a quarter, half and all of the largest input, with their bands."""
-    figure, (left, right) = new_figure(1, 2, 4.2, 9.6, grid=False)
-    for colour, share in (("C2", 0.25), ("C1", 0.5), ("C0", 1.0)):
-        found = result.predict(result.loop(share * result.field), bands=BAND)
-        half = found.u.size // 2
-        for rows in (slice(0, half + 1), slice(half, None)):
-            left.fill_between(
-                found.u[rows], found.lower[rows], found.upper[rows], color=colour, alpha=0.2, lw=0
-            )
-        left.plot(found.u, found.y, color=colour, lw=1.0)
-    left.set(xlabel=input_label, ylabel=output_label, title=f"Loops with {BAND:.0%} bands")
-    left.grid(alpha=0.25)
-    draw_density(right, result.model, input_label=input_label)
     return figure
 
 

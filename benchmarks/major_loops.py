@@ -1,4 +1,4 @@
-"""Models from three numbers of a major loop, or from all of it, against measured minor loops."""
+"""Models fitted to a major loop alone against measured minor loops."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from benchmarks._plants import Array
 from benchmarks._timing import Row, seconds
 from minorloop.identification import Identification
 from minorloop.identification.bands import PER_DEVIATION
-from minorloop.identification.data_sheet import DataSheetModel
 from minorloop.identification.pipeline import Options
 from minorloop.lab.columns import read_columns
 
@@ -26,22 +25,14 @@ CURVES = (
 """First-order reversal curves; their first points are the descending branch of the major loop."""
 EACH, SHORTEST = 5, 3
 """Every so many curves are compared, of more samples than that."""
-COVERED = 0.9
 BANDS, MOST = 25, 150
 """Of fits to the major loop: bands, and samples of a branch at most."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """Three numbers of the major loop, its largest input, minor loops, and the loop itself.
+    """A major loop and minor loops: ``major`` is the descending branch, inputs increasing."""
 
-    ``major`` is the descending branch, with inputs in increasing order.
-    """
-
-    coercivity: float
-    remanence: float
-    saturation: float
-    field: float
     start: str
     minor: list[tuple[Array, Array]]
     major: tuple[Array, Array]
@@ -49,38 +40,10 @@ class Material:
 
 def rows(quick: bool = False) -> list[Row]:
     if not DATA.is_dir():
-        return [Row("models from data sheets: no measured records in ../shared/data", 0.0)]
+        return [Row("models from major loops: no measured records in ../shared/data", 0.0)]
     named = [(name, of_loops(file)) for name, file in LOOPS]
     named += [(name, of_curves(*where)) for name, *where in CURVES]
-    found = [_row(name, material) for name, material in (named[:1] if quick else named)]
-    mean = float(np.mean([covered for _, covered in found]))
-    whole = Row(
-        "minor loops in 90 % bands of a data sheet, mean of materials",
-        0.0,
-        required=f">= {COVERED:.0%}",
-        met=mean >= COVERED,
-        accuracy=f"{mean:.1%} of the samples",
-    )
-    fitted = [_fitted(name, material) for name, material in (named[:1] if quick else named)]
-    return [row for row, _ in found] + [whole] + fitted
-
-
-def _row(name: str, material: Material) -> tuple[Row, float]:
-    loop = (material.coercivity, material.remanence, material.saturation, material.field)
-    models: list[DataSheetModel] = []
-    elapsed = seconds(lambda: models.append(ml.from_loop(*loop)))
-    inside, off, width = [], [], []
-    for u, y in material.minor:
-        found = models[0].predict(u, bands=0.9, start=material.start)
-        inside.append(found.covers(y))
-        off.append(np.mean((found.y - y) ** 2))
-        width.append(found.half_width.mean())
-    unit, covered = material.saturation, float(np.mean(inside))
-    accuracy = (
-        f"{covered:.1%} of the samples of {len(inside)} minor loops in 90 % bands, half width "
-        f"{np.mean(width) / unit:.1%}, rms error {np.sqrt(np.mean(off)) / unit:.1%} of saturation"
-    )
-    return Row(f"data sheet of {name}", elapsed, accuracy=accuracy), covered
+    return [_fitted(name, material) for name, material in (named[:1] if quick else named)]
 
 
 def _fitted(name: str, material: Material) -> Row:
@@ -121,16 +84,16 @@ def _fit(u: Array, y: Array, mean: str) -> Identification:
 
 
 def of_loops(file: str) -> Material:
-    """Return the numbers of the largest loop, and the others."""
+    """Return the largest loop, and the others."""
     number, h, b = read_columns(DATA / file, ["loop", "H_A_per_m", "B_T"]).values()
     loops = [(h[number == k], b[number == k]) for k in np.unique(number)]
     field, flux = loops[-1]
     down = slice(int(np.argmin(field)), None, -1)  # from the least input back to the peak
-    return _material(field[down], flux[down], "demagnetised", loops[:-1])
+    return Material("demagnetised", loops[:-1], (field[down], flux[down]))
 
 
 def of_curves(file: str, input: str, output: str) -> Material:
-    """Return the numbers of the descending branch, and the curves from it within its inputs."""
+    """Return the descending branch, and the curves from it within its inputs."""
     number, u, y = read_columns(DATA / file, ["curve", input, output]).values()
     measured = np.append(False, np.diff(number) == 0)  # the first row of each calibrates
     parts = [(number == k) & measured for k in np.unique(number)[::EACH]]
@@ -143,10 +106,4 @@ def of_curves(file: str, input: str, output: str) -> Material:
     inside = [(u[abs(u) <= highest], y[abs(u) <= highest]) for u, y in curves]
     minor = [curve for curve in inside if curve[0].size > SHORTEST]
     branch = np.vstack([first, [highest, top]]).T
-    return _material(branch[0], branch[1], "positive", minor)
-
-
-def _material(u: Array, y: Array, start: str, minor: list[tuple[Array, Array]]) -> Material:
-    """Return a material from its descending branch, inputs in increasing order."""
-    remanence, coercivity = float(np.interp(0.0, u, y)), -float(np.interp(0.0, y, u))
-    return Material(coercivity, remanence, float(y[-1]), float(u[-1]), start, minor, (u, y))
+    return Material("positive", minor, (branch[0], branch[1]))
