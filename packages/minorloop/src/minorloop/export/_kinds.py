@@ -74,53 +74,10 @@ def preisach_parts(
     part = None if linear is None else _linear_context(linear, first, numbers)
     numbers.check_range("input", model.levels)
     numbers.check_range("output", model.range)
-    levels = numbers.check_distinct(model.levels)
-    begun, per_unit = plane.buckets(levels)
-    nodes = model.tables.nodes
-    packed = np.tril_indices(len(nodes))
-    signed = bool((model.weights < 0).any())
-    bowed = model.diagonal == "uniform"
-    tables = {
-        "levels": numbers.table(levels),
-        "per_band": numbers.table(1 / np.diff(levels.astype(np.float64))),
-        "begun": wrapped(str(int(band)) for band in begun),
-        "nodes": numbers.table(nodes[packed]),
-        "bow": numbers.table(nodes.diagonal(-1)),
-    }
-    if signed:
-        unsigned = model.swing * plane.nodes_from_weights(np.abs(model.weights))
-        tables["nodes_unsigned"] = numbers.table(unsigned[packed])
-        tables["bow_unsigned"] = numbers.table(unsigned.diagonal(-1))
-    wide = model.bands > 256
-    count = levels.size + model.bands + (1 + signed) * (packed[0].size + bowed * model.bands)
+    tables, of_tables, table_bytes = _plane_tables(model, numbers)
     drop_error = float(model.swing * np.abs(model.weights).sum()) / (memory - 3)
     u, y, digit = examples(model, _VECTORS, numbers, memory, linear, first)
     input_error = max(digit, worst_digit(model, numbers))
-    context: dict[str, Any] = {
-        "tables": tables,
-        "bands": model.bands,
-        "slices": begun.size,
-        "narrow": bool((np.diff(begun) <= 1).all()),
-        "slice_type": "uint16_t" if wide else "uint8_t",
-        "per_unit": numbers.one(per_unit),
-        "saturation": numbers.one(model.all_off),
-        "slope": numbers.one(model.slope),
-        "sloped": model.slope != 0,
-        "signed": signed,
-        "bowed": bowed,
-        "begin": numbers.one(model.all_off + model.slope * float(model.levels[0])),
-        "low": numbers.one(model.levels[0]),
-        "high": numbers.one(model.levels[-1]),
-        "reach_low": numbers.one(model.range[0]),
-        "reach_high": numbers.one(model.range[1]),
-        "sqrt": "sqrtf" if numbers.single else "sqrt",
-        "memory": memory,
-        "linear": part,
-        "about": about(model, linear, first),
-        "single": f"{drop_error:.3g}",
-        "input_error": f"{input_error:.2g}",
-    }
-    table_bytes = numbers.size * count + (2 if wide else 1) * begun.size
     extremum = 20 if numbers.single else 40  # padded as by compilers
     state_bytes = (memory + 1) * extremum + 8 + 4 * numbers.size
     if linear is not None and part is not None:
@@ -128,6 +85,15 @@ def preisach_parts(
         tables["readout"] = numbers.table(linear.state_space[2])
         table_bytes += 2 * numbers.size * part["order"]
         state_bytes += numbers.size * (part["order"] + part["lag"] + (part["lag"] > 0))
+    context = {
+        "tables": tables,
+        **of_tables,
+        "memory": memory,
+        "linear": part,
+        "about": about(model, linear, first),
+        "single": f"{drop_error:.3g}",
+        "input_error": f"{input_error:.2g}",
+    }
     invertible = inverse and model.range[0] < model.range[1]
     return Parts(
         template="model",
@@ -145,6 +111,47 @@ def preisach_parts(
         drop_error=drop_error,
         input_error=input_error,
     )
+
+
+def _plane_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, str], dict[str, Any], int]:
+    """Return the tables of a plane, what the templates need beside them, and their bytes."""
+    levels = numbers.check_distinct(model.levels)
+    begun, per_unit = plane.buckets(levels)
+    nodes = model.tables.nodes
+    packed = np.tril_indices(len(nodes))
+    signed, wide = bool((model.weights < 0).any()), model.bands > 256
+    bowed = model.diagonal == "uniform"
+    tables = {
+        "levels": numbers.table(levels),
+        "per_band": numbers.table(1 / np.diff(levels.astype(np.float64))),
+        "begun": wrapped(str(int(band)) for band in begun),
+        "nodes": numbers.table(nodes[packed]),
+        "bow": numbers.table(nodes.diagonal(-1)),
+    }
+    if signed:
+        unsigned = model.swing * plane.nodes_from_weights(np.abs(model.weights))
+        tables["nodes_unsigned"] = numbers.table(unsigned[packed])
+        tables["bow_unsigned"] = numbers.table(unsigned.diagonal(-1))
+    beside = {
+        "bands": model.bands,
+        "slices": begun.size,
+        "narrow": bool((np.diff(begun) <= 1).all()),
+        "slice_type": "uint16_t" if wide else "uint8_t",
+        "per_unit": numbers.one(per_unit),
+        "saturation": numbers.one(model.all_off),
+        "slope": numbers.one(model.slope),
+        "sloped": model.slope != 0,
+        "signed": signed,
+        "bowed": bowed,
+        "begin": numbers.one(model.all_off + model.slope * float(model.levels[0])),
+        "low": numbers.one(model.levels[0]),
+        "high": numbers.one(model.levels[-1]),
+        "reach_low": numbers.one(model.range[0]),
+        "reach_high": numbers.one(model.range[1]),
+        "sqrt": "sqrtf" if numbers.single else "sqrt",
+    }
+    count = levels.size + model.bands + (1 + signed) * (packed[0].size + bowed * model.bands)
+    return tables, beside, numbers.size * count + (2 if wide else 1) * begun.size
 
 
 def about(model: Preisach, linear: Linear | None, first: First) -> str:
