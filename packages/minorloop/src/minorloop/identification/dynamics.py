@@ -19,7 +19,7 @@ from minorloop.dynamics.cascade import First
 from minorloop.errors import ParameterError
 from minorloop.identification import record_checks as checks
 from minorloop.identification.alternation import Found, Static, alternate, without
-from minorloop.identification.choosing import Choice, compared
+from minorloop.identification.choosing import Choice, compared, structure
 from minorloop.identification.dynamic_parts import DynamicRecord
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 from minorloop.identification.dynamic_search import better, near, search, simplest, with_creep
@@ -44,12 +44,6 @@ _MOST_NOISE = 0.5
 which the gain is as low as the noise; with the gain at rest, 1, nothing would pass."""
 _WORSE = 1.02
 """Ratio of the errors on left-out pieces above which a start-up spoils the model."""
-_STRUCTURES: tuple[dict[str, Any], ...] = (
-    {"diagonal": "reversible", "slope": False},
-    {"diagonal": "uniform", "slope": True},
-    {"diagonal": "uniform", "slope": False},
-)
-"""Planes that are compared; the reversible diagonal contains a slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,11 +205,6 @@ def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tu
     Each candidate is fitted without the left-out pieces of the record, and the whole model is
     scored on them.
     """
-    given = {name: x for name in ("diagonal", "slope") if (x := getattr(plane, name)) != "auto"}
-    structures: list[dict[str, Any]] = []
-    for one in _STRUCTURES:
-        if (one | given) not in structures:
-            structures.append(one | given)
     known = without(best.dynamics, record, best.operator)
 
     def error(more: dict[str, Any]) -> float:
@@ -224,7 +213,10 @@ def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tu
         prediction = best.dynamics.outputs(record, result.model)
         return float(np.sqrt(np.mean(record.squares(prediction))))
 
-    named = {_structure(one): one for one in structures}
+    named: dict[str, dict[str, Any]] = {
+        structure(one): {"diagonal": one.diagonal, "slope": one.slope}
+        for one in replace(plane, relay="bipolar").structures(best.operator.levels)
+    }
     errors = {name: error(one) for name, one in named.items()}
     best_name = min(errors, key=errors.__getitem__)
     chosen = named[best_name]
@@ -236,10 +228,6 @@ def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tu
         choices.append(compared("levels", bands, few, _FINER_IS_BETTER))
         levels = _BANDS if choices[-1].chosen == few else _FINER
     return replace(plane, **chosen | {"levels": levels}), tuple(choices)
-
-
-def _structure(plane: dict[str, Any]) -> str:
-    return f"{plane['diagonal']} diagonal{' with slope' if plane['slope'] else ''}"
 
 
 def _refined(

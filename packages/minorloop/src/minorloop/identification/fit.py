@@ -122,7 +122,7 @@ class Plane:
             inputs, outputs, fitted, parts, bool(self.signed), sd, 0.0, sensor, group is not None
         )
         grids = _grids(rows, self.levels, self.spacing)
-        specs = self._structures(grids[0])
+        specs = self.structures(grids[0])
         automatic = len(specs) > 1 or len(grids) > 1
         delay = None if self.lag == "auto" else checks.as_lag(self.lag, inputs.size)
         chosen = Chosen(specs[0], delay or 0, ())
@@ -165,11 +165,16 @@ class Plane:
             ridge=found.ridge,
         )
 
-    def _structures(self, levels: Levels) -> list[PlaneSpec]:
-        """Structures to compare, the simplest first.
+    def structures(self, levels: Levels) -> list[PlaneSpec]:
+        """Return the structures to compare, the simplest first.
 
         With an offset, both kinds of relays predict the same. A reversible diagonal contains the
         slope within the levels.
+
+        Parameters
+        ----------
+        levels
+            Thresholds (L + 1,).
         """
         relays: list[Any] = [self.relay]
         if self.relay == "auto":
