@@ -1,4 +1,4 @@
-"""Least squares for weighted plays, with or without dead zones.
+"""Least squares for weighted plays and dead zones.
 
 Input and output are both divided by half their range, so that no digits are lost for a field in
 1e5 A/m or a moment in 1e-7 A m2.
@@ -81,10 +81,10 @@ def choose_knots(y: FloatArray, thresholds: npt.ArrayLike) -> FloatArray:
     return knots
 
 
-def fit_plays(
-    u: FloatArray, y: FloatArray, positions: FloatArray, *, signed: bool
-) -> tuple[FloatArray, float]:
-    """Return the weights and the offset of plays that fit a record best.
+def fit_bent_plays(
+    u: FloatArray, y: FloatArray, positions: FloatArray, knots: FloatArray
+) -> BentPlays:
+    """Return plays and dead zones with which ``centre + S(shift + plays)`` fits a record best.
 
     Raises a `SignalError` if there are fewer measured samples than unknowns.
 
@@ -94,47 +94,24 @@ def fit_plays(
         Record; NaN in y is left out.
     positions : (T, n) array
         Positions of the plays.
-    signed : bool
-        Whether cumulative sums are bounded from below, instead of the weights themselves.
-
-    Returns
-    -------
-    weights : (n,) array
-    offset : float
-    """
-    known = ~np.isnan(y)
-    plays, y = positions[known], y[known]
-    _require_samples(y.size, plays.shape[1] + 1)
-    across, up = _half_range(u), _half_range(y)
-    basis, least = _basis(plays.shape[1], signed)
-    columns = _columns(plays, across, basis)
-    weights = basis @ _bounded(columns, (y - y.mean()) / up, least) * up / across
-    return weights, float(y.mean() - plays.mean(axis=0) @ weights)
-
-
-def fit_bent_plays(
-    u: FloatArray, y: FloatArray, positions: FloatArray, knots: FloatArray, *, signed: bool
-) -> BentPlays:
-    """Return plays and dead zones with which ``centre + S(shift + plays)`` fits a record best.
-
-    The slope of S changes at the outputs ``knots`` (K,), increasing. Other parameters, and errors,
-    are as of `fit_plays`.
+    knots : (K,) array
+        Outputs at which the slope of S changes, increasing.
     """
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]
     _require_samples(y.size, plays.shape[1] + knots.size + 1)
     across, up = _half_range(u), _half_range(y)
     centre = _middle_piece(y, knots)
-    basis, least = _basis(plays.shape[1], signed)
-    mean = plays.mean(axis=0)
+    least, mean = np.zeros(plays.shape[1]), plays.mean(axis=0)
+    least[0] = LEAST_SLOPE
     problem = _Bent(
-        columns=_columns(plays, across, basis),
+        columns=_columns(plays, across),
         y=(y - centre) / up,
         knots=(knots - centre) / up,
         least=least,
     )
     theta, shift, compliance = problem.solve()
-    weights = basis @ theta * up / across
+    weights = theta * up / across
     return BentPlays(
         weights=weights,
         shift=float(shift * up - mean @ weights),
@@ -241,18 +218,9 @@ class _Bent(NamedTuple):
         return np.asarray(moved / local[:, None])
 
 
-def _basis(plays: int, signed: bool) -> tuple[FloatArray, FloatArray]:
-    """Return the linear map from bounded parameters to weights, and the lower bounds."""
-    if signed:
-        return np.eye(plays) - np.eye(plays, k=-1), np.full(plays, LEAST_SLOPE)
-    least = np.zeros(plays)
-    least[0] = LEAST_SLOPE
-    return np.eye(plays), least
-
-
-def _columns(plays: FloatArray, across: float, basis: FloatArray) -> FloatArray:
+def _columns(plays: FloatArray, across: float) -> FloatArray:
     """Return the plays less their means, as columns of the bounded parameters."""
-    columns = (plays - plays.mean(axis=0)) / across @ basis
+    columns = (plays - plays.mean(axis=0)) / across
     # The column of a play that never moves is only rounding, and must get no weight.
     still = np.ptp(columns, axis=0) <= _STILL
     return np.where(still, 0.0, columns)

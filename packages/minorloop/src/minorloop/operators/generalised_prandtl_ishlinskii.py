@@ -176,31 +176,43 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
         radii: npt.ArrayLike = 12,
         thresholds: npt.ArrayLike = 8,
         start: PlayStart = "negative",
-        signed: bool = False,
     ) -> GeneralisedPrandtlIshlinskii:
         """Fit the operator to a record, first by a linear problem, then by a nonlinear one.
 
         The linear problem fits H of the inputs to the inverse of S of the outputs. From its
         solution, and from plays without dead zones, bounded least squares fits the output; the
         better of both results is returned. S has slope 1 at its origin, so H is in the unit of the
-        output. Other parameters and errors are as of `PrandtlIshlinskii.fit`.
+        output. The result always has an inverse: the slope after a reversal is at least 1e-4 times
+        the range of the output over that of the input.
 
         Parameters
         ----------
+        u : (T,) array_like
+            Inputs.
+        y : (T,) array_like
+            Outputs; NaN where nothing was measured.
+        radii : int or (n,) array_like
+            Radii, the first of them zero, or their number: evenly spaced from zero to just below
+            half the range of the input.
         thresholds : int or (K,) array_like
             Outputs at which the slope of S changes, strictly increasing, or their number: spread
-            over the range of the outputs, denser towards its ends.
+            over the range of the outputs, denser towards its ends. With 0, S is straight, and
+            ``plays`` alone describe the record.
+        start : start state
+            State before the first sample.
 
         Raises
         ------
+        SignalError
+            If the record is too short, its input or output constant, or its lengths differ.
         ParameterError
-            Also if the thresholds are out of range.
+            If radii or thresholds are out of range.
         """
         inputs, outputs = as_record(u, y)
         places = choose_radii(inputs, radii)
         knots = choose_knots(outputs, thresholds)
         positions = PrandtlIshlinskii(places, np.zeros(places.shape)).trace(inputs, start)
-        bent = fit_bent_plays(inputs, outputs, positions, knots, signed=signed)
+        bent = fit_bent_plays(inputs, outputs, positions, knots)
         plays = PrandtlIshlinskii(places, bent.weights, bent.shift)
         return cls(plays, DeadZones.from_slopes(bent.knots, bent.slopes), bent.centre)
 

@@ -24,7 +24,6 @@ from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators import _play_kernels
 from minorloop.operators._parallel import filled
-from minorloop.operators._play_fit import as_record, choose_radii, fit_plays
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
@@ -85,47 +84,6 @@ class PrandtlIshlinskii(ByValue, Drawn):
         object.__setattr__(self, "radii", radii)
         object.__setattr__(self, "weights", weights)
         object.__setattr__(self, "offset", as_finite("offset", self.offset))
-
-    @classmethod
-    def fit(
-        cls,
-        u: npt.ArrayLike,
-        y: npt.ArrayLike,
-        *,
-        radii: npt.ArrayLike = 12,
-        start: PlayStart = "negative",
-        signed: bool = False,
-    ) -> PrandtlIshlinskii:
-        """Fit the operator to a record, by constrained least squares.
-
-        Parameters
-        ----------
-        u : (T,) array_like
-            Inputs.
-        y : (T,) array_like
-            Outputs; NaN where nothing was measured.
-        radii : int or (n,) array_like
-            Radii, the first of them zero, or their number: evenly spaced from zero to just below
-            half the range of the input.
-        start : start state
-            State before the first sample.
-        signed : bool
-            Whether weights may be negative, as long as all their cumulative sums are positive. The
-            result always has an inverse: the slope after a reversal is at least 1e-4 times the
-            range of the output over that of the input.
-
-        Raises
-        ------
-        SignalError
-            If the record is too short, its input or output constant, or its lengths differ.
-        ParameterError
-            If the radii are out of range.
-        """
-        inputs, outputs = as_record(u, y)
-        places = choose_radii(inputs, radii)
-        positions = cls(places, np.zeros(places.shape)).trace(inputs, start)
-        weights, offset = fit_plays(inputs, outputs, positions, signed=signed)
-        return cls(places, weights, offset)
 
     def __repr__(self) -> str:
         return (
