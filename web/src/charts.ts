@@ -34,6 +34,7 @@ export class AngleChart {
       [[], [], []],
       box,
     );
+    box.querySelector("canvas")!.setAttribute("aria-hidden", "true"); // the box has the label
     new ResizeObserver(() => this.plot.setSize({ width: box.clientWidth, height: box.clientHeight })).observe(box);
   }
 

@@ -114,6 +114,8 @@ const connection = new Connection(
           hello = message;
           charts ??= [new AngleChart(byId("chart-pan"), hello.cone), new AngleChart(byId("chart-tilt"), hello.cone)];
           byId<HTMLButtonElement>("take").disabled = replay !== null;
+          showControls();
+          if (!hello.known.tool) byId("mark").title = "This head has no micro-tool";
           if ((guide.noProbe = hello.no_probe)) byId("depth").title = byId("sweep").title = hello.no_probe;
           break;
         case "state":
@@ -229,7 +231,8 @@ function showControls(): void {
   take.classList.toggle("leaving", mine);
   text("viewers", controls ? `${controls.viewers} ${controls.viewers === 1 ? "page" : "pages"}` : "");
   document.body.dataset.pilot = mine ? "yes" : "no";
-  for (const id of ["clutch", "mark", "measure", "record", "sharpen"]) byId<HTMLButtonElement>(id).disabled = !mine;
+  for (const id of ["clutch", "measure", "record", "sharpen"]) byId<HTMLButtonElement>(id).disabled = !mine;
+  byId<HTMLButtonElement>("mark").disabled = !mine || !hello?.known.tool;
   for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) button.disabled = !mine;
 }
 

@@ -22,6 +22,7 @@ export class Solid {
     private readonly radius: number,
   ) {
     box.replaceChildren(this.renderer.domElement);
+    this.renderer.domElement.setAttribute("role", "img");
     this.renderer.domElement.setAttribute("aria-label", "Findings in three dimensions; drag to turn");
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.scene.background = new Color("#06080a");

@@ -73,7 +73,8 @@ export class Stage {
     }
     context.strokeStyle = "#ffffff80";
     context.lineWidth = 1;
-    cross(context, canvas.width / 2, canvas.height / 2, 14, 5);
+    const [u, v] = hello.view.centre; // the optical axis, where a target is centred
+    cross(context, u * scale, v * scale, 14, 5);
     this.drawCone(hello, state);
   }
 

@@ -36,6 +36,12 @@ def hole(phi, z, evidence):
     return Hole(np.array([phi, z]), 1e-3 / 3, evidence, "dark", rim)
 
 
+class _Rig(SimpleNamespace):
+    """A rig whose clock goes on by a tick with each entry of its log."""
+
+    t = property(lambda self: 0.04 * len(self.log))
+
+
 class Script:
     """What is taken and scanned, and what a test changes of it.
 
@@ -57,7 +63,7 @@ class Script:
 
         log, self.safe, self.logged = [], False, logged
         try:
-            yield SimpleNamespace(
+            yield _Rig(
                 calibration=VIEW, travels=self.travels, place=(0.0, 0.0), say=say, log=log,
                 compute=lambda work: work(), check_sensors=lambda: None, has_tool=True,
                 reading=lambda request: None,
@@ -65,7 +71,7 @@ class Script:
         finally:
             self.safe = True
 
-    def run(self, advances=(0.0, 5e-3), *, resume=False):
+    def run(self, advances=(0.0, 5e-3), *, resume=False, **asked):
         head = InspectedHead(BEGUN, VIEW, self.opened, probing.Probing() if self.probe else None)
         self.taken.clear()
         self.made.clear()
@@ -73,7 +79,7 @@ class Script:
         def told(text, *, kept=False):
             self.told.append(text)
 
-        return inspect(head, self.folder, advances, resume=resume, told=told)
+        return inspect(head, self.folder, advances, resume=resume, told=told, **asked)
 
     def content(self):
         """What is the same of one that was resumed and one that was not."""

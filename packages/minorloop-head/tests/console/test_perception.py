@@ -8,6 +8,7 @@ import pytest
 from console_rig import PIT, request, tip, towards, view
 from minorloop.errors import InstrumentError
 from minorloop_head.console.perception import Perception
+from minorloop_head.procedures.calibration import STRAIGHT
 from minorloop_head.procedures.meter import LIMITS
 
 
@@ -147,3 +148,13 @@ def test_a_search_that_takes_long_does_not_let_pictures_pile_up():
     reports = [camera.tick(request(there(), ("find", []), number=n)) for n in range(60)]
     assert (len(camera._pending), len(camera._queue)) == (1, 4)
     assert "still searched" in events(reports, "notice")[-1]["text"]
+
+
+def test_the_first_picture_that_is_shown_is_metered():
+    """With the gain at which a camera begins, the wall beside a cold head is white."""
+    camera, greys, cold = Perception(tip()[0], view()), [], (-STRAIGHT, -STRAIGHT, 0.0, 0.0)
+    for n in range(60):
+        camera.tick(request(cold, number=n))
+        greys += [float(camera.image.mean())] if camera.shown else []
+    assert greys[0] < 2.0 * LIMITS.grey
+    assert greys[-1] == pytest.approx(LIMITS.grey, rel=0.3)

@@ -174,3 +174,16 @@ def test_other_addresses_are_refused():
     for ask in (open_plant, open_tip, lambda address: head_of(address, None)):
         with pytest.raises(ParameterError, match="twin:pipe"):
             ask("twin:ipmc")
+
+
+def test_the_first_pit_is_drawn_from_the_seed_and_that_of_the_demonstration_is_easy_to_find():
+    pipes = [open_tip("twin:pipe", seed=seed, scale=0.1)[0].pipe for seed in (0, 1000, 1001, 1002)]
+    demonstration, *drawn = ([bore for bore in pipe.bores if not bore.through] for pipe in pipes)
+    easy = demonstration[0]
+    assert (easy.phi, easy.z, easy.diameter, easy.depth) == (0.45, 20e-3, 1e-3, 0.5e-3)
+    pits = [pit for each in drawn for pit in each]
+    assert len(pits) == 9
+    for name in ("phi", "z", "diameter", "depth", "brightness", "floor_tilt"):
+        assert len({getattr(pit, name) for pit in pits}) == 9
+    assert all(0.85e-3 <= pit.diameter <= 1.15e-3 and 0.2e-3 <= pit.depth <= 1e-3 for pit in pits)
+    assert all(pit.brightness > 0.0 and any(pit.floor_tilt) for pit in pits)

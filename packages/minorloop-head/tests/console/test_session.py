@@ -14,6 +14,7 @@ from minorloop_head.console.settings import LoopSettings
 from minorloop_head.procedures.actuator_plant import NO_PROBE
 from minorloop_head.procedures.mark import tool_pixel
 from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.reconstruction.findings import outlined
 from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.ultrasound.c_scan import EchoFind
 
@@ -660,3 +661,15 @@ def test_a_sweep_needs_wall_in_the_middle_of_the_picture_within_reach_and_a_prob
         ("middle of the picture", "out of reach", NO_PROBE), said, strict=True
     ):
         assert words in sentence
+
+
+def test_a_sweep_lists_what_is_known_before_no_second_time():
+    pilot = Pilot()
+    known = replace(outlined(6.2, 20e-3, 1e-3, "measured", radius=10e-3), kind="pit")
+    beside = replace(known, phi=0.3, kind="crack", verdict="swept")
+    again = replace(known, phi=6.25 - 2 * math.pi, verdict="swept")
+    for finds in ([known], [again, beside, replace(known, z=24e-3)], [again, beside]):
+        pilot.session.receive(messages.SweepFitted(finds=[asdict(each) for each in finds]), 0.0)
+    assert [(f.kind, f.z) for f in pilot.session.findings] == [
+        ("pit", 20.0), ("crack", 20.0), ("pit", 24.0),
+    ]  # fmt: skip

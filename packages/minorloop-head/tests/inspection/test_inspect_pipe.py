@@ -6,8 +6,9 @@ from itertools import pairwise
 import pytest
 
 from minorloop.errors import InstrumentError, OutputError, ParameterError, RecordError, SafetyError
+from minorloop_head.inspection import inspect_pipe as module
 from minorloop_head.inspection.report import summary
-from minorloop_head.procedures import inspection
+from minorloop_head.procedures import inspection, probing
 from scripted_inspection import hole
 
 NOT_VISITED = "seen, not visited"
@@ -191,6 +192,41 @@ def test_a_direction_that_the_wires_did_not_reach_is_in_the_findings(script):
     assert content["out of reach"] == [{"view": "view 2", "why": why}]
     steps = [(each["step"], each["succeeded"]) for each in content["log"]]
     assert {("view 2", False), ("view 1", True)} <= {*steps}
+
+
+@pytest.mark.parametrize("part", ["crack 1", "map of the pipe", "water line"])
+@pytest.mark.usefixtures("laid_out")
+def test_it_ends_with_a_report_whatever_part_of_it_could_not_be_computed(script, monkeypatch, part):
+    def fails(*_):
+        raise ValueError("need at least one array")
+
+    if part == "crack 1":
+        script.before = lambda rig, name: name == part and fails()
+    else:
+        where = (module, "seen_wall") if "map" in part else (probing, "ring_sweep")
+        monkeypatch.setattr(*where, fails)
+    content = script.run().content
+    assert (content["ended"], script.safe) == ("finished", True)
+    assert content["not done"] == [{"step": part, "why": "need at least one array"}]
+    kinds = [row["kind"] for row in content["findings"]]
+    assert kinds == ["pit"] if part == "crack 1" else ["pit", "crack"]
+    page = (script.folder / "report.html").read_text()
+    assert "Not done, and why" in page
+    assert "need at least one array" in page
+    script.rewrite(script.lines()[:-1])
+    assert script.run(resume=True).content["not done"] == content["not done"]
+
+
+@pytest.mark.usefixtures("laid_out")
+def test_the_report_has_what_a_plant_engineer_asks_for(script):
+    found = script.run(pipe="line 4, spool 12", least_wall=1.8e-3)
+    assert [(row["grade"], row["accepted"]) for row in found.findings] == [("confirmed", False)] * 2
+    assert [row["wall [mm]"] for row in found.findings] == [1.5, 1.3]
+    page = found.report.read_text()
+    for words in ("line 4, spool 12", "no date is known", "by the clock of the head", "wall left"):
+        assert words in page
+    assert found.content["seconds"] == found.content["log"][-1]["t"] > 0.0
+    assert summary(found.content).startswith("2 findings (2 confirmed) in 8 views")
 
 
 def ending(error):

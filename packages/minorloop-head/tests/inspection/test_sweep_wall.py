@@ -35,7 +35,7 @@ class Script:
     def opened(self, logged):
         plant = SimpleNamespace(safe=lambda: setattr(self, "safe", True))
         control = head_control("observer", (identified().model,) * 2)
-        rig = SimpleNamespace(calibration=VIEW, control=control, plant=plant)
+        rig = SimpleNamespace(t=0.0, calibration=VIEW, control=control, plant=plant)
         rig.run = lambda *given: self.run(*given)
         yield rig
 

@@ -1,17 +1,21 @@
 """The probe in an inspection: what it scans, what it keeps, and what it does not repeat."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from minorloop_head.inspection.journal import converted, plain
+from minorloop_head.inspection.lines import RingLine
 from minorloop_head.procedures import probing as module
+from minorloop_head.procedures import ring as ring_module
 from minorloop_head.procedures.inspected_view import InspectedView, with_finding
 from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.procedures.probing import Probing
-from minorloop_head.procedures.ring import Ring
+from minorloop_head.procedures.ring import Ring, ring_sweep
 from minorloop_head.procedures.scan import ScannedRaster
-from minorloop_head.procedures.values import LogEntry
+from minorloop_head.procedures.values import LogEntry, Reading
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.pits import PitDepth
 
@@ -151,3 +155,22 @@ def test_a_crack_has_the_depth_of_its_scan(monkeypatch):
     monkeypatch.setattr(module, "scanned_crack", lambda rig, traced, scan: (deep, None))
     found = Probing().scanned(Head(), view_of(TRACED, "crack 1"))
     assert (found.finding.depth, found.probed, found.steps) == (4e-4, deep, ())
+
+
+class BlindRig(Head):
+    """A rig whose camera never shows by how much the base is turned."""
+
+    def reading(self, request):
+        return Reading(t=0.0, angles=np.zeros(2), place=np.zeros(2), base=np.full(2, np.nan))
+
+
+def test_a_sweep_round_the_pipe_without_a_burst_that_can_be_used_says_so(monkeypatch):
+    monkeypatch.setattr(ring_module, "go", lambda *given, **more: None)
+    rig = BlindRig()
+    found = ring_sweep(rig)
+    assert (found.profile.detected.size, found.water.words) == (0, "not seen")
+    assert "48 more not used: no view of the turn of the base" in rig.log[-1].outcome
+    assert not rig.log[-1].succeeded
+    values = plain(RingLine(t=0.0, profile=found.profile, water=found.water))
+    line = converted(json.loads(json.dumps(values)), RingLine)
+    assert line.restored().water.words == "not seen"

@@ -27,7 +27,9 @@ _Folder = Annotated[Path, typer.Option(help="Folder for recorded sessions.")]
 _Specimen = Annotated[
     int | None, _common.whole_option("Seed of the simulated specimen; nominal without it.")
 ]
-_Seed = Annotated[int, _common.whole_option("Seed of the simulated noise.")]
+_Seed = Annotated[
+    int, _common.whole_option("Seed of the simulated pipe and noise; 0 is a demonstration.")
+]
 _Timeout = Annotated[
     float,
     _common.number_option("Seconds without a message of the operator until the head holds."),

@@ -58,7 +58,11 @@ _Noise = Annotated[
 ]
 _Seed = Annotated[int, _common.whole_option("Seed of a twin's noise.")]
 _PipeSeed = Annotated[
-    int, _common.whole_option("With twin:pipe: seed that draws its pipe and the noise.")
+    int,
+    _common.whole_option(
+        "With twin:pipe: seed that draws its pipe and the noise; 0 is a demonstration, with a pit "
+        "that is easy to find."
+    ),
 ]
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
@@ -329,6 +333,13 @@ def inspect(
     ] = None,
     specimen: _Specimen = None,
     seed: _PipeSeed = 0,
+    pipe: Annotated[
+        str | None, typer.Option(help="Identity of the pipe, for the report.", show_default=False)
+    ] = None,
+    least_wall: Annotated[
+        float | None,
+        _common.number_option("Wall in mm that must be left for a finding to be accepted."),
+    ] = None,
     water: _water.Level = _water.FULL,
     temperature: _water.Temperature = _water.ROOM,
     gas: _water.Gas = _water.AIR,
@@ -368,7 +379,15 @@ def inspect(
     filling = Water(water, temperature, gas, pressure)
     opened = inspected_head(actuator, camera, head, specimen=specimen, seed=seed, water=filling)
     with _noted(), _common.working("opening the head", logged=True) as now:
-        found = inspect_pipe(opened, out, [_MM * each for each in places], resume=resume, told=now)
+        found = inspect_pipe(
+            opened,
+            out,
+            [_MM * each for each in places],
+            pipe=pipe,
+            least_wall=None if least_wall is None else _MM * least_wall,
+            resume=resume,
+            told=now,
+        )
     if as_json:
         _common.print_json(found.content)
     else:

@@ -47,6 +47,10 @@ _NEW_SERVER = object()
 _COLLECT_EVERY = _STATUS_EVERY = 25
 _WRITTEN_WITHIN = 2.0
 """Seconds for which the end of the loop waits for the disk."""
+_STOPPED = (
+    "the control loop stood still for a while: the computer was asleep or too busy; keep it awake, "
+    "end other programs, and press a mode to continue"
+)
 
 
 def run(
@@ -196,7 +200,7 @@ class _Loop:
             late = time.monotonic() - due
             if late > self._patience:  # the process or the machine was stopped
                 self._inbox.clear()
-                session.hold("the control loop was stopped for a while; press a mode to continue")
+                session.hold(_STOPPED)
             if late > interval:  # missed ticks are skipped
                 due += late
             self._tick(late)

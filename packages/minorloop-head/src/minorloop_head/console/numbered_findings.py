@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +10,9 @@ from minorloop_head.console import messages
 from minorloop_head.console.messages import ReportedFinding
 from minorloop_head.console.outgoing import Outgoing
 from minorloop_head.console.reports import camera_finding, swept_finding, with_depth
+from minorloop_head.geometry import wall_distance
+from minorloop_head.procedures.extract import SAME
+from minorloop_head.procedures.pictures import CRACK
 
 
 class NumberedFindings:
@@ -32,10 +36,17 @@ class NumberedFindings:
         self.send()
 
     def swept(self, finds: Any, t: float) -> None:
-        """Add what a sweep has found, known at a time in seconds."""
+        """Add what a sweep has found, known at a time in seconds, but for what is known before."""
         for found in finds:
-            self._add(swept_finding, t, found)
+            if not any(self._same(found, known) for known in self.all):
+                self._add(swept_finding, t, found)
         self.send()
+
+    def _same(self, found: Any, known: ReportedFinding) -> bool:
+        """Return whether a find of a sweep is a known finding: both are cracks, or none is."""
+        places = (found["phi"], found["z"]), (math.radians(known.phi), 1e-3 * known.z)
+        near = float(wall_distance(*places, self._radius)) < SAME
+        return near and (found["kind"] == CRACK) == (known.kind == CRACK)
 
     def add_depth(self, message: messages.DepthFitted) -> None:
         """Add the result of the echoes to its finding."""

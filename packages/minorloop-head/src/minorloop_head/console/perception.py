@@ -41,6 +41,7 @@ from minorloop_head.procedures.values import (
     Tip,
     ToolTip,
     apply_to_tip,
+    passed,
 )
 from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import Image
@@ -53,6 +54,9 @@ _POLL = 0.04
 """Seconds between two looks for the result of a computation."""
 _MOST_QUEUED = 4
 """Commands that wait for the camera."""
+_ASTRAY, _SETTLING = 2.0, 2.0
+"""Factor by which the first picture that is shown may be brighter or darker than metered, and
+seconds after which one is shown all the same: of a camera that sets its exposure by itself."""
 _SNAP = 18.0
 """Pixels from a candidate within which a pick takes the candidate."""
 
@@ -118,6 +122,7 @@ class Perception:
         self._events: list[dict[str, Any]] = []
         self.image: Image | None = None
         self.shown, self.taken = False, 0.0
+        self._settled, self._began = False, math.nan
         self.jobs: list[dict[str, Any]] = []
         self.commands: dict[str, Callable[..., None]] = {
             "pick": self._pick,
@@ -201,7 +206,11 @@ class Perception:
         lit, free, fresh = self._all_lights, self._work is None, True
         reading = self._reading(image)
         if lit:
-            self.image, self.shown = image, True
+            self._began = self._now if math.isnan(self._began) else self._began
+            late = passed(self._began, self._now, _SETTLING)
+            off = abs(math.log(max(float(image.mean()), 1.0) / LIMITS.grey))
+            self._settled = self._settled or late or off < math.log(_ASTRAY)
+            self.image, self.shown = image, self._settled
             fresh = self._picked is None
             if not fresh:  # the track starts at this frame, so it is not followed in it
                 self._try(self._begin_track, [reading])
@@ -234,6 +243,7 @@ class Perception:
     def reset(self) -> None:
         """Forget candidates, track and events."""
         self._finder, self._track, self._visible = Finder(self.view), None, False
+        self._settled, self._began = False, math.nan
         self._pending, self._events = [], []
 
     def _try(self, work: Callable[..., None], given: list[Any]) -> None:

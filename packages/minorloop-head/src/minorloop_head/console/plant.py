@@ -30,13 +30,16 @@ if TYPE_CHECKING:
 
     from minorloop_head.procedures.calibration import HeadCalibration
     from minorloop_head.procedures.head_file import HeadFile
-    from minorloop_head.twins.pipe import Crack
+    from minorloop_head.twins.pipe import Crack, Pipe
     from minorloop_head.twins.surroundings import Filling
 
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
 _CLEAR = 2.5e-3
 """Least distance along the pipe of a crack from a pit or a hole, in metres."""
+_FOUND, _AWAY = (0.85e-3, 1.15e-3), 2e-3
+"""Least and largest diameter of a pit or a hole, those that the camera is to find, and how far each
+may be along the pipe from the middle of its part, in metres."""
 FULL_PIPE = -9.999e-3
 """Height of the water in the full pipe, in metres; y points down from the axis."""
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
@@ -245,16 +248,20 @@ def flowing_water(level: float | None = FULL_PIPE, temperature: float | None = N
     return Filling(level=level, temperature=warm, sway=None if level is None else Sway())
 
 
-def _pipe(seed: int) -> Any:
-    """Return a pipe with dents, dirt and scratches, and with pits, holes and cracks along it."""
-    from minorloop_head.twins.pipe import Bore, Pipe
+def _pipe(seed: int) -> Pipe:
+    """Return a pipe with dents, dirt and scratches, and with pits, holes and cracks along it.
 
-    rng = np.random.default_rng([seed, 43])
-    bores = [Bore(0.45, 20e-3, 1e-3, depth=0.5e-3, brightness=0.0, lining=0.08)]
-    for n, z in enumerate((33e-3, 46e-3, 60e-3, 74e-3, 88e-3)):
-        pit = rng.uniform(0.3e-3, 0.8e-3) if n % 2 else math.inf
-        phi, size = float(rng.uniform(-math.pi, math.pi)), float(rng.uniform(0.9e-3, 1.1e-3))
-        bores.append(Bore(phi, z, size, depth=float(pit), brightness=0.0, lining=0.08))
+    That of seed 0, the demonstration, has a first pit that is easy to find: black, flat, and large.
+    """
+    from minorloop_head.twins.pipe import Bore, Pipe, draw_pit
+
+    rng, bores = np.random.default_rng([seed, 43]), []
+    for n, slot in enumerate((20e-3, 33e-3, 46e-3, 60e-3, 74e-3, 88e-3)):
+        phi, z = float(rng.uniform(-math.pi, math.pi)), slot + float(rng.uniform(-_AWAY, _AWAY))
+        bore = Bore(phi, z, float(rng.uniform(*_FOUND)), brightness=0.0, lining=0.08)
+        bores.append(bore if n % 2 else draw_pit(rng, phi, z, _FOUND))
+    if seed == 0:
+        bores[0] = Bore(0.45, 20e-3, 1e-3, depth=0.5e-3, brightness=0.0, lining=0.08)
     drawn = Pipe.draw(seed, length=_LENGTH)
     return replace(drawn, bores=tuple(bores), cracks=_cracks(seed, [bore.z for bore in bores]))
 

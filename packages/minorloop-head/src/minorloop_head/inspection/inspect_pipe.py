@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from minorloop.errors import OutputError, ParameterError, SafetyError, counted
+from minorloop.errors import MinorloopError, OutputError, ParameterError, SafetyError, counted
 from minorloop.files import PathLike, make_folder, table_text, write_atomically
 from minorloop_head.inspection.journal import (
     FINISHED,
@@ -52,7 +52,7 @@ from minorloop_head.procedures.inspected_view import (
     lens_words,
 )
 from minorloop_head.procedures.inspected_wall import SeenWall, c_scan_of, seen_wall, wall_of
-from minorloop_head.procedures.inspection import inspect_wall, unvisited
+from minorloop_head.procedures.inspection import NOT_DONE, inspect_wall, unvisited
 from minorloop_head.procedures.pictures import annotated
 from minorloop_head.procedures.probing import Probing
 from minorloop_head.procedures.rig import InspectionRig
@@ -93,6 +93,8 @@ def inspect(
     out: PathLike,
     advances: Sequence[float] = (0.0,),
     *,
+    pipe: str | None = None,
+    least_wall: float | None = None,
     resume: bool = False,
     told: Told = untold,
 ) -> Inspection:
@@ -108,6 +110,10 @@ def inspect(
         New or empty folder for journal, findings, report, pictures and models.
     advances : sequence of float
         Places of the catheter in metres from which it looks round; 0 without a catheter.
+    pipe : str, optional
+        Its identity, for the report.
+    least_wall : float, optional
+        Wall in metres that must be left under a finding for it to be accepted.
     resume : bool
         Whether to go on with the inspection in the folder, which was cut off: from any line of its
         journal.
@@ -132,6 +138,7 @@ def inspect(
     """
     folder = Path(out)
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
+    begun |= {"pipe": pipe, "least wall [mm]": None if least_wall is None else 1e3 * least_wall}
     before = Before.of(folder, begun, "inspection", InspectionLine) if resume else NEW
     views = [] if head.view is None else _kept_views(before, head.view)
     if head.probing is not None:
@@ -148,7 +155,7 @@ def inspect(
             _check_advances(rig, begun["actuator"], advances)
             if before.damaged:
                 told(before.set_aside(counted(len(views), "view")), kept=True)
-            kept = _Folder(folder, begun, before, rig.calibration, head.probing, views)
+            kept = _Folder(folder, begun, before, rig, head.probing, views)
             for view in inspect_wall(rig, advances, views, head.probing):
                 kept.add(view)
     except BaseException as error:
@@ -242,8 +249,8 @@ class _Folder:
         What is inspected, and by what.
     before : Before
         What is known of an inspection that was cut off.
-    view : HeadCalibration
-        Of the head.
+    rig : InspectionRig
+        The head: its clock is that of the journal.
     probing : Probing, optional
         Its probe; the folder keeps what it measures.
     views : sequence of InspectedView
@@ -255,19 +262,20 @@ class _Folder:
         folder: Path,
         begun: dict[str, Any],
         before: Before,
-        view: HeadCalibration,
+        rig: InspectionRig,
         probing: Probing | None,
         views: Sequence[InspectedView],
     ) -> None:
-        self._folder, self._view, self._probing = folder, view, probing
+        self._folder, self._view, self._probing = folder, rig.calibration, probing
         self._views = {each.picture.name: each for each in views}
         steps = (plain(line) for _, line in before.each(StepLine))
         self._log = [{n: step[n] for n in ("t", "step", "outcome", "succeeded")} for step in steps]
         make_folder(folder / "pictures", force=bool(before.lines))
-        self._journal = Journal(folder, begun, before, views=len(self._views))
+        self._journal = Journal(folder, begun, before, clock=lambda: rig.t, views=len(self._views))
         times = {"began": self._journal.began, "resumed": self._journal.resumed}
         self._content = {**begun, **times, "probe": probing is not None}
         self._bursts: dict[str, int] = {}
+        self._undone: dict[str, str] = {}
         if probing is not None:
             probing.told = self.measured
             self._bursts = {name: len(scanned.bursts) for name, scanned in probing.scans.items()}
@@ -323,9 +331,14 @@ class _Folder:
         probing, views = self._probing, list(self._views.values())
         found = self._found()
         scanned = _known({n: probing.scan_of(view) for n, view in found.items()}) if probing else {}
-        walls = _known({n: wall_of(found[n], one, self._view) for n, one in scanned.items()})
-        scans = _known({n: c_scan_of(one, self._view) for n, one in scanned.items()})
-        seen = seen_wall(views, self._view, list(walls.values()))
+        view, tried = self._view, self._tried
+        walls = _known(
+            {n: tried(f"map of {n}", wall_of, found[n], one, view) for n, one in scanned.items()}
+        )
+        scans = _known(
+            {n: tried(f"C-scan of {n}", c_scan_of, one, view) for n, one in scanned.items()}
+        )
+        seen = tried("map of the pipe", seen_wall, views, view, list(walls.values()))
         water = None if probing is None or probing.ring is None else probing.ring.water
         self._content["wall"] = None if seen is None else wall_row(seen, self._view)
         if water is not None:
@@ -351,6 +364,14 @@ class _Folder:
         written(drawn, self._folder / "report.html")
         return seen
 
+    def _tried(self, what: str, draw: Callable[..., _Value], *given: Any) -> _Value | None:
+        """Return what is drawn; None, which is noted, if it cannot be drawn."""
+        try:
+            return draw(*given)
+        except (MinorloopError, ValueError, ArithmeticError) as error:
+            self._undone[what] = f"{NOT_DONE}: {error}"
+            return None
+
     def _found(self) -> dict[str, InspectedView]:
         """Return the views with a finding."""
         return {name: view for name, view in self._views.items() if view.finding is not None}
@@ -361,6 +382,7 @@ class _Folder:
         verdicts = [view.picture.verdict for view in views]
         bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != GOOD}
         missed = [view for view in views if view.looks_round and view.picture.verdict != GOOD]
+        last = {each["step"]: each["outcome"] for each in self._log}
         beyond = {
             each["step"]: each["outcome"]
             for each in self._log
@@ -376,7 +398,15 @@ class _Folder:
                 for view in missed
             ],
             "out of reach": [{"view": name, "why": why} for name, why in beyond.items()],
-            "findings": [visit_row(view) for view in self._found().values()],
+            "not done": [
+                {"step": step, "why": why.removeprefix(f"{NOT_DONE}: ")}
+                for step, why in {**last, **self._undone}.items()
+                if why.startswith(NOT_DONE)
+            ],
+            "findings": [
+                visit_row(view, self._view.thickness, self._content["least wall [mm]"])
+                for view in self._found().values()
+            ],
             "unconfirmed": [LostRow.of(each) for each in self._unconfirmed()],
             "log": self._log,
         }
@@ -427,11 +457,11 @@ def _known(values: Mapping[str, _Value | None]) -> dict[str, _Value]:
 
 
 def wall_row(seen: SeenWall, view: HeadCalibration) -> dict[str, Any]:
-    """Return which wall was seen, and the shares of it that camera and echoes covered."""
+    """Return which wall was searched, and the shares of it that camera and echoes covered."""
     return {
         "pipe [mm]": None if view.length is None else round(1e3 * view.length, 2),
         "z [mm]": [round(1e3 * z, 2) for z in seen.along],
         "angles [deg]": [round(math.degrees(phi), 1) for phi in seen.around],
-        "seen": round(seen.seen_share, 4),
+        "searched": round(seen.searched_share, 4),
         "probed": round(seen.probed_share, 6),
     }

@@ -293,6 +293,8 @@ class Journal:
         What is begun, and by what.
     before : Before
         Of one that was cut off, which is continued.
+    clock : callable
+        Returns the time in seconds, that of the head: a simulated one computes slower or faster.
     **kept : int
         Number of views or bursts that are kept of it.
 
@@ -305,12 +307,19 @@ class Journal:
     """
 
     def __init__(
-        self, folder: Path, begun: Mapping[str, Any], before: Before = NEW, **kept: int
+        self,
+        folder: Path,
+        begun: Mapping[str, Any],
+        before: Before = NEW,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        **kept: int,
     ) -> None:
         # Also one that is not closed, because of an error, is free again.
         self._unlock = weakref.finalize(self, os.close, _locked(folder))
         now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-        self._began = time.monotonic() - max((line.t for line in before.lines), default=0.0)
+        self._clock = clock
+        self._began = clock() - max((line.t for line in before.lines), default=0.0)
         self.began, self.resumed = now, []
         # A line that was not written to its end is left out.
         write_atomically(folder / NAME, b"".join(line + b"\n" for line in before.raw))
@@ -346,8 +355,8 @@ class Journal:
             raise refusal(Path(self._file.name), error) from None
 
     def seconds(self) -> float:
-        """Return for how many seconds it has been written."""
-        return round(time.monotonic() - self._began, 2)
+        """Return for how many seconds of its clock it has been written."""
+        return round(self._clock() - self._began, 2)
 
     def close(self) -> None:
         """End it."""

@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from msgspec import Meta, Struct, field
 
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.geometry import wrapped
 from minorloop_head.inspection.journal import (
     BeginLine,
@@ -34,6 +35,7 @@ from minorloop_head.procedures.inspected_view import (
     with_finding,
 )
 from minorloop_head.procedures.pictures import InspectedPicture
+from minorloop_head.procedures.probe_steps import grade_of
 from minorloop_head.procedures.ring import Ring as RingSweep
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.values import LogEntry
@@ -60,7 +62,10 @@ _FEWEST = 200
 _BESIDE = 20e-3
 """How far in metres a burst may be from the swept part, along the pipe."""
 _ANGLES = ("pan", "tilt", "roll", "phi", "phi_sd")
-_LENGTHS = ("advance", "z", "z_sd", "width", "width_sd", "length", "length_sd", "depth", "depth_sd")
+_LENGTHS = (
+    *("advance", "z", "z_sd", "width", "width_sd", "length", "length_sd"),
+    *("depth", "depth_sd", "wall", "wall_sd"),
+)
 _SCALES = dict.fromkeys(_ANGLES, math.radians(1.0)) | dict.fromkeys(_LENGTHS, 1e-3)
 _NAMES = {name: f"{name} [{'deg' if name in _ANGLES else 'mm'}]" for name in _SCALES}
 
@@ -160,17 +165,36 @@ def finding_row(view: InspectedView) -> dict[str, Any]:
     }
 
 
-def visit_row(view: InspectedView) -> dict[str, Any]:
-    """Return the finding of a view with its steps, and how far its visit came.
+def visit_row(
+    view: InspectedView, thickness: float, least_wall: float | None = None
+) -> dict[str, Any]:
+    """Return the finding of a view with its grade, its steps, and how far its visit came.
 
     None is not tried. Without an echo of the wall a place is not scanned, and whether it is within
     reach not known.
+
+    Parameters
+    ----------
+    view : InspectedView
+    thickness : float
+        Of the wall, in metres: ``wall`` is what is left of it.
+    least_wall : float, optional
+        That is accepted, in mm: the lower end of the 90 % band of what is left is compared.
     """
+    assert view.finding is not None
+    left, left_sd = thickness - view.finding.depth, view.finding.depth_sd
+    if view.finding.kind == "hole":
+        left, left_sd = 0.0, math.nan
+    surely = left if math.isnan(left_sd) else left - PER_DEVIATION * left_sd
+    known = least_wall is not None and math.isfinite(left)
     last = {each.what: each.succeeded for each in view.steps}
     if last.get("modality") is False:
         last["scan"] = False
     return {
         **finding_row(view),
+        "grade": grade_of(view.probed, view.evidence),
+        **{_NAMES[name]: value for name, value in in_units(4, wall=left, wall_sd=left_sd).items()},
+        "accepted": bool(1e3 * surely >= (least_wall or 0.0)) if known else None,
         "found": True,
         "centred": last.get("centre"),
         "reached": last.get("reach", last.get("scan") or None),

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from minorloop.errors import MinorloopError, OutputError, counted
 from minorloop.report import Picture, Report, Table
@@ -27,17 +30,21 @@ ANGLES = (
     "one standard deviation."
 )
 _VERDICT = (
-    "The verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
-    "measured, and no step failed."
+    "Confirmed is what echoes show. Probable is what only the camera shows, with odds of 20 to 1 "
+    "or more or as a line that was traced twice; it may be dirt. Look at the others again. The "
+    "verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
+    "measured, and no step failed. The wall left is the thickness as calibrated less the depth."
 )
 COLUMNS = (
     "no.",
+    "grade",
     "kind",
     "angle [deg]",
     "z [mm]",
     "width [mm]",
     "length [mm]",
     "depth [mm]",
+    "wall left [mm]",
     "verdict",
 )
 LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
@@ -46,16 +53,28 @@ MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", 
 """Of directions that were not searched, as lines of sight, with the place of the catheter."""
 BEYOND_COLUMNS = ("view", "why")
 """Of directions that the wires do not reach."""
+UNDONE_COLUMNS = ("step", "why")
+"""Of what could not be computed."""
 _MOST_ODDS = 1000
 THROUGH = "hole"
 """Kind of a through-hole."""
-_DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
+_DIGITS = {
+    "phi [deg]": 1,
+    "z [mm]": 2,
+    "width [mm]": 2,
+    "length [mm]": 2,
+    "depth [mm]": 3,
+    "wall [mm]": 2,
+}
 _MEANING = {
     "not scanned": "not scanned: the head has no probe, or the inspection ended before",
     "no water": "the pipe was dry, and the probe needs water",
-    "no coupling": "no echo of the wall: the place or the probe is above the water",
-    "no floor echo": "the wall answers, but no floor of the defect does",
-    "too few echoes": "too few bursts could be used",
+    "no coupling": "no echo of the wall: the place or the probe is above the water; let in more "
+    "water, to above both, and inspect again",
+    "no floor echo": "the wall answers, but no floor of the defect does: it may be deeper than the "
+    "1.25 mm that are measured",
+    "too few echoes": "too few bursts could be used: the head did not arrive, or the camera did "
+    "not see how the flow turns it",
 }
 """What a verdict means for who does not know the probe."""
 
@@ -84,8 +103,8 @@ def finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:
     """Return a finding as cells of `COLUMNS`."""
     values = [with_sd(row, name, digits) for name, digits in _DIGITS.items()]
     if row["kind"] == THROUGH:
-        values[-1] = "through"
-    return [str(number), str(row["kind"]), *values, str(row["verdict"])]
+        values[-2:] = ["through", "none"]
+    return [str(number), row["grade"], str(row["kind"]), *values, str(row["verdict"])]
 
 
 def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
@@ -135,6 +154,13 @@ def inspection_report(
         table=Table(COLUMNS, cells) if cells else None,
         notes=() if cells else ("Nothing was found.",),
     )
+    if content["least wall [mm]"] is not None:
+        report.add(
+            "Acceptance",
+            text=f"Accepted is a finding under which at least {content['least wall [mm]']:g} mm of "
+            "wall are left, by the lower end of the 90 % band.",
+            table=Table(("no.", "accepted"), _accepted(rows)),
+        )
     if reasons := _without_depth(rows):
         report.add("Depths that are not known, and why", table=Table(("no.", "why"), reasons))
     if content["unconfirmed"]:
@@ -147,6 +173,9 @@ def inspection_report(
     report.add(
         "What was inspected", text=wall_words(content), table=Table(("", ""), _facts(content))
     )
+    if content["not done"]:
+        undone = table(content["not done"], UNDONE_COLUMNS)
+        report.add("Not done, and why", table=Table(UNDONE_COLUMNS, undone))
     if content["not searched"]:
         missed = table(content["not searched"], MISSED_COLUMNS)
         report.add("Not searched", table=Table(MISSED_COLUMNS, missed))
@@ -186,7 +215,7 @@ def _map_caption(
 ) -> str:
     """Return what the map of the pipe shows: of its marks, those that are there."""
     marks = {
-        "light blue was not seen": seen.seen_share < 1.0,
+        "light blue was not seen": bool(np.isnan(seen.picture).any()),
         "findings are numbered": bool(found),
         "crosses are candidates that were not confirmed": bool(lost),
         "blue patches were measured by echoes": bool(seen.probed.any()),
@@ -202,9 +231,11 @@ def _facts(content: Mapping[str, Any]) -> list[list[str]]:
     known = {
         "began": content["began"],
         "cut off, and resumed at": ", ".join(content["resumed"]),
-        "duration": f"{content['seconds']:.0f} s{between}",
+        "duration": f"{content['seconds']:.0f} s by the clock of the head{between}",
         "ended": content["ended"],
+        "pipe": content["pipe"] or "not named; --pipe names it",
         "head": content["head"],
+        "calibrated": content["calibrated"] or "no date is known",
         "at": content["actuator"],
         "looked round from": f"{', '.join(f'{z:g}' for z in content['advances [mm]'])} mm",
         "temperature of the water": f"{content['water [C]']:g} C" if "water [C]" in content else "",
@@ -225,7 +256,8 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
     pipe = f" of the {wall['pipe [mm]']:.0f} mm of pipe" if wall["pipe [mm]"] else ""
     said = [
         f"The camera searched {high - low:.1f} mm{pipe}: the inner wall from z {low:.1f} to "
-        f"{high:.1f} mm, {around}, of which it saw {wall['seen']:.0%}. "
+        f"{high:.1f} mm, {around}, of which {wall['searched']:.0%} is "
+        "shown whole and near enough for the smallest hole. "
         "A defect beyond it, or one that the edge of each picture cuts, is not found; --advances "
         "with a place nearer to it shows it whole."
     ]
@@ -243,6 +275,8 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
             f"The wires did not reach {counted(many, 'direction')} in which to look "
             f"({each['view']}: {each['why']})."
         )
+    if content["not done"]:
+        said.append(f"Not done: {', '.join(each['step'] for each in content['not done'])}.")
     if "water above the axis [mm]" in content:
         said.append(f"The water stood {content['water level']}.")
     elif "water level" in content:
@@ -280,14 +314,22 @@ def _cell(value: Any) -> str:
     return "" if value is None else str(value)
 
 
+def _accepted(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Return number of each finding, and whether it is accepted."""
+    words = {True: "yes", False: "no", None: "not known"}
+    return [[str(number), words[row["accepted"]]] for number, row in enumerate(rows, 1)]
+
+
 def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Return number and reason of findings without a depth, and of steps that failed."""
     found = []
     for number, row in enumerate(rows, 1):
         if row["depth [mm]"] is None and row["kind"] != THROUGH:
             verdict = str(row["verdict"])
-            base = verdict.split(", but failed")[0]
-            found.append([str(number), _MEANING.get(base, verdict)])
+            base, bracket, bound = verdict.split(", but failed")[0].partition(" (")
+            known = base in _MEANING
+            why = f"{_MEANING[base]}{bracket}{bound}" if known else verdict
+            found.append([str(number), why])
     return found
 
 
@@ -345,7 +387,10 @@ def shown_tables(
 
 def summary(content: Mapping[str, Any]) -> str:
     """Return what was found in how many views, and how it ended."""
-    found, views = counted(len(content["findings"]), "finding"), counted(content["views"], "view")
+    grades = Counter(row["grade"] for row in content["findings"])
+    each = ", ".join(f"{count} {grade}" for grade, count in grades.items())
+    found = counted(len(content["findings"]), "finding") + (f" ({each})" if each else "")
+    views = counted(content["views"], "view")
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
     share = f"{sum(content['unusable'].values())} of {views} not usable: {bad}"
     missed = "".join(

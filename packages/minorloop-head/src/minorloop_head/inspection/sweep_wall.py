@@ -128,7 +128,7 @@ def sweep(
         first, known, stage = area.lines, len(bursts), area.stage
         if before.damaged:
             told(before.set_aside(counted(len(bursts), "burst")), kept=True)
-        journal = Journal(folder, begun, before, bursts=len(bursts))
+        journal = Journal(folder, begun, before, clock=lambda: rig.t, bursts=len(bursts))
         about = {**begun, "head": head.begun["head"], "began": journal.began}
 
         def each() -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.drawing.layout import new_figure
@@ -14,6 +15,7 @@ from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
 from minorloop_head.procedures.measure import PATCH, has_coupling
+from minorloop_head.procedures.picture_light import LEAST_GREY
 from minorloop_head.procedures.probe_steps import fused_wall, resampled
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.sweep_map import water_angles
@@ -32,21 +34,26 @@ from minorloop_head.ultrasound.c_scan import CScan, c_scan
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_map
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.ultrasound.wall_echoes import SweptBurst
+from minorloop_head.vision.calibrated_camera import Image32, unroll
 from minorloop_head.vision.cracks import TracedCrack
-from minorloop_head.vision.defects import Hole
+from minorloop_head.vision.defects import SIZES, Hole
 from minorloop_head.vision.frame_checks import GOOD
 from minorloop_head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_flat
 
 __all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
 
-_EDGE = 1e-3
-"""Metres at each end of what was seen in which no hole is found."""
+_EDGE = 0.6e-3
+"""Metres beside the edge of a picture in which a hole is cut, and not found."""
+_AROUND = 3e-3
+"""Side in metres of the wall about a place whose mean grey level counts."""
+_ACROSS = 9.0 / 320.0
+"""Least minor axis of the smallest hole that is found, over the width of the picture."""
 _CONTRAST = 0.6
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _SIDES = {180: "left", -90: "top", 0: "right", 90: "bottom"}
 _MOST = 0.5
-"""Least share of a column that is seen, for it to be in the range of what was seen; and of a row,
-over that of the row of which most is seen."""
+"""Least share of a column that is searched, for it to be in the range of what was searched; and of
+a row, over that of the row of which most is searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,31 +66,32 @@ class SeenWall:
         Once round the pipe, from the nearest to the farthest place that a view shows.
     picture : (rows, columns) array
         Logarithm of the reflectance; NaN where no view shows the wall.
+    searched : (rows, columns) array of bool
+        Where a view on the way round shows the smallest hole that the search finds whole, large and
+        bright enough.
     probed : (rows, columns) array of bool
         Where echoes gave the depth.
     """
 
     patch: Patch
     picture: FloatArray
+    searched: BoolArray
     probed: BoolArray
 
     @property
     def along(self) -> tuple[float, float]:
         """First and last place along the pipe that was searched, in metres.
 
-        Places of which less than half as much was seen as of any other do not count, nor do those
-        near the ends of the others: what the edge of a picture cuts is not found.
+        Places of which less than half as much was searched as of any other do not count.
         """
-        shares = self._seen.mean(axis=1)
+        shares = self.searched.mean(axis=1)
         rows = np.flatnonzero(shares >= _MOST * shares.max())
-        edge = round(_EDGE / self.patch.step)
-        rows = rows[edge:-edge] if rows.size > 2 * edge else rows
         return tuple((self.patch.z + self.patch.step * rows[[0, -1]]).tolist())
 
     @property
     def around(self) -> tuple[float, float]:
-        """First and last angle in radians of the sector that was seen; a whole turn if all was."""
-        columns = np.flatnonzero(self._part(self._seen).mean(axis=0) >= _MOST)
+        """First and last angle in radians of the sector searched; a whole turn if all was."""
+        columns = np.flatnonzero(self._part(self.searched).mean(axis=0) >= _MOST)
         turn = self.patch.step / self.patch.radius
         if not columns.size:
             return 0.0, 0.0
@@ -96,18 +104,14 @@ class SeenWall:
         return first, first + 2 * np.pi - float(gaps[widest_gap])
 
     @property
-    def seen_share(self) -> float:
-        """Share of the wall in the range along the pipe that the camera saw."""
-        return float(self._part(self._seen).mean())
+    def searched_share(self) -> float:
+        """Share of the wall in the range along the pipe that was searched."""
+        return float(self._part(self.searched).mean())
 
     @property
     def probed_share(self) -> float:
         """Share of it of which echoes gave the depth."""
         return float(self._part(self.probed).mean())
-
-    @property
-    def _seen(self) -> BoolArray:
-        return np.isfinite(self.picture)
 
     def _part(self, values: BoolArray) -> BoolArray:
         """Return the rows of the range along the pipe."""
@@ -132,27 +136,43 @@ def seen_wall(
     -----
     Views under other lights differ by a constant, which is that of their medians.
     """
-    flat = [each for each in (_flat(view, calibration) for view in views) if each is not None]
+    known = [(view, _flat(view, calibration)) for view in views]
+    flat = [(view, one) for view, one in known if one is not None]
     if not flat:
         return None
-    ends = [(one.window.z, one.window.z + one.whole.shape[0] * one.window.step) for one in flat]
+    ends = [(one.window.z, one.window.z + one.whole.shape[0] * one.window.step) for _, one in flat]
     low, high = (
         STEP * round(end / STEP)
         for end in (min(low for low, _ in ends), max(high for _, high in ends))
     )
     patch = Patch.ring(low, high + 0.5 * STEP, radius=calibration.radius)
     total, count = (np.zeros((patch.rows, patch.columns)) for _ in range(2))
-    for one in flat:
-        view = resampled(one, patch)
-        seen = np.isfinite(view)
+    searched = count > 0
+    for view, one in flat:
+        whole = resampled(one, patch)
+        seen = np.isfinite(whole)
         if seen.any():
-            total[seen] += view[seen] - np.median(view[seen])
+            total[seen] += whole[seen] - np.median(whole[seen])
             count[seen] += 1
+        if view.looks_round:
+            searched |= resampled(replace(one, whole=_clear(view, one, calibration)), patch) > 0.5
     picture = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
     ring = unseen_map(patch)
     for wall in walls:
         ring = paste(ring, wall)
-    return SeenWall(patch, picture, (ring.source & ECHOES) > 0)
+    return SeenWall(patch, picture, searched, (ring.source & ECHOES) > 0)
+
+
+def _clear(view: InspectedView, flat: ReflectanceMap, calibration: HeadCalibration) -> Image32:
+    """Return 1 where a view shows the smallest hole whole, large and bright enough, 0 elsewhere."""
+    camera, step = calibration.camera_at(view.place), flat.window.step
+    least = _ACROSS * camera.lens.width / SIZES[0]
+    grey = unroll(view.image, camera, flat.window, *view.angles, least=least)
+    large = np.isfinite(grey)
+    light = ndimage.uniform_filter(np.where(large, grey, LEAST_GREY), size=round(_AROUND / step))
+    edge = 2 * round(_EDGE / step) + 1
+    whole = ndimage.minimum_filter(large, size=edge, mode="constant", cval=0)
+    return np.asarray(whole & (light >= LEAST_GREY), dtype=np.float32)
 
 
 def _flat(view: InspectedView, calibration: HeadCalibration) -> ReflectanceMap | None:

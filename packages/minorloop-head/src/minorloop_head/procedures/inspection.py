@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Generic, TypeVar
@@ -19,7 +20,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import counted
+from minorloop.errors import InstrumentError, MinorloopError, OutputError, counted
 from minorloop_head.geometry import Pinhole, wall_distance
 from minorloop_head.procedures.extract import SAME, nearest
 from minorloop_head.procedures.inspected_view import (
@@ -34,7 +35,7 @@ from minorloop_head.procedures.inspected_view import (
 )
 from minorloop_head.procedures.mark import aim_at
 from minorloop_head.procedures.pictures import CRACK, InspectedPicture
-from minorloop_head.procedures.probe_steps import counts_as_crack, shown_by_echoes
+from minorloop_head.procedures.probe_steps import counts_as_crack, drain, shown_by_echoes
 from minorloop_head.procedures.probing import Probing
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.steps import (
@@ -71,6 +72,8 @@ NO_ECHO = "a line that one view on the way round showed, and no echo of its dept
 ONE_PLACE = "not centred, and shown by pictures from one place only, without an echo of a defect"
 """Why a candidate for a hole that was seen again from where it was seen first is no finding: a
 stain looks the same from there."""
+NOT_DONE = "not done"
+"""First words of the outcome of a part that could not be computed; the inspection goes on."""
 NOT_VISITED, SEEN_ONCE = "seen, not visited", "not seen again, not looked at once more"
 """Why candidates of an inspection that ended early, or has too many of them, are no findings."""
 _DEFLECTION = math.radians(25.0)
@@ -181,8 +184,9 @@ def inspect_wall(
     for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
             same = _same(hole, holes, radius)
-            again = yield from _visited(rig, hole, same, f"hole {k}", known, probing)
-            found += [] if again is None or _known(again, found, radius) else [again]
+            with _going_on(rig, f"hole {k}", probing):
+                again = yield from _visited(rig, hole, same, f"hole {k}", known, probing)
+                found += [] if again is None or _known(again, found, radius) else [again]
     traces = _sightings(views, TracedCrack)
     cracks: list[TracedCrack] = []
     courses = _courses(traces, early, radius)
@@ -190,15 +194,30 @@ def inspect_wall(
     for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
         if not any(one_course(trace.places, each.places, radius) for each in cracks):
             name, seen_in = f"crack {k}", _names(_alike(trace, traces, radius))
-            if name not in known:
-                known[name] = _followed(rig, trace, seen_in, name)
-                yield known[name]
-            yield from _probed(rig, known[name], probing, seen_in)
-            cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
+            with _going_on(rig, name, probing):
+                if name not in known:
+                    known[name] = _followed(rig, trace, seen_in, name)
+                    yield known[name]
+                yield from _probed(rig, known[name], probing, seen_in)
+                cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
     if probing is not None:
         places = [hole.place for hole in found] + [crack.places[0] for crack in cracks]
         ahead = advances[0] + radius / math.tan(_DEFLECTION)
-        probing.roll_round(rig, float(places[0][1]) if places else ahead)
+        with _going_on(rig, "water line", probing):
+            probing.roll_round(rig, float(places[0][1]) if places else ahead)
+
+
+@contextmanager
+def _going_on(rig: InspectionRig, part: str, probing: Probing | None) -> Iterator[None]:
+    """Say why a part could not be computed, and go on; a device or a disk that fails ends all."""
+    try:
+        yield
+    except (InstrumentError, OutputError):
+        raise
+    except (MinorloopError, ValueError, ArithmeticError) as error:
+        rig.say(part, f"{NOT_DONE}: {error}", succeeded=False)
+        if probing is not None:
+            drain(rig)
 
 
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TypeAlias
 
@@ -34,6 +35,10 @@ from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
 from minorloop_head.vision.reflectance_map import ReflectanceMap
 
+CONFIRMED, PROBABLE, LOOK_AGAIN = "confirmed", "probable", "look again"
+"""Grades of findings."""
+_LIKELY = math.log(20.0)
+"""Least evidence of a probable hole: odds of 20 to 1."""
 SEEN_BEFORE = 2
 """Views on the way round that show a crack which counts without an echo of its depth."""
 AGAIN = (DISTURBED, SILENT, ASTRAY)
@@ -181,6 +186,22 @@ def counts_as_crack(views: int, found: CrackDepth) -> bool:
 def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:
     """Whether echoes alone show that there is a defect: by its floor, or as a through-hole."""
     return found.verdict in (MEASURED, DEEPER, UNEVEN, HOLE)
+
+
+def grade_of(probed: PitDepth | CrackDepth | None, evidence: float) -> str:
+    """Return how sure a finding is: `CONFIRMED`, `PROBABLE` or `LOOK_AGAIN`.
+
+    Parameters
+    ----------
+    probed : PitDepth or CrackDepth, optional
+        What the echoes say; only they confirm, since a spot of dirt looks like a hole.
+    evidence : float
+        Of a `Hole`; NaN for a crack, whose line was traced twice.
+    """
+    if probed is not None and shown_by_echoes(probed):
+        return CONFIRMED
+    refuted = probed is not None and probed.verdict == NO_PIT
+    return LOOK_AGAIN if refuted or evidence < _LIKELY else PROBABLE
 
 
 def probe_of(rig: InspectionRig, scanned: ScannedRaster) -> CalibratedProbe:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,9 @@ _ASTRAY = 0.4e-3
 """Distance from the wall in metres of an echo that does not count for the level of the water: of a
 beam that meets the wall above it, some sound comes back from the wall beside. Dents and pits are
 nearer."""
+_PLACE_SD = 0.15e-3
+"""Standard deviation in metres of the heights of wall and probe, by pose, sway and the width of
+the beam, of which a part under water answers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,20 +39,20 @@ def ring_sweep(rig: InspectionRig) -> Ring:
 
     Places at which the camera does not see the turn of the base are skipped.
     """
-    radius = rig.calibration.radius
-    go(rig, angles=RasterScan(calibration=rig.calibration).perpendicular)
-    profiles = []
+    view, profiles = rig.calibration, []
+    go(rig, angles=RasterScan(calibration=view).perpendicular)
     for k in range(TURNS):
         go(rig, place=(rig.place[0], np.radians(-180.0 + 360.0 * k / TURNS)))
         now = rig.reading(Request(shots=SHOTS, frame=True))
-        if not np.isfinite(now.base).all():
-            continue
-        angles = np.tile(now.line_of_sight, (SHOTS, 1))
-        burst = average(now.shots, angles, np.zeros(SHOTS))
-        profiles.append(wall_profile([burst], rig.calibration.probe_at(now.place)))
+        if np.isfinite(now.base).all():
+            angles = np.tile(now.line_of_sight, (SHOTS, 1))
+            burst = average(now.shots, angles, np.zeros(SHOTS))
+            profiles.append(wall_profile([burst], view.probe_at(now.place)))
     profile = centred(joined(profiles))
     answers = profile.detected & (np.abs(profile.depths) < _ASTRAY)
-    water = find_water(profile.spots[:, 0], answers, radius, face=Probe().face)
+    phi, face, offset = profile.spots[:, 0], Probe().face, view.offset[1]
+    water = find_water(phi, answers, view.radius, face=face, offset=offset)
+    water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
     words = f"{profile.detected.sum()} of {len(profiles)} places answer"
     skipped = TURNS - len(profiles)
     words += f"; {skipped} more not used: no view of the turn of the base" if skipped else ""

@@ -190,7 +190,10 @@ class WaterLine:
         if math.isnan(self.height):
             return "not seen"
         if not self.seen:
-            return f"no surface: {'water at every' if self.full else 'no echo at any'} place"
+            dry = (
+                "no echo at any place: the probe is above the water; let in more, to above the axis"
+            )
+            return f"no surface: {'water at every place' if self.full else dry}"
         side, band = "above" if self.height < 0 else "below", PER_DEVIATION * self.sd
         return f"{1e3 * abs(self.height):.1f} ± {1e3 * band:.1f} mm (90 %) {side} the axis"
 

@@ -357,13 +357,18 @@ def draw_hole(rng: np.random.Generator, phi: float, z: float) -> Bore:
     )
 
 
-def draw_pit(rng: np.random.Generator, phi: float, z: float) -> Bore:
-    """Draw a pit of 0.85 to 1.5 mm by 0.2 to 1 mm, with a floor tilted up to 4 degrees."""
+def draw_pit(
+    rng: np.random.Generator, phi: float, z: float, sizes: tuple[float, float] = (0.85e-3, 1.5e-3)
+) -> Bore:
+    """Draw a pit 0.2 to 1 mm deep, with a floor that is tilted by up to 4 degrees.
+
+    ``sizes`` are the least and the largest diameter, in metres.
+    """
     tilt, way = math.tan(math.radians(rng.uniform(0, 4))), rng.uniform(0, 2 * np.pi)
     return Bore(
         phi,
         z,
-        rng.uniform(0.85e-3, 1.5e-3),
+        rng.uniform(*sizes),
         depth=rng.uniform(0.2e-3, 1e-3),
         brightness=rng.uniform(0.2, 0.5),
         chamfer=rng.uniform(0.0, 0.06e-3),

@@ -11,8 +11,9 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop_head.ultrasound.echoes import Burst, Echo, find_echoes
 from minorloop_head.ultrasound.field import CalibratedProbe
 
-_LEAST, _SLACK = 0.02, 1.5e-3
-"""Least amplitude of an echo of the wall, and its largest distance from nominal, in metres."""
+_LEAST, _SLACK = 6.0, 1.5e-3
+"""Least echo of the wall over the noise, and its largest distance from nominal, in metres. Noise
+alone has peaks of 4 to 5 within that distance, and one above the water puts its surface there."""
 _JITTER = 7e-9
 """Scatter of the time of an echo at a signal-to-noise ratio of 1, in seconds."""
 _AIM = 5e-6
@@ -60,19 +61,21 @@ def wall_profile(bursts: Sequence[Burst], probe: CalibratedProbe) -> Profile:
     for n, burst in enumerate(bursts):
         gate = tuple(2 * (spots[n, 2] + side) / probe.speed for side in (-_SLACK, _SLACK))
         echoes = () if burst.verdict else _echoes(burst, (gate[0], gate[1]))
-        if echoes and echoes[0].amplitude >= _LEAST:
+        if echoes and echoes[0].snr >= _LEAST:
             depths[n] = facing[n] * (echoes[0].time * probe.speed / 2 - spots[n, 2])
             sds[n] = np.hypot(_JITTER / echoes[0].snr * probe.speed / 2, _AIM)
     return Profile(spots[:, :2], depths, sds, np.isfinite(depths), np.zeros(2))
 
 
 def joined(profiles: Sequence[Profile]) -> Profile:
-    """Join several profiles into one."""
+    """Join several profiles into one; it is empty without any."""
+    empty = Profile(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, bool), np.zeros(2))
+    parts = [empty, *profiles]
     return Profile(
-        np.concatenate([p.spots for p in profiles]),
-        np.concatenate([p.depths for p in profiles]),
-        np.concatenate([p.sds for p in profiles]),
-        np.concatenate([p.detected for p in profiles]),
+        np.concatenate([p.spots for p in parts]),
+        np.concatenate([p.depths for p in parts]),
+        np.concatenate([p.sds for p in parts]),
+        np.concatenate([p.detected for p in parts]),
         np.zeros(2),
     )
 
