@@ -30,7 +30,7 @@ from minorloop_head.procedures.centre import Centring
 from minorloop_head.procedures.extract import acquisition, nearest
 from minorloop_head.procedures.focus import focus
 from minorloop_head.procedures.mark import Touch, seen_mark
-from minorloop_head.procedures.meter import Light, meter, wall_ahead
+from minorloop_head.procedures.meter import LIMITS, Light, meter, wall_ahead
 from minorloop_head.procedures.seen_angles import SeenAngles
 from minorloop_head.procedures.values import (
     ALL_LIGHTS,
