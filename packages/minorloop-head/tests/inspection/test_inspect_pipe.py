@@ -195,7 +195,6 @@ def test_a_direction_that_the_wires_did_not_reach_is_in_the_findings(script):
 
 
 @pytest.mark.parametrize("part", ["crack 1", "map of the pipe", "water line"])
-@pytest.mark.usefixtures("laid_out")
 def test_it_ends_with_a_report_whatever_part_of_it_could_not_be_computed(script, monkeypatch, part):
     def fails(*_):
         raise ValueError("need at least one array")
@@ -217,7 +216,6 @@ def test_it_ends_with_a_report_whatever_part_of_it_could_not_be_computed(script,
     assert script.run(resume=True).content["not done"] == content["not done"]
 
 
-@pytest.mark.usefixtures("laid_out")
 def test_the_report_has_what_a_plant_engineer_asks_for(script):
     found = script.run(pipe="line 4, spool 12", least_wall=1.8e-3)
     assert [(row["grade"], row["accepted"]) for row in found.findings] == [("confirmed", False)] * 2
