@@ -34,10 +34,11 @@ from minorloop_head.ultrasound.c_scan import CScan, c_scan
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_map
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.ultrasound.wall_echoes import SweptBurst
-from minorloop_head.vision.calibrated_camera import Image32, unroll
+from minorloop_head.vision.calibrated_camera import unroll
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import SIZES, Hole
 from minorloop_head.vision.frame_checks import GOOD
+from minorloop_head.vision.imaging import Image32
 from minorloop_head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_flat
 
 __all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
