@@ -20,7 +20,6 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop_head.control.controller import Controller
 from minorloop_head.control.head import HeadControl, head_control
-from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
@@ -128,7 +127,9 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Res
     static = run_static(seed)
     told("identification")
     wires = (static.wires[0].model, static.wires[1].model)
-    controls = every_control(wires, static.coupling)
+    controls = {
+        name: head_control(law, wires, coupling=static.coupling) for name, law in LAWS.items()
+    }
     tried = chain(_steps(controls), _others(seed, controls), _hard(controls))
     runs, reach = _run(seed, controls, tried), _reaches(seed)
     robust = _later_sensors(seed, controls["internal_model"].axes[0].controller)
@@ -289,16 +290,6 @@ def head_facts() -> dict[str, float]:
         "hottest_C": float(truth(wire).hottest[0]),
         "stress_MPa": float(truth(wire).stress[0]) / 1e6,
     }
-
-
-def every_control(wires: tuple[HeatedWire, ...], coupling: FloatArray) -> dict[str, HeadControl]:
-    """Return the control of a head by the name of each controller."""
-    return {name: head_control(law, wires, coupling=coupling) for name, law in LAWS.items()}
-
-
-def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[Key, HeadRun]:
-    """Run Fig 10 with every controller, and the highest step in other surroundings."""
-    return _run(seed, controls, _steps(controls))
 
 
 def _run(

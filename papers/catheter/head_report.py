@@ -213,7 +213,7 @@ def draw_ramps(study: Results) -> Any:
 
 
 def draw_steps(runs: Mapping[tuple[str, str], HeadRun]) -> Any:
-    """Draw Fig 10: the steps of `run_steps`, angles above, currents below."""
+    """Draw Fig 10: the steps of every controller, angles above, currents below."""
     upper, lower = [], []
     for number, target in enumerate(TARGETS):
         each = [(runs[f"step {target:g}", name], name) for name in _COLOURS]

@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.threads import one_thread
-from minorloop_head.procedures.extract import nearest
 from minorloop_head.procedures.head_file import HeadFile
 from minorloop_head.procedures.probe_steps import (
     SEEN_BEFORE,
@@ -36,6 +35,8 @@ from minorloop_head.procedures.steps import (
     REFUSED,
     WITHIN,
     centre,
+    extract,
+    focus,
     go,
     look,
     meter,
@@ -52,18 +53,11 @@ from minorloop_head.twins.pipe import Bore, Crack
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.ultrasound.profile import Profile
 from minorloop_head.vision.cracks import TracedCrack
-from minorloop_head.vision.defects import Findings, Hole, strongest
+from minorloop_head.vision.defects import Hole, strongest
 from minorloop_head.vision.reflectance_map import ReflectanceMap
 from papers.catheter import mission_cracks, scoring
 from papers.catheter.mission_cracks import SeenCrack
-from papers.catheter.mission_scene import (
-    RADIUS,
-    distance,
-    draw_mission,
-    focus,
-    near_view,
-    reachable,
-)
+from papers.catheter.mission_scene import RADIUS, distance, draw_mission, reachable
 from papers.catheter.pipe_map import ring_of
 from papers.harness import Results, Study, mean, median
 
@@ -259,23 +253,12 @@ def _approached(
     off = scoring.off_middle(rig.tip, mission.truth)
     focus(rig)
     centred = photo(rig).image
-    near, found, again = _extracted(rig, hole)
+    near, found, again = extract(rig, hole)
     one = replace(
         mission, first=first, pixel=pixel, centred=centred, off=off, picked=hole.place,
         found=found, steps=tuple(rig.log[began:]),
     )  # fmt: skip
     return one, again, near.wall
-
-
-def _extracted(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
-    """Outline a candidate in a near view; return whether it is seen again."""
-    findings, _ = near_view(rig, picked.place)
-    again = nearest(findings.holes, picked.place, rig.calibration.radius)
-    hole = again or picked
-    words = "seen again from nearer" if again else "not seen again; the first view counts"
-    size = f"{1e3 * hole.diameter:.2f} mm across"
-    rig.say("extract", f"{size}, {words}", succeeded=again is not None)
-    return findings, hole, again is not None
 
 
 def _measured(

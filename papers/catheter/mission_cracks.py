@@ -12,7 +12,7 @@ from minorloop.arrays import FloatArray
 from minorloop_head.geometry import wall_lengths
 from minorloop_head.procedures.probe_steps import counts_as_crack, scanned_crack
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.steps import Photo, centre, pick
+from minorloop_head.procedures.steps import Photo, centre, focus, near_view, pick
 from minorloop_head.procedures.trace import (
     between,
     one_course,
@@ -27,7 +27,7 @@ from minorloop_head.twins.pipe import Crack
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_finding, crack_map
 from minorloop_head.vision.cracks import TracedCrack
 from papers.catheter.crack_scenes import fine_course
-from papers.catheter.mission_scene import RADIUS, focus, near_view
+from papers.catheter.mission_scene import RADIUS
 
 CLOSER = (6e-3, 10e-3)
 """Advances of the near views in metres, until the course is seen."""

@@ -8,24 +8,18 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
 from minorloop_head.control.head import HeadControl, head_control
 from minorloop_head.geometry import Mount, Probe, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.focus import focus as focusing
 from minorloop_head.procedures.head_file import HeadFile
-from minorloop_head.procedures.mark import aim_at
-from minorloop_head.procedures.meter import wall_ahead
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.seen_base import SeenBase
-from minorloop_head.procedures.steps import NEAR, Photo, go, meter, photo, search
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore, Crack, Pipe, draw_crack
 from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import Filling, Surroundings, Sway
-from minorloop_head.vision.defects import Findings
 from papers.catheter import scoring
 from papers.catheter.inspection_servo import wires_of
 from papers.harness import Results
@@ -134,21 +128,3 @@ def _level(angles: Sequence[float], rng: np.random.Generator) -> float:
 def distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
     """Return the distance along the wall between two places, phi and z, in metres."""
     return float(wall_distance(one, other, RADIUS))
-
-
-def focus(rig: InspectionRig) -> None:
-    """Sweep the focus on the middle of the image."""
-    lens, guess = rig.calibration.lens, wall_ahead(rig.calibration, rig.reading())
-    found = rig.run(focusing(lens, (lens.width / 2, lens.height / 2), guess))
-    rig.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
-
-
-def near_view(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
-    """Advance by some metres, take five frames and a photo of a place, and return."""
-    home = rig.place
-    go(rig, place=np.add(home, (by, 0.0)))
-    go(rig, angles=aim_at(rig.calibration, place, rig.place))
-    meter(rig)
-    findings, seen = search(rig), photo(rig)
-    go(rig, place=home)
-    return findings, seen

@@ -161,7 +161,10 @@ class AdaptiveControl:
             )
         else:
             adapted = self._updated(adapted, angle)
-        observer = replace(state.observer, estimate=_carried(estimate, adapted.control.wire))
+        observer = replace(
+            state.observer,
+            estimate=replace(estimate, wire=_moved_to(estimate.wire, adapted.control.wire)),
+        )
         return replace(state, observer=observer, adapted=adapted, learnt=estimate.wire.power)
 
     def _scored(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
@@ -180,10 +183,10 @@ class AdaptiveControl:
         before = replace(adapted.recursion, memory=memory, updates=0)
         after = self._recursive.update(before, memory.u, angle)
         change = after.theta - before.theta
-        size = float(np.abs(change).sum())
+        size, (low, high) = float(np.abs(change).sum()), self.control.wire.operator.range
         if not np.isfinite(size) or size == 0.0:
             return adapted
-        theta = before.theta + min(1.0, self._most / size) * change
+        theta = before.theta + min(1.0, self.largest_update * (high - low) / size) * change
         updates = adapted.updates + 1
         recursion = replace(after, theta=theta, updates=updates)
         learnt = replace(adapted, recursion=recursion, updates=updates)
@@ -195,17 +198,7 @@ class AdaptiveControl:
         control = replace(adapted.control, wire=wire)
         return replace(adapted, control=control, free=_moved_to(adapted.free, wire))
 
-    @cached_property
-    def _most(self) -> float:
-        low, high = self.control.wire.operator.range
-        return self.largest_update * (high - low)
-
 
 def _moved_to(state: HeatedState, wire: HeatedWire) -> HeatedState:
     """Return a state with the same memory and effective power in another operator."""
     return wire.moved(wire.begin(state.power, state.tracker.memory), state.power)
-
-
-def _carried(estimate: Estimate, wire: HeatedWire) -> Estimate:
-    """Return an estimate with another operator: same power, same past angles."""
-    return replace(estimate, wire=_moved_to(estimate.wire, wire))

@@ -521,7 +521,7 @@ def swept():
         EchoFind("pit", 0.5, 20.2e-3, 0.9e-3, 0.9e-3, 0.49e-3, 1e-5, 8),
         EchoFind("crack", 1.0, 20.2e-3, 0.2e-3, 2e-3, bursts=9),
     )
-    scan = CScan(wall, flat + 1, sure, flat > 0, WaterLine(0.0, 1e-4, 0.0), finds, (1e-6, 0.03))
+    scan = CScan(wall, flat + 1, flat > 0, WaterLine(0.0, 1e-4, 0.0), finds, (1e-6, 0.03))
     return ScoredSweep(scan, pipe_map(scan, []), Pipe(bores=(truth,)), 0.1e-3, 60.0)
 
 

@@ -31,7 +31,7 @@ def merged():
         np.where(heard, ECHOES, UNSEEN).astype(np.uint8),
     )
     water = WaterLine(0.0, 0.1e-3, 0.0)
-    scan = CScan(wall, np.where(heard, 1.0, np.nan), wall.sd, ~heard, water, (), (1e-6, 0.03))
+    scan = CScan(wall, np.where(heard, 1.0, np.nan), ~heard, water, (), (1e-6, 0.03))
     views = [np.where(phi < 0.03, -1.0 + 10 * phi, np.nan), np.full(phi.shape, np.nan)]
     views[0][0, 0] = np.nan
     return pipe_map(scan, views)
@@ -60,7 +60,7 @@ def test_each_source_has_its_uncertainty(merged):
 def test_views_under_other_lights_are_levelled(merged):
     phi = PATCH.places[..., 0]
     bright = [np.where(phi < 0, level + 10 * phi, np.nan) for level in (-1.0, 3.0)]
-    scan = CScan(merged.wall, merged.amplitude, merged.wall.sd, phi > 9, merged.water, (), (0, 0))
+    scan = CScan(merged.wall, merged.amplitude, phi > 9, merged.water, (), (0, 0))
     both, one = pipe_map(scan, bright).picture, pipe_map(scan, bright[:1]).picture
     assert both == pytest.approx(one, nan_ok=True)
 

@@ -29,7 +29,7 @@ def swept(*around, finds=(PIT, CRACK), water=None):
     known = DepthMap(PATCH, depth, sd, source)
     line = WaterLine(-0.01 if water is None else water, 1e-4, 0.0, water is not None)
     gap = np.isnan(amplitude)
-    return CScan(known, amplitude, np.full(gap.shape, 0.1), gap, line, finds, (1e-6, 0.03))
+    return CScan(known, amplitude, gap, line, finds, (1e-6, 0.03))
 
 
 def test_findings_are_numbers_and_null_where_they_are_not_known():

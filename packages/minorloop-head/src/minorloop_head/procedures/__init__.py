@@ -1,16 +1,13 @@
-"""Steps of an inspection that any loop drives: one without an operator, a console, a study.
+"""Steps of an inspection that any loop drives: a mission without an operator, a console, a study.
 
-A procedure is a generator: it yields a `Request`, is sent the `Reading` of the tick after it, and
-returns its result. Its local variables are its state, and what others look at meanwhile is a value
-that it is given and keeps up to date. One is part of another by ``yield from``::
+A procedure is frozen configuration. `begin` gives its state; `step` takes the state and a
+`Reading` and returns the next state and a `Request`::
 
-    def there_and_back(here, there):
-        yield from go(there)
-        now = yield Request(frame=True)
-        yield from go(here)
-        return now.image
+    go = Go()
+    state, request = go.begin(angles=(0.2, 0.1)), Request()
+    while not state.done:
+        state, request = go.step(state, reading)
+        ...  # carry out the request, wait for a tick, read
 
-`InspectionRig.run` drives one to its end; `Running` advances one by a tick at a time, and closes
-it. Whoever cuts a procedure off leaves all safe: the procedure itself has nothing to undo. All
-angles are in radians, lengths in metres, times in seconds.
+`InspectionRig` is that loop. All angles are in radians, lengths in metres, times in seconds.
 """
