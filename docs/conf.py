@@ -64,6 +64,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|scipy|matplotlib|pandas|sklearn|control|dask|distributed)\..*"),
     (r"py:.*", r"(collections|contextlib|typing|enum|pathlib|msgspec|starlette|asyncio)\..*"),
     (r"py:class", r"minorloop\.lab\.drivers\..*\._\w+"),  # sections of a bench file
+    (r"py:(class|obj)", r"minorloop_head\.procedures\.values\.Result"),  # a type variable
     (
         r"py:(class|exc)",
         r"(object|Exception|ValueError|OSError|TypeError|ImportError|.*Error|tuple)",
