@@ -323,7 +323,7 @@ def _times(scene: _Scene) -> dict[int, int]:
     """Processor time of each worker, in ticks."""
     found = {}
     for pid, name in scene.processes().items():
-        if name == "console-worker":
+        if name == "page-worker":
             with contextlib.suppress(OSError):
                 fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
                 found[pid] = int(fields[11]) + int(fields[12])

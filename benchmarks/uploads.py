@@ -58,7 +58,7 @@ def _commanded(file: Path) -> Row:
 
 def _uploaded(server: Server, file: Path) -> Row:
     """Return what the console makes of a file."""
-    workers = [pid for pid in server.pids() if _text(pid, "comm").startswith("console-worker")]
+    workers = [pid for pid in server.pids() if _text(pid, "comm").startswith("page-worker")]
     for pid in workers:
         Path(f"/proc/{pid}/clear_refs").write_text("5")  # the peak begins anew
     before = sum(map(_worked, workers))
