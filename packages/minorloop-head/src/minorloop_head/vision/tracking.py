@@ -28,6 +28,7 @@ from minorloop.errors import SignalError
 from minorloop_head.geometry import wall_point
 from minorloop_head.vision import frame_checks
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop_head.vision.imaging import Image32
 from minorloop_head.vision.patch_pictures import PatchPictures
 from minorloop_head.vision.reflectance_map import NO_ANGLE, finite_angles
 from minorloop_head.vision.wall_patches import Patches
@@ -233,11 +234,11 @@ class PatchTracker:
             return self._not_seen(state, np.full(2, np.nan), LOST)
         if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _BORDER):
             return self._not_seen(state, given, OUT_OF_VIEW)
-        found = _Found(expected, math.nan, LOST, False)
+        found, pyramid = _Found(expected, math.nan, LOST, False), self.pictures.pyramid(image)
         if not state.missed:
-            found = self._found(state, image, expected)
+            found = self._found(state, image, pyramid, expected)
         if found.verdict in (LOST, AMBIGUOUS):
-            found = self._found_again(state, image, expected)
+            found = self._found_again(state, image, pyramid, expected)
         far = float(np.hypot(*(found.angles - expected))) * self._distance(state)
         if found.verdict == TRACKED and not state.missed and far > _JUMP:
             found = replace(found, verdict=JUMPED)
@@ -291,12 +292,12 @@ class PatchTracker:
         """Return the view from angles nearest to others."""
         return min(state.views, key=lambda view: float(np.hypot(*(view.origins[0] - angles))))
 
-    def _found(self, state: TrackState, image: Image, start: FloatArray) -> _Found:
+    def _found(
+        self, state: TrackState, image: Image, pyramid: list[Image32], start: FloatArray
+    ) -> _Found:
         """Return the match nearest to angles."""
         view = self._nearest(state, start)
-        fit = self.pictures.agreed(
-            self.pictures.pyramid(image), view, start, np.zeros(2), (2, 1, 0)
-        )
+        fit = self.pictures.agreed(pyramid, view, start, np.zeros(2), (2, 1, 0))
         agree, seen = int((fit.scores >= _LEAST).sum()), int(np.isfinite(fit.scores).sum())
         angles, distance = fit.angles, self._distance(state)
         if not (self.camera.inside(*angles.tolist()) and agree >= max(_SHARE * seen, 1)):
@@ -316,7 +317,9 @@ class PatchTracker:
         verdict = TRACKED if self._inside(pixel, _BORDER) else OUT_OF_VIEW
         return _Found(angles, score, verdict, agree > _WHOLE * len(view.sd))
 
-    def _found_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
+    def _found_again(
+        self, state: TrackState, image: Image, pyramid: list[Image32], expected: FloatArray
+    ) -> _Found:
         """Search for a lost patch; the search widens with every frame.
 
         It has to be unlike everything else that is seen. Where it is expected at the edge of the
@@ -328,13 +331,12 @@ class PatchTracker:
         half = int(reach / _GRID)
         steps = np.arange(-half, half + 1) * _GRID / self._distance(state)
         tried = expected + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        view, pyramid = self._nearest(state, expected), self.pictures.pyramid(image)
-        found = self.pictures.searched(pyramid, view, tried)
+        found = self.pictures.searched(pyramid, self._nearest(state, expected), tried)
         best = int(np.argmax(found))
         far = np.abs(tried - tried[best]).max(axis=1) > _NEAR * float(steps[1] - steps[0])
         if found[far].max(initial=-1.0) > _ALONE * found[best]:
             return _Found(expected, math.nan, AMBIGUOUS, False)
-        return self._found(state, image, tried[best])
+        return self._found(state, image, pyramid, tried[best])
 
     def _loss(self, state: TrackState, angles: FloatArray) -> str:
         pixel = self.camera.pixel(state.home, *angles.tolist())
