@@ -11,15 +11,15 @@ from expected.case import Case, command
 
 _PIPES = {
     "full": "",
-    "dry": "--water dry --temperature 20",
-    "half": "--water 0 --temperature 15",
-    "cold": "--water full --temperature 8",
-    "warm": "--water -4 --temperature 35",
-    "gas": "--gas 'forced gas' --water -6",
-    "helium": "--gas helium --water 2",
-    "pressure": "--pressure 3 --water 0",
+    "dry": "--water dry,temperature=20",
+    "half": "--water 0,temperature=15",
+    "cold": "--water full,temperature=8",
+    "warm": "--water -4,temperature=35",
+    "gas": "--water '-6,gas=forced gas'",
+    "helium": "--water 2,gas=helium",
+    "pressure": "--water 0,pressure=3",
     "resumed": "--water 4",
-    "damaged": "--water -2 --temperature 25",
+    "damaged": "--water -2,temperature=25",
 }
 
 

@@ -13,6 +13,8 @@ from minorloop_head.inspection import InspectedHead, inspect
 from minorloop_head.inspection import inspect_pipe as module
 from minorloop_head.procedures import inspection, probe_steps, probing
 from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.inspected_view import InspectedView
+from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.procedures.ring import Ring
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.values import LogEntry
@@ -72,7 +74,7 @@ class Script:
             self.safe = True
 
     def run(self, advances=(0.0, 5e-3), *, resume=False, **asked):
-        head = InspectedHead(BEGUN, VIEW, self.opened, probing.Probing() if self.probe else None)
+        head = InspectedHead(BEGUN, VIEW, self.opened, "" if self.probe else None)
         self.taken.clear()
         self.made.clear()
 
@@ -116,8 +118,11 @@ def script(tmp_path, monkeypatch):
             () if torn else tuple(found.shown.get(name, ())), "torn" if torn else "good"
         )
         image = np.full((240, 320), 40 + len(name), np.uint8)
-        pose = (0.1, 0.2), (0.61234, 0.7), (1e-3, 0.0)
-        return inspection._Seen(name, 1.0, image, shown, VIEW.camera_at((0.0, 0.0)), *pose)
+        blank = InspectedView(
+            picture=InspectedPicture(name=name, t=1.0, verdict=shown.verdict), image=image,
+            angles=(0.1, 0.2), joints=(0.61234, 0.7), place=(1e-3, 0.0),
+        )  # fmt: skip
+        return inspection._Seen(blank, shown, VIEW.camera_at((0.0, 0.0)))
 
     def scan(rig, place, shift, *, before, told):
         part = before or ScannedRaster(reference=np.array([place[1], 0.1]), done=False)

@@ -22,7 +22,6 @@ from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 from minorloop.lab.store import Setup, Store
-from minorloop_head.cli import _water
 from minorloop_head.cli._camera_angles import kept_view, seen_head, swept_view
 from minorloop_head.control.head import head_control
 from minorloop_head.control.limits import WireLimits
@@ -37,7 +36,6 @@ from minorloop_head.procedures.head_file import (
 )
 from minorloop_head.procedures.identify import HeadMeasurement
 from minorloop_head.sources import Frame
-from minorloop_head.twins import surroundings
 from minorloop_head.twins.head import Head
 from scripted_inspection import VIEW as SCRIPTED
 from wires import identified, made_up
@@ -735,7 +733,6 @@ def identified_at_once(monkeypatch):
 
 
 def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, tmp_path):
-    assert tuple(surroundings.GASES) == _water.GASES
     for options, words in (
         ("--actuator bench:head.toml", "is not a head with an ultrasonic probe"),
         (
@@ -748,9 +745,10 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
         ("--around 10,11", "from 10 to 11 degrees around the pipe, that is 1 degree; give"),
         ("--water dry", "a dry pipe cannot be swept"),
         ("--water 12", "--water is 12; give full, dry, or its height above the axis of the pipe"),
-        ("--temperature 4", "--temperature is 4; give 5 to 60 degrees Celsius"),
-        ("--gas neon", "--gas is 'neon'; give one of air, nitrogen, argon, helium, forced gas"),
-        ("--pressure 0", "--pressure is 0; give 0.01 to 100 bar"),
+        ("--water full,temperature=4", "temperature of --water is 4; give 5 to 60 degrees"),
+        ("--water 0,gas=neon", "gas of --water is 'neon'; give one of air, nitrogen, argon"),
+        ("--water pressure=0", "pressure of --water is 0; give 0.01 to 100 bar"),
+        ("--water salt=3", "--water has no 'salt'; it has level, temperature, gas, pressure"),
     ):
         status, _, error = run(f"{SWEEP} {options}")
         assert (status, words in error) == (2, True), error

@@ -12,7 +12,7 @@ from minorloop_head.procedures import probing as module
 from minorloop_head.procedures import ring as ring_module
 from minorloop_head.procedures.inspected_view import InspectedView, with_finding
 from minorloop_head.procedures.pictures import InspectedPicture
-from minorloop_head.procedures.probing import Probing
+from minorloop_head.procedures.probing import Kept, Probing
 from minorloop_head.procedures.ring import Ring, ring_sweep
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.values import LogEntry, Reading
@@ -22,6 +22,18 @@ from minorloop_head.ultrasound.pits import PitDepth
 from .test_probe_steps import HOLE, TRACED, Rig
 
 SAID = "out of reach: pan needs 53 degrees, has 41 (39 to 43) in water of 15 C"
+
+
+class Told(Kept):
+    """What is kept, in the order in which it is."""
+
+    def __init__(self, **known):
+        super().__init__(**known)
+        self.told = []
+
+    def add_scan(self, name, scanned):
+        super().add_scan(name, scanned)
+        self.told.append((name, scanned))
 
 
 class Head(Rig):
@@ -73,9 +85,9 @@ def made(monkeypatch):
 
 
 def test_a_hole_is_touched_scanned_and_its_finding_has_a_depth(made):
-    told, rig = [], Head()
-    probing = Probing(told=lambda name, new: told.append((name, new)))
-    found = probing.scanned(rig, view_of(HOLE))
+    kept = Told()
+    found = Probing(Head(), kept).scanned(view_of(HOLE))
+    told = kept.told
     assert (found.finding.kind, found.finding.verdict) == ("pit", "measured")
     assert (found.finding.depth, found.finding.depth_sd) == (5e-4, 1e-5)
     assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
@@ -84,52 +96,54 @@ def test_a_hole_is_touched_scanned_and_its_finding_has_a_depth(made):
         (0, False), (1, False), (2, False), (3, True),
     ]  # fmt: skip
     assert [step.what for step in told[3][1].steps] == ["touch", "scan"]
-    assert probing.scan_of(found) is told[7][1]
-    assert probing.scan_of(replace(found, probed=PitDepth("disturbed", 0.3, 20e-3))) is told[3][1]
+    assert kept.scan_of(found) is told[7][1]
+    assert kept.scan_of(replace(found, probed=PitDepth("disturbed", 0.3, 20e-3))) is told[3][1]
 
 
 @pytest.mark.parametrize("kept", [1, 2])
 def test_a_scan_that_is_kept_is_not_repeated_nor_is_the_touch_before_it(made, kept):
-    first = Probing()
-    whole = first.scanned(Head(), view_of(HOLE))
+    first = Kept()
+    whole = Probing(Head(), first).scanned(view_of(HOLE))
     made.clear()
-    after = Probing(scans=dict(list(first.scans.items())[:kept]))
-    again = after.scanned(Head(), view_of(HOLE))
+    after = Kept(scans=dict(list(first.scans.items())[:kept]))
+    again = Probing(Head(), after).scanned(view_of(HOLE))
     assert made == [0.5][: 2 - kept]
     assert again.finding == whole.finding
     assert [step.what for step in again.steps] == ["touch", "scan", "scan", "measure"]
 
 
 def test_a_scan_that_was_cut_off_goes_on_and_its_hole_is_not_touched_again(made):
-    told, touched = [], (LogEntry(0.0, "touch", "touched"),)
+    touched = (LogEntry(0.0, "touch", "touched"),)
     part = ScannedRaster(reference=np.zeros(2), point=2, done=False, steps=touched)
-    probing = Probing(scans={"hole 1": part}, told=lambda name, new: told.append(new.point))
-    found = probing.scanned(Head(), view_of(HOLE))
-    assert told == [2, 3, 0, 1, 2, 3]
+    kept = Told(scans={"hole 1": part})
+    found = Probing(Head(), kept).scanned(view_of(HOLE))
+    assert [scanned.point for _, scanned in kept.told] == [2, 3, 0, 1, 2, 3]
     assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
 
 
 def test_what_the_probe_does_not_reach_is_said_before_travel_and_of_each_finding(made, monkeypatch):
     monkeypatch.setattr(module, "reach_words", lambda rig: (SAID, False))
-    rig, probing = Head(), Probing()
-    probing.begin(rig)
+    rig, kept = Head(), Kept()
+    probing = Probing(rig, kept)
+    probing.begin()
     assert (rig.log[0].what, rig.log[0].outcome, rig.log[0].succeeded) == ("reach", SAID, False)
-    hole = probing.scanned(rig, view_of(HOLE)).finding
-    crack = probing.scanned(rig, view_of(TRACED, "crack 1")).finding
+    hole = probing.scanned(view_of(HOLE)).finding
+    crack = probing.scanned(view_of(TRACED, "crack 1")).finding
     assert (hole.kind, hole.verdict) == ("hole or pit", SAID)
     assert hole.width == HOLE.diameter
     assert np.isnan(hole.depth)
     assert (crack.kind, crack.verdict) == ("crack", SAID)
     assert made == []
-    probing.roll_round(rig, 20e-3)
-    assert probing.ring is None
+    probing.roll_round(20e-3)
+    assert kept.ring is None
 
 
 def test_a_dry_pipe_is_not_scanned(made):
-    rig, probing = Head(), Probing(refused="no water")
-    probing.begin(rig)
+    rig = Head()
+    probing = Probing(rig, Kept(), "no water")
+    probing.begin()
     assert rig.log == []
-    view = probing.scanned(rig, view_of(HOLE))
+    view = probing.scanned(view_of(HOLE))
     assert view.finding.verdict == "no water"
     assert [(step.what, step.succeeded) for step in view.steps] == [
         ("touch", True),
@@ -138,22 +152,20 @@ def test_a_dry_pipe_is_not_scanned(made):
 
 
 def test_the_pipe_is_swept_round_once(monkeypatch):
-    told, rig = [], Head()
-    ring = Ring(None, None)
+    rig, kept, rings = Head(), Kept(), iter([Ring(None, None)])
     for name in ("go", "meter"):
         monkeypatch.setattr(module, name, lambda *given, **more: None)
-    monkeypatch.setattr(module, "ring_sweep", lambda rig: ring)
-    probing = Probing(told=lambda name, new: told.append((name, new)))
+    monkeypatch.setattr(module, "ring_sweep", lambda rig: next(rings))
     for _ in range(2):
-        probing.roll_round(rig, 20e-3)
-    assert told == [("ring", ring)]
+        Probing(rig, kept).roll_round(20e-3)
+    assert kept.ring is not None
     assert [request.water for request in rig.asked] == [True, False]
 
 
 def test_a_crack_has_the_depth_of_its_scan(monkeypatch):
     deep = CrackDepth("measured", 4e-4, 1e-5)
     monkeypatch.setattr(module, "scanned_crack", lambda rig, traced, scan: (deep, None))
-    found = Probing().scanned(Head(), view_of(TRACED, "crack 1"))
+    found = Probing(Head(), Kept()).scanned(view_of(TRACED, "crack 1"))
     assert (found.finding.depth, found.probed, found.steps) == (4e-4, deep, ())
 
 

@@ -1,50 +1,35 @@
-"""Options for water and gas in the simulated pipe."""
+"""The option for water and gas in the simulated pipe."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minorloop.cli import _common
-from minorloop.cli._completion import one_of
+from minorloop.values import called, parsed
 
-FULL, DRY = "full", "dry"
-ROOM = 20.0
-AIR = "air"
-GASES = (AIR, "nitrogen", "argon", "helium", "forced gas")
-"""Those of `minorloop_head.twins.surroundings`, which a help text does not wait for."""
-ATMOSPHERE = 1.01325
-"""Pressure of the gas in bar without an option."""
+if TYPE_CHECKING:
+    from minorloop_head.inspection import Water
 
+FULL = "full"
 Level = Annotated[
     str,
     typer.Option(
         "--water",
-        metavar="MM",
+        metavar="MM,KEY=VALUE,...",
         help="With twin:pipe: height of the water above the axis, from -9.9 to 9.9 mm, when the "
-        "pipe is flooded; or full, or dry.",
+        "pipe is flooded; or full, or dry. Its keys: temperature, from 5 to 60 degrees Celsius; "
+        "gas in the drained pipe and above the water, which cools the wires: air, nitrogen, argon "
+        "or helium, which are still, or 'forced gas', which streams; and its pressure, from 0.01 "
+        "to 100 bar: dense gas cools more.",
     ),
 ]
-Gas = Annotated[
-    str,
-    typer.Option(
-        help="With twin:pipe: gas in the drained pipe and above the water, which cools the wires: "
-        "air, nitrogen, argon or helium, which are still, or 'forced gas', which streams.",
-        autocompletion=one_of(GASES),
-    ),
-]
-Pressure = Annotated[
-    float,
-    typer.Option(
-        parser=_common.number,
-        metavar="BAR",
-        help="With twin:pipe: pressure of the gas, from 0.01 to 100 bar; dense gas cools more.",
-    ),
-]
-Temperature = Annotated[
-    float,
-    _common.number_option(
-        "With twin:pipe: temperature of the water, from 5 to 60 degrees Celsius."
-    ),
-]
+
+
+def water_of(text: str) -> Water:
+    """Return what fills the simulated pipe."""
+    from minorloop_head.inspection import Water
+
+    given = parsed(text)
+    level = given.kind or given.what
+    return called(Water, "--water", {**({"level": level} if level else {}), **given.options})

@@ -341,9 +341,6 @@ def inspect(
         _common.number_option("Wall in mm that must be left for a finding to be accepted."),
     ] = None,
     water: _water.Level = _water.FULL,
-    temperature: _water.Temperature = _water.ROOM,
-    gas: _water.Gas = _water.AIR,
-    pressure: _water.Pressure = _water.ATMOSPHERE,
     resume: Annotated[
         bool,
         typer.Option(
@@ -362,8 +359,8 @@ def inspect(
     power cut. The exit status is 1 if no view could be searched.
     """
     from minorloop_head.cli.inspect import check_usable
-    from minorloop_head.inspection import Water, inspected_head
     from minorloop_head.inspection import inspect as inspect_pipe
+    from minorloop_head.inspection import inspected_head
     from minorloop_head.inspection.report import shown_tables, summary, wall_words
     from minorloop_head.vision.imaging import opencv
 
@@ -376,7 +373,7 @@ def inspect(
             f"--advances is {advances}; give each place once, since what two views show counts more"
         )
     opencv()  # before anything moves
-    filling = Water(water, temperature, gas, pressure)
+    filling = _water.water_of(water)
     opened = inspected_head(actuator, camera, head, specimen=specimen, seed=seed, water=filling)
     with _noted(), _common.working("opening the head", logged=True) as now:
         found = inspect_pipe(
@@ -432,9 +429,6 @@ def sweep(
     specimen: _Specimen = None,
     seed: _PipeSeed = 0,
     water: _water.Level = _water.FULL,
-    temperature: _water.Temperature = _water.ROOM,
-    gas: _water.Gas = _water.AIR,
-    pressure: _water.Pressure = _water.ATMOSPHERE,
     resume: Annotated[
         bool,
         typer.Option(
@@ -451,14 +445,14 @@ def sweep(
     minutes. After Ctrl-C, the map of what was fired is kept, and --resume goes on from there, also
     after a power cut. Only the simulated head has a probe.
     """
-    from minorloop_head.inspection import Water, swept_head
     from minorloop_head.inspection import sweep as sweep_wall
+    from minorloop_head.inspection import swept_head
 
     degrees, places = (
         _common.numbers(name, text, (2,), f"two numbers in {unit}")
         for name, text, unit in (("around", around, "degrees"), ("along", along, "mm"))
     )
-    filling = Water(water, temperature, gas, pressure)
+    filling = _water.water_of(water)
     opened = swept_head(actuator, specimen=specimen, seed=seed, water=filling)
     angles, ends = [math.radians(each) for each in degrees], [_MM * each for each in places]
     with _noted(), _common.working("identifying the head", logged=True) as now:

@@ -16,7 +16,6 @@ from minorloop_head.console.identified_head import head_of
 from minorloop_head.console.plant import FULL_PIPE, flowing_water, head_at, open_plant, open_tip
 from minorloop_head.console.settings import PIPE, is_pipe
 from minorloop_head.procedures.head_file import HeadFile, read_head
-from minorloop_head.procedures.probing import Probing
 from minorloop_head.procedures.rig import InspectionRig, rig_at
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.values import LogEntry
@@ -64,10 +63,12 @@ class Water:
         """
         for name, (low, high, unit) in _RANGES.items():
             value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(f"--{name} is {value:g}; give {low:g} to {high:g} {unit}")
+            if not (isinstance(value, (int, float)) and low <= value <= high):
+                raise ParameterError(
+                    f"{name} of --water is {value}; give {low:g} to {high:g} {unit}"
+                )
         if self.gas not in GASES:
-            raise ParameterError(f"--gas is {self.gas!r}; give one of {', '.join(GASES)}")
+            raise ParameterError(f"gas of --water is {self.gas!r}; give one of {', '.join(GASES)}")
         known = {"full": FULL_PIPE, "dry": None}
         level = known[self.level] if self.level in known else -1e-3 * self._height()
         water = flowing_water(level, self.temperature)
@@ -107,8 +108,8 @@ class InspectedHead:
     """Of its camera; opening refuses a head without one."""
     opened: Callable[[Logged], AbstractContextManager[InspectionRig]]
     """Opens it, given what is told of each step. The head is safe at the end of its context."""
-    probing: Probing | None = None
-    """Its probe; None on a head without one."""
+    unscanned: str | None = None
+    """Why its probe scans nothing, as of `Probing`; None on a head without one."""
 
 
 def inspected_head(
@@ -154,8 +155,8 @@ def inspected_head(
         raise ParameterError(f"--camera is {PIPE}; give it as --actuator, without --camera")
     if specimen is not None or seed or water != Water():
         raise ParameterError(
-            f"--specimen, --seed, --water, --temperature, --gas and --pressure are of {PIPE}, and "
-            f"--actuator is {actuator}; leave them out"
+            f"--specimen, --seed and --water are of {PIPE}, and --actuator is {actuator}; leave "
+            "them out"
         )
     known = read_head(head)
     begun = {**_about(known), "actuator": actuator, "camera": camera}
@@ -231,5 +232,4 @@ def _simulated(
                 plant.safe()
 
     begun = {**about, "actuator": address, "specimen": specimen, "seed": seed, **water.noted()}
-    probing = Probing(refused="no water" if filling.level is None else "")
-    return InspectedHead(begun, view, opened, probing)
+    return InspectedHead(begun, view, opened, "no water" if filling.level is None else "")

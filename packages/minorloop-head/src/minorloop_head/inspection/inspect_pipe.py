@@ -54,9 +54,9 @@ from minorloop_head.procedures.inspected_view import (
 from minorloop_head.procedures.inspected_wall import SeenWall, c_scan_of, seen_wall, wall_of
 from minorloop_head.procedures.inspection import NOT_DONE, inspect_wall, unvisited
 from minorloop_head.procedures.pictures import annotated
-from minorloop_head.procedures.probing import Probing
+from minorloop_head.procedures.probing import Kept
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.ring import Ring as RingSweep
+from minorloop_head.procedures.ring import Ring
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.steps import REFUSED
 from minorloop_head.procedures.values import LogEntry
@@ -140,9 +140,7 @@ def inspect(
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
     begun |= {"pipe": pipe, "least wall [mm]": None if least_wall is None else 1e3 * least_wall}
     before = Before.of(folder, begun, "inspection", InspectionLine) if resume else NEW
-    views = [] if head.view is None else _kept_views(before, head.view)
-    if head.probing is not None:
-        _keep_scans(before, head.probing)
+    known = _restored(before, head.view)
     kept: _Folder | None = None
 
     def logged(entry: LogEntry) -> None:
@@ -154,10 +152,9 @@ def inspect(
         with folder_for(folder, resume=resume), head.opened(logged) as rig:
             _check_advances(rig, begun["actuator"], advances)
             if before.damaged:
-                told(before.set_aside(counted(len(views), "view")), kept=True)
-            kept = _Folder(folder, begun, before, rig, head.probing, views)
-            for view in inspect_wall(rig, advances, views, head.probing):
-                kept.add(view)
+                told(before.set_aside(counted(len(known.views), "view")), kept=True)
+            kept = _Folder(folder, begun, before, rig, known, probe=head.unscanned is not None)
+            inspect_wall(rig, advances, kept, unscanned=head.unscanned)
     except BaseException as error:
         _note_end(kept, error, folder, resume=resume)
         raise
@@ -200,46 +197,46 @@ def _check_advances(rig: InspectionRig, actuator: str, advances: Sequence[float]
         )
 
 
-def _kept_views(before: Before, calibration: HeadCalibration) -> list[InspectedView]:
-    """Return the views of a journal that need not be taken again, in the order of their taking.
+def _restored(before: Before, calibration: HeadCalibration | None) -> Kept:
+    """Return what the journal of an inspection by a calibrated head has.
 
-    Of each name it is the newest. Taken again is what has no picture in the folder, and what has
-    frames that cannot be used, unless the candidate that it visits was confirmed by another view.
+    Of each name it has the newest view. Taken again is what has no picture in the folder, and what
+    has frames that cannot be used, unless the candidate that it visits was confirmed by another
+    view.
     """
-    found: dict[str, InspectedView] = {}
+    known, traces = Kept(), dict[tuple[str, bytes], str]()
     for where, line in before.each(ViewLine):
         with refusing(where):
             file = before.file.parent / "pictures" / line.picture
             data = np.frombuffer(file.read_bytes() if file.is_file() else b"", np.uint8)
             image = opencv().imdecode(data, opencv().IMREAD_GRAYSCALE) if data.size else None
-            found.pop(line.picture, None)
-            if image is not None:
-                found[line.picture] = line.restored(image, calibration)
-    each = [(view, view.picture.name) for view in found.values()]
-    confirmed = {first_visit(name) for view, name in each if view.finding is not None}
+            known.views.pop(file.stem, None)
+            if image is not None and calibration is not None:
+                known.add_view(line.restored(image, calibration))
+    confirmed = {
+        first_visit(name) for name, view in known.views.items() if view.finding is not None
+    }
     again = {
         name
-        for view, name in each
+        for name, view in known.views.items()
         if view.picture.verdict != GOOD and first_visit(name) not in confirmed
     }
-    return [view for view, name in each if again.isdisjoint((name, first_visit(name)))]
-
-
-def _keep_scans(before: Before, probing: Probing) -> None:
-    """Give a probe what the journal of its inspection has of it."""
-    traces: dict[tuple[str, bytes], str] = {}
+    for name in [*known.views]:
+        if not again.isdisjoint((name, first_visit(name))):
+            del known.views[name]
     for where, scan in before.each(ScanLine):
         with refusing(where):
             for burst in scan.bursts:
                 check_new(traces, (scan.name, burst.trace), where)
-            probing.scans[scan.name] = scan.restored(probing.scans.get(scan.name))
+            known.add_scan(scan.name, scan.restored(known.scans.get(scan.name)))
     for where, ring in before.each(RingLine):
         with refusing(where):
-            probing.ring = ring.restored()
+            known.add_ring(ring.restored())
+    return known
 
 
-class _Folder:
-    """A journal, the findings so far, and pictures.
+class _Folder(Kept):
+    """What an inspection has, kept in a folder: a journal, the findings so far, and pictures.
 
     Parameters
     ----------
@@ -248,13 +245,13 @@ class _Folder:
     begun : dict
         What is inspected, and by what.
     before : Before
-        What is known of an inspection that was cut off.
+        Journal of an inspection that was cut off.
     rig : InspectionRig
         The head: its clock is that of the journal.
-    probing : Probing, optional
-        Its probe; the folder keeps what it measures.
-    views : sequence of InspectedView
-        That need not be taken again.
+    known : Kept
+        What the inspection that was cut off has, and need not be measured again.
+    probe : bool
+        Whether the head has a probe.
     """
 
     def __init__(
@@ -263,23 +260,20 @@ class _Folder:
         begun: dict[str, Any],
         before: Before,
         rig: InspectionRig,
-        probing: Probing | None,
-        views: Sequence[InspectedView],
+        known: Kept,
+        *,
+        probe: bool,
     ) -> None:
-        self._folder, self._view, self._probing = folder, rig.calibration, probing
-        self._views = {each.picture.name: each for each in views}
+        super().__init__(views=known.views, scans=known.scans, ring=known.ring)
+        self._folder, self._calibration = folder, rig.calibration
         steps = (plain(line) for _, line in before.each(StepLine))
         self._log = [{n: step[n] for n in ("t", "step", "outcome", "succeeded")} for step in steps]
         make_folder(folder / "pictures", force=bool(before.lines))
-        self._journal = Journal(folder, begun, before, clock=lambda: rig.t, views=len(self._views))
+        self._journal = Journal(folder, begun, before, clock=lambda: rig.t, views=len(self.views))
         times = {"began": self._journal.began, "resumed": self._journal.resumed}
-        self._content = {**begun, **times, "probe": probing is not None}
-        self._bursts: dict[str, int] = {}
+        self._content = {**begun, **times, "probe": probe}
         self._undone: dict[str, str] = {}
-        if probing is not None:
-            probing.told = self.measured
-            self._bursts = {name: len(scanned.bursts) for name, scanned in probing.scans.items()}
-        for each in views:
+        for each in self.views.values():
             self._mark(each)
         self._write_findings()
 
@@ -288,23 +282,26 @@ class _Folder:
         step = {"step": entry.what, "outcome": entry.outcome, "succeeded": entry.succeeded}
         self._log.append({"t": self._journal.note(StepLine, **step).t, **step})
 
-    def add(self, view: InspectedView) -> None:
+    def add_view(self, view: InspectedView) -> None:
         """Keep a view, its picture, and the finding if it has one; the newest of a name counts."""
-        name = view.picture.name
-        if name not in self._views:
-            self._write_picture(f"{name}.png", view.image)
-        self._views[name] = view
+        if view.picture.name not in self.views:
+            self._write_picture(f"{view.picture.name}.png", view.image)
+        super().add_view(view)
         self._journal.note(ViewLine, **ViewLine.values(view))
         self._mark(view)
         self._write_findings()
 
-    def measured(self, name: str, new: ScannedRaster | RingSweep) -> None:
-        """Keep a scan of the probe so far, or the sweep round the pipe."""
-        if isinstance(new, ScannedRaster):
-            self._journal.note(ScanLine, **ScanLine.values(name, new, self._bursts.get(name, 0)))
-            self._bursts[name] = len(new.bursts)
-        else:
-            self._journal.note(RingLine, profile=new.profile, water=new.water)
+    def add_scan(self, name: str, scanned: ScannedRaster) -> None:
+        """Keep a scan so far: its bursts that no line has yet."""
+        before = self.scans.get(name, ScannedRaster())
+        super().add_scan(name, scanned)
+        if not scanned.refused:
+            self._journal.note(ScanLine, **ScanLine.values(name, scanned, len(before.bursts)))
+
+    def add_ring(self, ring: Ring) -> None:
+        """Keep the sweep round the pipe."""
+        super().add_ring(ring)
+        self._journal.note(RingLine, profile=ring.profile, water=ring.water)
 
     def end(self, why: str, *, safe: bool) -> Inspection:
         """Write the report, note the end, and return the inspection.
@@ -324,29 +321,28 @@ class _Folder:
             self._journal.note(EndLine, why=why, safe=safe)
         finally:
             self._journal.close()
-        return Inspection(self._all(), self._folder, tuple(self._views.values()), seen)
+        return Inspection(self._all(), self._folder, tuple(self.views.values()), seen)
 
     def _write_results(self) -> SeenWall | None:
         """Write findings, models and the report, and return the map of the wall."""
-        probing, views = self._probing, list(self._views.values())
-        found = self._found()
-        scanned = _known({n: probing.scan_of(view) for n, view in found.items()}) if probing else {}
-        view, tried = self._view, self._tried
+        found, view, tried = self._found(), self._calibration, self._tried
+        scanned = _known({name: self.scan_of(one) for name, one in found.items()})
         walls = _known(
             {n: tried(f"map of {n}", wall_of, found[n], one, view) for n, one in scanned.items()}
         )
         scans = _known(
             {n: tried(f"C-scan of {n}", c_scan_of, one, view) for n, one in scanned.items()}
         )
-        seen = tried("map of the pipe", seen_wall, views, view, list(walls.values()))
-        water = None if probing is None or probing.ring is None else probing.ring.water
-        self._content["wall"] = None if seen is None else wall_row(seen, self._view)
+        every = list(self.views.values())
+        seen = tried("map of the pipe", seen_wall, every, view, list(walls.values()))
+        water = None if self.ring is None else self.ring.water
+        self._content["wall"] = None if seen is None else wall_row(seen, view)
         if water is not None:
             if water.seen:
                 level = [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
                 self._content["water above the axis [mm]"] = level
             self._content["water level"] = water.words
-        self._content["lens"] = lens_words(views)
+        self._content["lens"] = lens_words(every)
         self._write_findings()
         self._write_models(walls)
 
@@ -374,11 +370,11 @@ class _Folder:
 
     def _found(self) -> dict[str, InspectedView]:
         """Return the views with a finding."""
-        return {name: view for name, view in self._views.items() if view.finding is not None}
+        return {name: view for name, view in self.views.items() if view.finding is not None}
 
     def _all(self) -> dict[str, Any]:
         """Return the content of ``findings.json``."""
-        views = self._views.values()
+        views = self.views.values()
         verdicts = [view.picture.verdict for view in views]
         bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != GOOD}
         missed = [view for view in views if view.looks_round and view.picture.verdict != GOOD]
@@ -386,7 +382,7 @@ class _Folder:
         beyond = {
             each["step"]: each["outcome"]
             for each in self._log
-            if each["step"] in self._views and each["outcome"].startswith(REFUSED)
+            if each["step"] in self.views and each["outcome"].startswith(REFUSED)
         }
         rows = {
             "not searched": [
@@ -404,25 +400,25 @@ class _Folder:
                 if why.startswith(NOT_DONE)
             ],
             "findings": [
-                visit_row(view, self._view.thickness, self._content["least wall [mm]"])
+                visit_row(view, self._calibration.thickness, self._content["least wall [mm]"])
                 for view in self._found().values()
             ],
             "unconfirmed": [LostRow.of(each) for each in self._unconfirmed()],
             "log": self._log,
         }
-        content = {**self._content, "views": len(self._views), "unusable": bad, **rows}
+        content = {**self._content, "views": len(self.views), "unusable": bad, **rows}
         whole: dict[str, Any] = plain(content)
         return whole
 
     def _unconfirmed(self) -> list[Unconfirmed]:
         """Return what was not confirmed, or not visited yet."""
-        views = list(self._views.values())
+        views = list(self.views.values())
         lost = [view.unconfirmed for view in views if view.unconfirmed is not None]
-        return [*lost, *unvisited(views, self._view.radius)]
+        return [*lost, *unvisited(views, self._calibration.radius)]
 
     def _write_findings(self) -> None:
         content = self._all()
-        found = [view.finding for view in self._views.values() if view.finding is not None]
+        found = [view.finding for view in self.views.values() if view.finding is not None]
         lost = table_text(LOST_COLUMNS, table(content["unconfirmed"], LOST_COLUMNS))
         for name, text in (
             ("findings.csv", finding_table(found)),

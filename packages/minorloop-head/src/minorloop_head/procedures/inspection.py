@@ -11,7 +11,7 @@ At the end the probe is rolled once round the pipe, which shows the level of the
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -36,7 +36,7 @@ from minorloop_head.procedures.inspected_view import (
 from minorloop_head.procedures.mark import aim_at
 from minorloop_head.procedures.pictures import CRACK, InspectedPicture
 from minorloop_head.procedures.probe_steps import counts_as_crack, drain, shown_by_echoes
-from minorloop_head.procedures.probing import Probing
+from minorloop_head.procedures.probing import Kept, Probing
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.steps import (
     NEAR,
@@ -60,7 +60,7 @@ from minorloop_head.procedures.trace import (
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.findings import UNDECIDED
 from minorloop_head.ultrasound.crack_depth import CrackDepth
-from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, Hole, strongest
 from minorloop_head.vision.frame_checks import GOOD
@@ -86,31 +86,21 @@ _MOST_HOLES, _MOST_CRACKS = 24, 8
 Candidate = TypeVar("Candidate", Hole, TracedCrack)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Seen:
-    """A view with all that its search found."""
+    """A view that shows nothing yet, all that its search found, and the camera at its place."""
 
-    name: str
-    t: float
-    image: Image
+    blank: InspectedView
     found: Findings
     camera: CalibratedCamera
-    angles: tuple[float, float]
-    joints: tuple[float, float]
-    place: tuple[float, float]
-    steps: tuple[LogEntry, ...] = ()
 
     def view(self, *shown: Hole | TracedCrack) -> InspectedView:
         """Return the view with some of what was found."""
-        view = InspectedView(
-            picture=InspectedPicture(name=self.name, t=self.t, verdict=self.found.verdict),
-            image=self.image,
-            angles=self.angles,
-            joints=self.joints,
-            place=self.place,
-            steps=self.steps,
-        )
-        return view_with(view, shown, self.camera)
+        return view_with(self.blank, shown, self.camera)
+
+    def after(self, steps: Sequence[LogEntry]) -> _Seen:
+        """Return it with the steps before it."""
+        return replace(self, blank=replace(self.blank, steps=tuple(steps)))
 
     @property
     def missing(self) -> str:
@@ -146,78 +136,149 @@ def views_of(lens: Pinhole) -> FloatArray:
 def inspect_wall(
     rig: InspectionRig,
     advances: Sequence[float] = (0.0,),
-    done: Sequence[InspectedView] = (),
-    probing: Probing | None = None,
-) -> Iterator[InspectedView]:
-    """Look round from each place, visit what was seen, and yield each view as it is searched.
+    kept: Kept | None = None,
+    *,
+    unscanned: str | None = None,
+) -> Kept:
+    """Look round from each place, visit what was seen, and return all that is kept.
 
-    With a probe, the view of a finding is yielded again once it was scanned.
+    Each view is kept as soon as it is searched; with a probe, that of a finding once more when it
+    was scanned.
 
     Parameters
     ----------
     rig : InspectionRig
     advances : sequence of float
         Places of the catheter in metres. A head without one stays where it is.
-    done : sequence of InspectedView
-        Of an inspection of the same wall that was cut off: they are not taken again, nor yielded.
-    probing : Probing, optional
-        The probe of the head; without it only the camera is used.
+    kept : Kept, optional
+        Of an inspection of the same wall that was cut off: what it has is not measured again.
+    unscanned : str, optional
+        Why the probe of the head scans nothing, as of `Probing`; without it only the camera is
+        used.
 
     Raises
     ------
     InstrumentError
         If a device fails, a sensor is lost, or the camera gives no good picture for some time. What
-        was yielded before stays valid.
+        was kept before stays valid.
     """
-    radius = rig.calibration.radius
-    known = {view.picture.name: view for view in done}
+    kept, radius = kept or Kept(), rig.calibration.radius
+    probing = None if unscanned is None else Probing(rig, kept, unscanned)
+    visits = _Visits(rig, kept, probing)
     if probing is not None:
-        probing.begin(rig)
-    views = yield from _looked_round(rig, advances, known)
+        probing.begin()
+    views = _looked_round(rig, advances, kept)
     if unclear := rig.compute(lambda: lens_words(views)):
         rig.say("lens", unclear, succeeded=False)
-    early = _early([*done, *views])
-    holes = _sightings(views, Hole)
+    early = _early([*kept.views.values()])
+    holes, traces = _sightings(views, Hole), _sightings(views, TracedCrack)
     found: list[Hole] = []
     best = _holes(holes, early, radius)
     _say_limit(rig, "holes", len(best), _MOST_HOLES)
     for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
-            same = _same(hole, holes, radius)
-            with _going_on(rig, f"hole {k}", probing):
-                again = yield from _visited(rig, hole, same, f"hole {k}", known, probing)
+            with visits.going_on(f"hole {k}"):
+                again = visits.hole(hole, _same(hole, holes, radius), f"hole {k}")
                 found += [] if again is None or _known(again, found, radius) else [again]
-    traces = _sightings(views, TracedCrack)
     cracks: list[TracedCrack] = []
     courses = _courses(traces, early, radius)
     _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
     for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
         if not any(one_course(trace.places, each.places, radius) for each in cracks):
-            name, seen_in = f"crack {k}", _names(_alike(trace, traces, radius))
-            with _going_on(rig, name, probing):
-                if name not in known:
-                    known[name] = _followed(rig, trace, seen_in, name)
-                    yield known[name]
-                yield from _probed(rig, known[name], probing, seen_in)
-                cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
+            with visits.going_on(f"crack {k}"):
+                cracks += visits.crack(trace, _names(_alike(trace, traces, radius)), f"crack {k}")
     if probing is not None:
         places = [hole.place for hole in found] + [crack.places[0] for crack in cracks]
         ahead = advances[0] + radius / math.tan(_DEFLECTION)
-        with _going_on(rig, "water line", probing):
-            probing.roll_round(rig, float(places[0][1]) if places else ahead)
+        with visits.going_on("water line"):
+            probing.roll_round(float(places[0][1]) if places else ahead)
+    return kept
 
 
-@contextmanager
-def _going_on(rig: InspectionRig, part: str, probing: Probing | None) -> Iterator[None]:
-    """Say why a part could not be computed, and go on; a device or a disk that fails ends all."""
-    try:
-        yield
-    except (InstrumentError, OutputError):
-        raise
-    except (MinorloopError, ValueError, ArithmeticError) as error:
-        rig.say(part, f"{NOT_DONE}: {error}", succeeded=False)
-        if probing is not None:
-            drain(rig)
+@dataclass(frozen=True, eq=False)
+class _Visits:
+    """Visits of candidates by a rig, which are kept, and its probe, if it has one."""
+
+    rig: InspectionRig
+    kept: Kept
+    probing: Probing | None
+
+    @contextmanager
+    def going_on(self, part: str) -> Iterator[None]:
+        """Say why a part could not be computed, and go on; a device or disk that fails ends all."""
+        try:
+            yield
+        except (InstrumentError, OutputError):
+            raise
+        except (MinorloopError, ValueError, ArithmeticError) as error:
+            self.rig.say(part, f"{NOT_DONE}: {error}", succeeded=False)
+            if self.probing is not None:
+                drain(self.rig)
+
+    def hole(self, hole: Hole, same: Sequence[_Sighting[Hole]], name: str) -> Hole | None:
+        """Visit a candidate for a hole, twice if need be; return it if it is seen again."""
+        view = self.kept.view(name, lambda: self._centred(hole, name))
+        if view.finding is None:
+            again, before = f"{name}{AGAIN}", view.steps
+            view = self.kept.view(again, lambda: self._from_aside(hole, same, again, before))
+        self._probe(view, _names(same))
+        return next((one for one in view.seen if isinstance(one, Hole)), None)
+
+    def crack(self, trace: TracedCrack, seen_in: tuple[str, ...], name: str) -> list[TracedCrack]:
+        """Visit a candidate for a crack; return it if it is seen again."""
+        view = self.kept.view(name, lambda: _followed(self.rig, trace, seen_in, name))
+        self._probe(view, seen_in)
+        return [one for one in view.seen if isinstance(one, TracedCrack)]
+
+    def _centred(self, hole: Hole, name: str) -> InspectedView:
+        """Return the view that centres a candidate for a hole."""
+        words = f"evidence {hole.evidence:+.1f}"
+        seen = _approached(self.rig, hole.place, words, name, outlined=True)
+        view = _seen_again(self.rig, seen, hole)
+        if view.finding is None:
+            self.rig.say(name, f"{seen.missing}; looked at once more")
+        return view
+
+    def _from_aside(
+        self,
+        hole: Hole,
+        same: Sequence[_Sighting[Hole]],
+        name: str,
+        before: tuple[LogEntry, ...],
+    ) -> InspectedView:
+        """Return a view from halfway between that with the most evidence and that which centres it.
+
+        Neither of them is repeated, so that what is seen here too is no accident of one picture. It
+        is from the place of the first; its steps come after those ``before``.
+        """
+        rig, first = self.rig, next(each for each in same if each.shown is hole)
+        _go(rig, place=first.view.place)
+        centred = aim_at(rig.calibration, hole.place, rig.place)
+        _go(rig, angles=(np.asarray(centred) + first.view.angles) / 2.0)
+        seen = _seen(rig, name).after(before)
+        view = _seen_again(rig, seen, hole)
+        if view.finding is None:
+            return _not_confirmed(rig, seen, hole, _names(same))
+        if self.probing is None and _doubted(view):
+            return _withdrawn(rig, view, _names(same), ONE_PLACE)
+        return view
+
+    def _probe(self, view: InspectedView, seen_in: tuple[str, ...]) -> None:
+        """Keep the view of a finding once more, with its depth, if there is a probe.
+
+        A crack that only one of the views ``seen_in`` showed is not confirmed if no echo gives a
+        depth, nor is a hole that was not centred if no echo shows it.
+        """
+        if self.probing is None or view.finding is None or view.probed is not None:
+            return
+        after = self.probing.scanned(view)
+        if isinstance(after.probed, CrackDepth):
+            if not counts_as_crack(len(seen_in), after.probed):
+                why = f"{NO_ECHO}: {after.probed.verdict}"
+                after = _withdrawn(self.rig, after, seen_in, why)
+        elif after.probed is not None and _doubted(view) and not shown_by_echoes(after.probed):
+            after = _withdrawn(self.rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
+        self.kept.add_view(after)
 
 
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
@@ -292,23 +353,20 @@ def _alike(
     return [each for each in traces if one_course(each.shown.places, trace.places, radius)]
 
 
-def _looked_round(
-    rig: InspectionRig, advances: Sequence[float], known: dict[str, InspectedView]
-) -> Generator[InspectedView, None, list[InspectedView]]:
-    """Look round from each place, but for the known views; return all views."""
+def _looked_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> list[InspectedView]:
+    """Look round from each place, but for the views that are kept; return all views."""
     views: list[InspectedView] = []
     for advance in advances:
         there = False
         for angles in views_of(rig.calibration.lens):
             name = f"{AROUND} {len(views) + 1}"
-            if name not in known:
+            if name not in kept.views:
                 if not there:
                     _go(rig, place=(advance, 0.0))
                 there = look(rig, name, angles)
                 rig.check_sensors()
-                known[name] = _searched(rig, name)
-                yield known[name]
-            views.append(known[name])
+                kept.add_view(_searched(rig, name))
+            views.append(kept.views[name])
     return views
 
 
@@ -341,11 +399,17 @@ def _seen(rig: InspectionRig, name: str) -> _Seen:
         if found.verdict == GOOD or not again:
             break
         rig.say(name, f"{found.verdict}; taken once more")
-    (advance, roll), view = place.tolist(), rig.calibration
-    sight = frames[-1].pan, frames[-1].tilt
+    view, last = rig.calibration, frames[-1]
+    (advance, roll), sight = place.tolist(), (last.pan, last.tilt)
     pan, tilt = np.radians(view.joints(sight)).tolist()
-    camera, image = view.camera_at(place), frames[-1].image
-    return _Seen(name, t, image, found, camera, sight, (pan, tilt), (advance, roll))
+    blank = InspectedView(
+        picture=InspectedPicture(name=name, t=t, verdict=found.verdict),
+        image=last.image,
+        angles=sight,
+        joints=(pan, tilt),
+        place=(advance, roll),
+    )
+    return _Seen(blank, found, view.camera_at(place))
 
 
 def _known(hole: Hole, found: Sequence[Hole], radius: float) -> bool:
@@ -363,62 +427,7 @@ def _approached(
     if rig.travels:
         _go(rig, place=np.add(rig.place, (NEAR, 0.0)))
         _go(rig, angles=aim_at(rig.calibration, place, rig.place))
-    return replace(_seen(rig, name), steps=tuple(rig.log[begun:]))
-
-
-def _visited(
-    rig: InspectionRig,
-    hole: Hole,
-    same: Sequence[_Sighting[Hole]],
-    name: str,
-    known: Mapping[str, InspectedView],
-    probing: Probing | None,
-) -> Generator[InspectedView, None, Hole | None]:
-    """Visit a candidate for a hole, twice if need be; return it if it is seen again."""
-    view = known.get(name)
-    if view is None:
-        words = f"evidence {hole.evidence:+.1f}"
-        seen = _approached(rig, hole.place, words, name, outlined=True)
-        view = _seen_again(rig, seen, hole)
-        if view.finding is None:
-            rig.say(name, f"{seen.missing}; looked at once more")
-        yield view
-    if view.finding is None:
-        name, before = f"{name}{AGAIN}", view.steps
-        view = known.get(name)
-        if view is None:
-            seen = _from_aside(rig, next(each for each in same if each.shown is hole), name)
-            seen = replace(seen, steps=before)
-            view = _seen_again(rig, seen, hole)
-            if view.finding is None:
-                view = _not_confirmed(rig, seen, hole, _names(same))
-            elif probing is None and _doubted(view):
-                view = _withdrawn(rig, view, _names(same), ONE_PLACE)
-            yield view
-    yield from _probed(rig, view, probing, _names(same))
-    return next((one for one in view.seen if isinstance(one, Hole)), None)
-
-
-def _probed(
-    rig: InspectionRig,
-    view: InspectedView,
-    probing: Probing | None,
-    seen_in: tuple[str, ...],
-) -> Iterator[InspectedView]:
-    """Yield the view of a finding once more, with its depth, if there is a probe.
-
-    A crack that only one of the views ``seen_in`` showed is not confirmed if no echo gives a depth,
-    nor is a hole that was not centred if no echo shows it.
-    """
-    if probing is None or view.finding is None or view.probed is not None:
-        return
-    after = probing.scanned(rig, view)
-    if isinstance(after.probed, CrackDepth):
-        if not counts_as_crack(len(seen_in), after.probed):
-            after = _withdrawn(rig, after, seen_in, f"{NO_ECHO}: {after.probed.verdict}")
-    elif after.probed is not None and _doubted(view) and not shown_by_echoes(after.probed):
-        after = _withdrawn(rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
-    yield after
+    return _seen(rig, name).after(rig.log[begun:])
 
 
 def _doubted(view: InspectedView) -> bool:
@@ -450,20 +459,10 @@ def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:
     again = nearest(seen.found.holes, hole.place, rig.calibration.radius)
     if again is None:
         return seen.view()
-    rig.say(seen.name, f"{1e3 * again.diameter:.2f} mm wide at {place_words(again.place)}")
+    rig.say(
+        seen.blank.picture.name, f"{1e3 * again.diameter:.2f} mm wide at {place_words(again.place)}"
+    )
     return with_finding(seen.view(again), rig.calibration.radius)
-
-
-def _from_aside(rig: InspectionRig, sighting: _Sighting[Hole], name: str) -> _Seen:
-    """Search halfway between the view with the most evidence and the one that centres it.
-
-    Neither of them is repeated, so that what is seen here too is no accident of one picture. It is
-    from the place of the first.
-    """
-    _go(rig, place=sighting.view.place)
-    centred = aim_at(rig.calibration, sighting.shown.place, rig.place)
-    _go(rig, angles=(np.asarray(centred) + sighting.view.angles) / 2.0)
-    return _seen(rig, name)
 
 
 def _not_confirmed(
@@ -472,7 +471,7 @@ def _not_confirmed(
     """Return the view of a visit with its candidate, which views show and this one does not."""
     view = seen.view()
     why = f"{seen.missing}; {view.failed}" if view.failed else seen.missing
-    rig.say(seen.name, f"{why}; seen in {counted(len(names), 'view')}, not confirmed")
+    rig.say(seen.blank.picture.name, f"{why}; seen in {counted(len(names), 'view')}, not confirmed")
     return replace(view, unconfirmed=unconfirmed(shown, names, why))
 
 

@@ -1,6 +1,6 @@
 """The probe in an inspection: it scans each finding, and is rolled once round the pipe at the end.
 
-What it measures is handed out at once, so that an inspection that is cut off goes on from there.
+What it measures is kept at once, so that an inspection that is cut off goes on from there.
 """
 
 from __future__ import annotations
@@ -28,47 +28,42 @@ from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.vision.defects import Hole
 
-__all__ = ["RING", "Probing"]
-
-RING = "ring"
-"""Name of the sweep round the pipe."""
-
-
-def _nobody(name: str, new: ScannedRaster | Ring) -> None:
-    pass
-
 
 @dataclass(eq=False, kw_only=True)
-class Probing:
-    """What the probe of an inspection has measured, and who is told of it.
+class Kept:
+    """What an inspection has so far; an inspection that was cut off goes on from it.
 
     Parameters
     ----------
+    views : dict of str to InspectedView
+        By the names of their pictures, in the order in which they were taken.
     scans : dict of str to ScannedRaster
-        By the name of the find; with ``again`` after it, the second one. Of an inspection that was
-        cut off: what was scanned is not repeated.
+        By the name of the find; with ``again`` after it, the second one.
     ring : Ring, optional
         The pipe once round.
-    told : callable
-        Is given the name of a scan, and the scan so far, after each point; and ``ring`` with the
-        ring.
-    refused : str
-        Why nothing is scanned, such as ``no water``; empty if something is. `begin` sets it if the
-        probe does not reach the wall in the water.
     """
 
+    views: dict[str, InspectedView] = field(default_factory=dict)
     scans: dict[str, ScannedRaster] = field(default_factory=dict)
     ring: Ring | None = None
-    told: Callable[[str, ScannedRaster | Ring], None] = _nobody
-    refused: str = ""
 
-    def begin(self, rig: InspectionRig) -> None:
-        """Drain the pipe for the camera, and say whether the probe reaches the wall in water."""
-        drain(rig)
-        if not self.refused:
-            said, within = reach_words(rig)
-            self.refused = "" if within else said
-            rig.say("reach", said, succeeded=within)
+    def view(self, name: str, take: Callable[[], InspectedView]) -> InspectedView:
+        """Return the view of a name, which is taken unless it is kept."""
+        if name not in self.views:
+            self.add_view(take())
+        return self.views[name]
+
+    def add_view(self, view: InspectedView) -> None:
+        """Keep a view; the newest of a name counts."""
+        self.views[view.picture.name] = view
+
+    def add_scan(self, name: str, scanned: ScannedRaster) -> None:
+        """Keep a scan so far."""
+        self.scans[name] = scanned
+
+    def add_ring(self, ring: Ring) -> None:
+        """Keep the sweep round the pipe."""
+        self.ring = ring
 
     def scan_of(self, view: InspectedView) -> ScannedRaster | None:
         """Return the scan that gave what the echoes say of the finding of a view, if there is one.
@@ -80,23 +75,45 @@ class Probing:
         measured = isinstance(probed, PitDepth) and probed.measured
         return self.scans.get(f"{name}{AGAIN}", first) if measured else first
 
-    def scanned(self, rig: InspectionRig, view: InspectedView) -> InspectedView:
-        """Touch and scan the finding of a view, and return the view with what the echoes say.
 
-        Parameters
-        ----------
-        rig : InspectionRig
-            With a micro-tool, it touches a hole or a pit first.
-        view : InspectedView
-            With a finding.
+@dataclass(eq=False)
+class Probing:
+    """The probe of an inspection.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+        With a micro-tool, it touches a hole or a pit before it is scanned.
+    kept : Kept
+        What it measures is kept there; what was scanned is not repeated.
+    refused : str
+        Why nothing is scanned, such as ``no water``; empty if something is. `begin` sets it if the
+        probe does not reach the wall in the water.
+    """
+
+    rig: InspectionRig
+    kept: Kept
+    refused: str = ""
+
+    def begin(self) -> None:
+        """Drain the pipe for the camera, and say whether the probe reaches the wall in water."""
+        drain(self.rig)
+        if not self.refused:
+            said, within = reach_words(self.rig)
+            self.refused = "" if within else said
+            self.rig.say("reach", said, succeeded=within)
+
+    def scanned(self, view: InspectedView) -> InspectedView:
+        """Touch and scan the finding of a view, and return the view with what the echoes say.
 
         Raises
         ------
         InstrumentError
             If a device fails or a sensor is lost.
         """
-        (shown,), name, visit = view.seen, first_visit(view.picture.name), _Visit(rig)
-        if isinstance(shown, Hole) and rig.has_tool and name not in self.scans:
+        rig, (shown,), name = self.rig, view.seen, first_visit(view.picture.name)
+        visit = _Visit(rig)
+        if isinstance(shown, Hole) and rig.has_tool and name not in self.kept.scans:
             approach(rig, shown.place)
             touch(rig, shown)
         probed: PitDepth | CrackDepth
@@ -107,44 +124,43 @@ class Probing:
             if isinstance(shown, Hole):
                 probed = PitDepth(self.refused, *shown.place.tolist())
         elif isinstance(shown, Hole):
-            probed, _ = scanned_pit(rig, shown, self._kept(name, visit))
+            probed, _ = scanned_pit(rig, shown, self._resumed(name, visit))
         else:
-            probed, _ = scanned_crack(rig, shown, self._kept(name, visit))
+            probed, _ = scanned_crack(rig, shown, self._resumed(name, visit))
         drain(rig)
         rig.check_sensors()
         steps = (*view.steps, *visit.steps())
         return with_finding(replace(view, steps=steps, probed=probed), rig.calibration.radius)
 
-    def roll_round(self, rig: InspectionRig, z: float) -> None:
+    def roll_round(self, z: float) -> None:
         """Sweep once round the flooded pipe at a place along it in metres, unless it is done."""
-        if self.ring is not None or self.refused:
+        rig = self.rig
+        if self.kept.ring is not None or self.refused:
             return
         go(rig, place=np.array([z, 0.0]))
         go(rig, angles=RasterScan(calibration=rig.calibration).perpendicular)
         meter(rig)
         rig.reading(Request(water=True))
-        self.ring = ring_sweep(rig)
+        ring = ring_sweep(rig)
         drain(rig)
-        self.told(RING, self.ring)
+        self.kept.add_ring(ring)
 
-    def _kept(self, name: str, visit: _Visit) -> Scan:
-        """Return what scans a find on a visit, and takes what is kept of the scan."""
+    def _resumed(self, name: str, visit: _Visit) -> Scan:
+        """Return a scan of a find on a visit that goes on with what is kept of it."""
 
         def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> ScannedRaster:
             called = f"{name}{AGAIN}" if shift else name
             start = len(visit.steps()) if shift else 0
 
             def told(found: ScannedRaster) -> None:
-                self.scans[called] = replace(found, steps=visit.steps()[start:])
-                if not found.refused:
-                    self.told(called, self.scans[called])
+                self.kept.add_scan(called, replace(found, steps=visit.steps()[start:]))
 
-            part = self.scans.get(called)
+            part = self.kept.scans.get(called)
             if part is not None:
                 visit.add(part.steps)
             if part is None or not part.done:
                 told(scan(rig, place, shift, before=part, told=told))
-            return self.scans[called]
+            return self.kept.scans[called]
 
         return scanned
 
