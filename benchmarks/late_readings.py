@@ -12,8 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from minorloop_head.control.by_camera import LEAD, camera_control
-from minorloop_head.control.head import HeadControl
+from minorloop_head.control.head import LEAD, HeadControl, camera_control
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Course, Surroundings
 from papers.catheter.head_static import identify_head

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray, Levels
-from minorloop_head.control.by_camera import AGE, camera_control
-from minorloop_head.control.head import HeadControl
+from minorloop_head.control.head import AGE, HeadControl, camera_control
 from minorloop_head.control.heating import (
     HeatedIdentification,
     identify_coupling,

@@ -11,7 +11,7 @@ import numpy as np
 
 from minorloop.drawing.operators import draw_density
 from minorloop.report import Table
-from minorloop_head.control.by_camera import AGE
+from minorloop_head.control.head import AGE
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.surroundings import Cooling
 from papers.catheter.head import (

@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop_head.control.by_camera import AGE
+from minorloop_head.control.head import AGE
 from minorloop_head.geometry import Mount
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.meter import LIMITS

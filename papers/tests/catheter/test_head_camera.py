@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from minorloop_head.control import by_camera
+from minorloop_head.control import head as head_control_module
 from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from minorloop_head.vision.wall_patches import UNTURNED
@@ -150,7 +150,7 @@ def test_the_exposure_does_not_swing_when_pictures_are_late():
 
 
 def test_a_head_that_never_sees_again_cools(control, monkeypatch):
-    monkeypatch.setattr(by_camera, "PATIENCE", 50)
+    monkeypatch.setattr(head_control_module, "PATIENCE", 50)
     wires = tuple(axis.observer.wire for axis in control.axes)
     short = seen_control("observer", SimpleNamespace(wires=wires, coupling=control.coupling))
     dark = lambda tick, frame: frame if tick < 125 else None  # noqa: E731

@@ -35,7 +35,7 @@ from minorloop_head.procedures.head_file import FORMAT, read_head
 
 __all__ = ["HEAD_LINES", "BoardAxis", "BoardSource", "board_of", "board_source"]
 
-MOST_AXES = 4
+_MOST_AXES = 4
 """Axes whose numbers fit into a line of the protocol."""
 _MOST_LINES = 8
 """Digital lines: a port of eight pins. The protocol names them by one digit, which allows ten."""
@@ -177,8 +177,8 @@ def board_source(
     ParameterError
         If there are too many axes or lines, a time is out of its range, or C cannot hold a model.
     """
-    if not 1 <= len(axes) <= MOST_AXES:
-        raise ParameterError(f"there are {len(axes)} axes; give 1 to {MOST_AXES}")
+    if not 1 <= len(axes) <= _MOST_AXES:
+        raise ParameterError(f"there are {len(axes)} axes; give 1 to {_MOST_AXES}")
     if len(lines) > _MOST_LINES:
         raise ParameterError(f"there are {len(lines)} lines; give up to {_MOST_LINES}")
     tick = _milliseconds("interval", interval, 1, 1000)

@@ -66,7 +66,7 @@ def pan_tilt_of(axis: npt.ArrayLike) -> tuple[float, float]:
     return float(np.arctan2(x, z)), float(np.arctan2(-y, np.hypot(x, z)))
 
 
-def turned_onto(own: npt.ArrayLike, way: npt.ArrayLike) -> tuple[float, float] | None:
+def _turned_onto(own: npt.ArrayLike, way: npt.ArrayLike) -> tuple[float, float] | None:
     """Return pan and tilt, in radians, that turn a (3,) direction of the head onto another.
 
     Parameters
@@ -173,7 +173,7 @@ class Mount:
         tilt reaches, the nearest is aimed at.
         """
         way = self.way_to(point)
-        return turned_onto(self.camera[:, 2], way) or pan_tilt_of(way)
+        return _turned_onto(self.camera[:, 2], way) or pan_tilt_of(way)
 
     def way_to(self, point: npt.ArrayLike) -> FloatArray:
         """Return the (3,) way from the pivot to a (3,) point of the pipe, in the base."""
@@ -255,7 +255,7 @@ class Probe:
 
     def _turned(self, mount: Mount, way: FloatArray) -> tuple[float, float]:
         """Return pan and tilt that send the beam along a (3,) direction of the base."""
-        found = turned_onto(mount.camera @ self._direction, way)
+        found = _turned_onto(mount.camera @ self._direction, way)
         if found is None:
             off = np.degrees(np.arcsin(way[1] / np.linalg.norm(way)))
             raise ParameterError(

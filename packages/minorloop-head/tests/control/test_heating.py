@@ -5,12 +5,13 @@ from fixed_options import Plane, identify
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import Smooth
 from minorloop_head.control.heating import (
+    Transient,
+    check_lag,
     identify_coupling,
     identify_heating,
     moving_levels,
     wire_holds,
 )
-from minorloop_head.control.transient import Transient, check_lag
 from minorloop_head.twins.wire import Wire
 from wires import identified, made_up, settled
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.by_camera import camera_control
+from minorloop_head.control.head import camera_control
 from minorloop_head.control.unread import Unread, UnreadWatch
 from wires import made_up
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import MinorloopError, ModelFileError, OutputError
-from minorloop_head.control.by_camera import LEAD
+from minorloop_head.control.head import LEAD
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration

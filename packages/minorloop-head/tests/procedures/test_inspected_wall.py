@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from minorloop_head.console.plant import open_tip
-from minorloop_head.procedures.finding_map import draw_c_scan
 from minorloop_head.procedures.inspected_view import InspectedView
 from minorloop_head.procedures.inspected_wall import SeenWall, c_scan_of, seen_wall
 from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.procedures.scan import RasterScan, ScannedRaster
+from minorloop_head.procedures.sweep_map import draw_c_scan
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.ultrasound.echoes import Burst, Pulse
 from minorloop_head.ultrasound.pits import raster

@@ -6,10 +6,13 @@ import pytest
 
 from minorloop_head.control.head import head_control
 from minorloop_head.procedures.go import go
-from minorloop_head.procedures.scan import AIMED, RasterScan, ScannedRaster
+from minorloop_head.procedures.scan import AIMED, SLEEVED, RasterScan, ScannedRaster, flooded_reach
 from minorloop_head.sources import Shot
 from minorloop_head.twins.catheter import Catheter
+from minorloop_head.twins.head import Head
 from minorloop_head.ultrasound.pits import PITCH
+from papers.catheter import scoring
+from papers.catheter.flooded import water
 from wires import identified
 
 from .fakes import CALIBRATION, Loop
@@ -196,3 +199,22 @@ def test_a_burst_that_is_never_fired_is_skipped():
     state = loop.run(SCAN.scan(ScannedRaster(), CENTRE))
     assert len(shot_at(loop)) == SCAN.points**2
     assert state.bursts == ()
+
+
+@pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0, 40.0])
+def test_what_is_predicted_in_water_from_air_is_what_the_twin_reaches(control, temperature):
+    found = flooded_reach(control, (20.0, 20.0), temperature)
+    truth = scoring.ends(Head(), water(temperature))
+    assert found == pytest.approx(truth, abs=4.0)
+
+
+def test_warmer_water_and_less_convection_reach_farther(control):
+    largest = [flooded_reach(control, (20.0, 20.0), t)[0, 1] for t in (5.0, 10.0, 15.0, 20.0)]
+    assert (np.diff(largest) > 3.0).all()
+    less = flooded_reach(control, (20.0, 20.0), 10.0, cooling=0.8 * SLEEVED)
+    assert less[0, 1] > largest[1] + 3.0
+
+
+def test_a_bare_wire_in_water_does_not_move(control):
+    bare = flooded_reach(control, (20.0, 20.0), 20.0, cooling=20 * SLEEVED)
+    assert bare == pytest.approx(0.0, abs=0.5)

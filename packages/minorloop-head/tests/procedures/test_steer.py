@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.by_camera import LEAD, camera_control
-from minorloop_head.control.head import head_control
+from minorloop_head.control.head import LEAD, camera_control, head_control
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.control.readings import SensorWatch
 from minorloop_head.procedures.steer import steer

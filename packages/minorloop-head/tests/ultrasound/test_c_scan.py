@@ -11,8 +11,8 @@ from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.ultrasound.c_scan import CRACK, CUT, NO_ECHO, PIT, c_scan
 from minorloop_head.ultrasound.echoes import Burst, Pulse
 from minorloop_head.ultrasound.field import CalibratedProbe
-from minorloop_head.ultrasound.wall_distance import speed_error
 from minorloop_head.ultrasound.wall_echoes import SweptBurst, beam_width
+from minorloop_head.ultrasound.wall_shape import speed_error
 
 PROBE = CalibratedProbe(Probe(), Mount())
 BOTTOM, Z, STEP, NOISE = math.pi / 2, 20e-3, 10e-9, 0.02

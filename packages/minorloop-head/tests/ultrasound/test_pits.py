@@ -1,6 +1,7 @@
 """One scan of a pit and one of a hole on the twin, and what can go wrong with them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +17,22 @@ from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.ultrasound.burst_checks import usable_bursts
 from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
-from minorloop_head.ultrasound.pits import PITCH, POINTS, measure_pit, raster
+from minorloop_head.ultrasound.pit_search import solve_without_floor
+from minorloop_head.ultrasound.pits import (
+    PITCH,
+    POINTS,
+    UNDECIDED,
+    detect_deep_floor,
+    is_through_hole,
+    last_window_end,
+    measure_pit,
+    raster,
+)
+from minorloop_head.ultrasound.spectra import LEAD, WINDOW
 from papers.catheter.scan_trials import draw_trial
 from papers.catheter.scan_trials import scan as sweep
+
+from .synthetic import fit_of, pit
 
 MOUNT = Mount(advance=20e-3)
 PROBE = CalibratedProbe(Probe(), MOUNT)
@@ -263,3 +277,21 @@ def test_a_mouth_without_a_place_is_refused(bursts, centre):
 def test_fewer_places_than_were_scanned_cannot_have_been_planned(bursts, planned):
     with pytest.raises(ParameterError, match="bursts planned"):
         measure_pit(bursts, PROBE, CENTRE, 1.1e-3, planned=planned)
+
+
+@pytest.mark.parametrize(("thickness", "after"), [(1.2e-3, 0.0), (2e-3, 1.6e-6), (3e-3, 3.2e-6)])
+def test_a_thicker_wall_needs_a_later_window(thickness, after):
+    assert last_window_end(thickness) == pytest.approx(after + WINDOW - LEAD)
+
+
+def test_traces_that_end_too_early_decide_nothing():
+    short = SimpleNamespace(trace=np.zeros(1500), sample_interval=10e-9)
+    found = detect_deep_floor(fit_of(pit(gain=0.0)), pit(gain=0.0), [short] * 36)
+    assert found == UNDECIDED
+
+
+@pytest.mark.parametrize(("gain", "through"), [(0.0, True), (0.3, False), (1.0, False)])
+def test_only_a_mouth_without_a_floor_is_a_through_hole(gain, through):
+    fit = fit_of(pit(gain=gain, depth=0.8e-3))
+    hole = solve_without_floor(fit, fit.solve(pit(gain=gain, depth=0.8e-3)))
+    assert is_through_hole(fit, hole) == through

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from minorloop_head.procedures.calibration import HeadCalibration
     from minorloop_head.procedures.seen_angles import SeenHead
 
-SWEPT = "camera.json"
+_SWEPT = "camera.json"
 """Calibration of a camera after the sweep, in the folder of the runs."""
 _PATIENCE = 0.08
 """Seconds that a camera may take for a picture: two ticks, in which a current is not changed."""
@@ -43,7 +43,7 @@ def kept_in(store: Path, *, seen: bool) -> str:
     """
     if any(store.glob("*.sqlite")):
         return f"what was measured is kept in {store}; the same command continues it"
-    if (store / SWEPT).exists():
+    if (store / _SWEPT).exists():
         return f"the sweep is kept in {store}, and nothing else yet; the same command goes on"
     anew = "nothing was measured yet, and nothing is kept; the same command begins anew"
     return anew + _whole_sweep() * seen
@@ -73,7 +73,7 @@ def kept_view(store: Path, serial: str) -> HeadCalibration | None:
     """
     from minorloop_head.procedures.calibration import HeadCalibration
 
-    path = store / SWEPT
+    path = store / _SWEPT
     if not path.exists():
         return None
     try:
@@ -133,7 +133,7 @@ def swept_view(store: Path, head: SeenHead, highest: float, serial: str) -> Head
         err=True,
     )
     view = head.survey(highest)
-    write_atomically(store / SWEPT, msgspec.json.encode({"serial": serial, **view.to_dict()}))
+    write_atomically(store / _SWEPT, msgspec.json.encode({"serial": serial, **view.to_dict()}))
     return view
 
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from minorloop_head.procedures.head_file import HeadFile
 
 NAME = "head"
-HELP = "Calibrate a catheter head, identify its two wires, drive it, and inspect a pipe by it."
-app = typer.Typer(help=HELP)
+_HELP = "Calibrate a catheter head, identify its two wires, drive it, and inspect a pipe by it."
+app = typer.Typer(help=_HELP)
 
 _AGAIN = "the runs before this one are kept whole; the same command continues it"
 _MM = 1e-3

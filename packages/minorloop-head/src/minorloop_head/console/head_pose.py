@@ -102,7 +102,7 @@ def gaze(
     """
     if clutch:
         return anchored(state)
-    if pose is None or not is_pose(pose):
+    if pose is None or not _is_pose(pose):
         return state
     if state.reference is None:
         return replace(anchored(state), reference=pose)
@@ -127,7 +127,7 @@ def pose_of(yaw: float, pitch: float, roll: float) -> Quaternion:
     return _times(_times(turned, raised), leaning)
 
 
-def is_pose(pose: Quaternion) -> bool:
+def _is_pose(pose: Quaternion) -> bool:
     """Return whether four numbers are close enough to a unit quaternion to be a pose."""
     return _LEAST_NORM <= math.hypot(*pose) <= _MOST_NORM
 

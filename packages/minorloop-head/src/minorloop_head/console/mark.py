@@ -27,7 +27,7 @@ _UNSEEN = 0.5
 """Seconds for which a point may not be recognised while the head comes to rest: on wall with little
 texture this is one picture of ten, and a loaded machine gives them late. TRACK ends at 0.6 s."""
 TOUCHED = "the tool has touched the wall, and is withdrawn"
-NOT_SHOWN = "the camera does not show its mark"
+_NOT_SHOWN = "the camera does not show its mark"
 NO_CONTACT = (
     f"the tool was withdrawn: no contact up to {1e3 * BEHIND:g} mm behind the wall; "
     "if the point is in a hole, pick one beside it; if it is on plain wall, pick it again from "
@@ -82,7 +82,7 @@ def ended(verdict: str, off: float | None, score: float = 1.0) -> str:
 def _ended(verdict: str, off: float | None) -> str:
     if verdict == touches.TOUCHED:
         if off is None:
-            return unmeasured(NOT_SHOWN)
+            return unmeasured(_NOT_SHOWN)
         most = f", farther than {1e3 * WITHIN:g} mm" if off > WITHIN else ""
         return TOUCHED.replace(",", f" {1e3 * off:.2f} mm from the picked point{most},")
     known = {touches.NO_CONTACT: NO_CONTACT, touches.BEYOND: OUT_OF_REACH}

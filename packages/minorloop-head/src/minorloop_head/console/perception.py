@@ -28,7 +28,7 @@ from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import Centring
 from minorloop_head.procedures.extract import acquisition, nearest
-from minorloop_head.procedures.focus import focus
+from minorloop_head.procedures.focus import FocusPeak, focus
 from minorloop_head.procedures.mark import Touch, seen_mark
 from minorloop_head.procedures.meter import LIMITS, Light, meter, wall_ahead
 from minorloop_head.procedures.seen_angles import SeenAngles
@@ -46,7 +46,6 @@ from minorloop_head.procedures.values import (
 from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.defects import Findings
-from minorloop_head.vision.focus import FocusPeak
 from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED, TrackState
 

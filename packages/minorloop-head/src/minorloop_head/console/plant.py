@@ -53,7 +53,7 @@ def reading_at(position: Position, **known: Any) -> Reading:
     return Reading(**{"t": 0.0, **known}, angles=angles, place=place)
 
 
-class ProbedPlant(NamedTuple):
+class _ProbedPlant(NamedTuple):
     """What is known of a plant: serial number, tick in seconds, LEDs, and sensors at its joints."""
 
     serial: str | None
@@ -62,7 +62,7 @@ class ProbedPlant(NamedTuple):
     sensors: bool
 
 
-def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFile, ProbedPlant]:
+def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFile, _ProbedPlant]:
     """Return the file of the head at an address, and what is known of its plant.
 
     A head that is not simulated is made safe and read.
@@ -86,15 +86,15 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
     return found, plant
 
 
-def _simulated(address: str, specimen: int | None) -> ProbedPlant:
+def _simulated(address: str, specimen: int | None) -> _ProbedPlant:
     """Return what is known of the simulated head."""
     from minorloop_head.twins.head import Head
 
     head = Head(specimen)
-    return ProbedPlant(head.serial, head.tick, len(ALL_LIGHTS), True)
+    return _ProbedPlant(head.serial, head.tick, len(ALL_LIGHTS), True)
 
 
-def probed(address: str, specimen: int | None = None) -> ProbedPlant:
+def probed(address: str, specimen: int | None = None) -> _ProbedPlant:
     """Return what is known of a plant, which is made safe and closed.
 
     Raises
@@ -114,7 +114,7 @@ def probed(address: str, specimen: int | None = None) -> ProbedPlant:
         plant.safe()
         plant.exchange(np.zeros(4))
         plant.safe()
-        return ProbedPlant(plant.serial, plant.tick, plant.leds, plant.sensors)
+        return _ProbedPlant(plant.serial, plant.tick, plant.leds, plant.sensors)
 
 
 def open_plant(

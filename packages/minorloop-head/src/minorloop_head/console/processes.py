@@ -58,7 +58,7 @@ def supervised(
         control = head.control(interval=settings.interval, by_camera=not settings.sensors)
         calibration, cold = head.calibration, tuple(control.cold.tolist())
     parts = [
-        Part(name="plant", target=run_plant, args=(settings,), patience=settings.plant_patience),
+        Part(name="plant", target=_run_plant, args=(settings,), patience=settings.plant_patience),
         Part(name="loop", target=run_loop, args=(settings, tracking, control)),
         Part(name="camera", target=run_camera, args=(settings, calibration, cold), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
@@ -72,7 +72,7 @@ def supervised(
         supervisor.end()
 
 
-def run_plant(handle: ProcessHandle, settings: LoopSettings) -> None:
+def _run_plant(handle: ProcessHandle, settings: LoopSettings) -> None:
     """Run the plant; for a process of its own."""
     from minorloop_head.console.watchdog import run
 

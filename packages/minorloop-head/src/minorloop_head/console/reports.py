@@ -1,9 +1,12 @@
-"""Findings and introduction as they are sent to the pages, in degrees and mm."""
+"""Findings and introduction as they are sent to the pages, in degrees and mm.
+
+A number of a finding is never used twice, and every change goes to the pages.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -12,8 +15,12 @@ from minorloop.arrays import FloatArray
 from minorloop_head.console import messages
 from minorloop_head.console.messages import DepthPatch, Pair, ReportedFinding
 from minorloop_head.console.modes import TeleopConfig
+from minorloop_head.console.outgoing import Outgoing
 from minorloop_head.console.units import degrees, mm
+from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.extract import SAME
+from minorloop_head.procedures.pictures import CRACK
 from minorloop_head.reconstruction import findings as tables
 from minorloop_head.reconstruction.findings import kind_of
 
@@ -29,7 +36,7 @@ def camera_finding(
     return _reported(number, t, found, round(hole["evidence"], 2))
 
 
-def swept_finding(number: int, t: float, found: Mapping[str, Any]) -> ReportedFinding:
+def _swept_finding(number: int, t: float, found: Mapping[str, Any]) -> ReportedFinding:
     """Return a find of a sweep; ``found`` has the fields of a `tables.Finding`."""
     return _reported(number, t, tables.Finding(**found), None)
 
@@ -147,3 +154,73 @@ def pair(values: Iterable[float], digits: int = 3) -> Pair:
 
 def _rows(rows: FloatArray) -> list[list[float]]:
     return [[round(float(x), 4) for x in row[: k + 1]] for k, row in enumerate(rows)]
+
+
+class NumberedFindings:
+    """All findings.
+
+    Parameters
+    ----------
+    radius : float
+        Of the pipe, in metres.
+    out : Outgoing
+    """
+
+    def __init__(self, radius: float, out: Outgoing) -> None:
+        self._radius, self._out = radius, out
+        self.all: list[ReportedFinding] = []
+        self._last_number = 0
+
+    def extracted(self, hole: Any, t: float) -> None:
+        """Add what the camera has measured at a time in seconds."""
+        self._add(camera_finding, t, hole, self._radius)
+        self.send()
+
+    def swept(self, finds: Any, t: float) -> None:
+        """Add what a sweep has found, known at a time in seconds, but for what is known before."""
+        for found in finds:
+            if not any(self._same(found, known) for known in self.all):
+                self._add(_swept_finding, t, found)
+        self.send()
+
+    def _same(self, found: Any, known: ReportedFinding) -> bool:
+        """Return whether a find of a sweep is a known finding: both are cracks, or none is."""
+        places = (found["phi"], found["z"]), (math.radians(known.phi), 1e-3 * known.z)
+        near = float(wall_distance(*places, self._radius)) < SAME
+        return near and (found["kind"] == CRACK) == (known.kind == CRACK)
+
+    def add_depth(self, message: messages.DepthFitted) -> None:
+        """Add the result of the echoes to its finding."""
+        for k, finding in enumerate(self.all):
+            if finding.number == message.finding:
+                self.all[k] = with_depth(finding, message.result, self._radius)
+        self.send()
+
+    def restore(self, findings: list[ReportedFinding]) -> None:
+        """Take over the findings of a loop that has ended."""
+        if self._last_number == 0:
+            self.all = list(findings)
+            self._last_number = max((each.number for each in self.all), default=0)
+
+    def forget(self, number: int) -> None:
+        """Delete a finding."""
+        self.all = [f for f in self.all if f.number != number]
+        self.send()
+
+    def wanted(self, number: int | None) -> ReportedFinding | str:
+        """Return a finding by its number, the last one without; a sentence if it is not there."""
+        wanted = [f for f in self.all if number is None or f.number == number]
+        if wanted:
+            return wanted[-1]
+        if number is None or not self.all:
+            return "there is nothing to scan; measure a finding first"
+        known = ", ".join(str(f.number) for f in self.all)
+        return f"there is no finding {number}; there is {known}"
+
+    def send(self) -> None:
+        """Send all findings to the pages."""
+        self._out.send(messages.FindingList(findings=self.all))
+
+    def _add(self, reported: Callable[..., ReportedFinding], t: float, *found: Any) -> None:
+        self._last_number += 1  # never used again: a late fit must not meet another finding
+        self.all.append(reported(self._last_number, round(t, 2), *found))

@@ -36,7 +36,7 @@ FARTHEST = 40e-3
 """Distance in metres from head to place beyond which the picture looks along the pipe."""
 _HOMING = 8.0
 """Longest seconds of the way back; at the end of its travel friction holds the catheter off."""
-LOOK_AT_THE_WALL = (
+_LOOK_AT_THE_WALL = (
     "a sweep maps the wall in the middle of the picture; look at a place of it that is at least "
     f"{1e3 * ALONG:g} mm from the start of the catheter and at most {1e3 * FARTHEST:g} mm ahead"
 )
@@ -46,7 +46,7 @@ STOPPED = (
 )
 
 
-class ScanTick(NamedTuple):
+class _ScanTick(NamedTuple):
     """What a tick requests: angles and rates, a hold with its reason, a mode to enter."""
 
     requested: tuple[Pair, Pair] | None = None
@@ -153,7 +153,7 @@ class Scanning:
         camera = self._view.camera_at(here[2:])
         phi, z = np.asarray(camera.place(self._view.lens.centre, *here[:2])).tolist()
         if not ALONG <= z <= here[2] + FARTHEST:  # or it is not known
-            self._out.notice(LOOK_AT_THE_WALL)
+            self._out.notice(_LOOK_AT_THE_WALL)
             return False
         try:
             made = sweep.area((phi - AROUND, phi + AROUND), (z - ALONG, z + ALONG))
@@ -198,30 +198,30 @@ class Scanning:
         self.scan, self._left, self._after = sweep, None, request
         return "SCAN"
 
-    def tick(self, mode: Mode, command: Pair, here: Position) -> ScanTick:
+    def tick(self, mode: Mode, command: Pair, here: Position) -> _ScanTick:
         """Return what scan or sweep requests; they advance only in their mode."""
         scan = self.scan
         if scan is None or scan.stage == "done":
-            return ScanTick()
+            return _ScanTick()
         if mode != "SCAN":
-            return ScanTick((command, (0.0, 0.0)))
+            return _ScanTick((command, (0.0, 0.0)))
         request = scan.advance(here, self._interval)
         if scan.stage != "done":
             angles = command if request.angles is None else pair_of(request.angles)
-            return ScanTick((angles, pair_of(request.rates)))
+            return _ScanTick((angles, pair_of(request.rates)))
         if isinstance(scan.made, ScannedRaster):
             self._out.send(messages.ScanEnded(finding=scan.number))
             if len(scan.made.targets):
-                return ScanTick(hold="the scan is done; press a mode to continue")
-            return ScanTick(
+                return _ScanTick(hold="the scan is done; press a mode to continue")
+            return _ScanTick(
                 hold="the probe could not be brought over the finding; press Depth again"
             )
         if self._after is not None:
             after, self._after = self._after, None
-            return ScanTick(mode=after)
+            return _ScanTick(mode=after)
         trouble = scan.made.trouble
         how = f"has ended early: {trouble}; what was fired is mapped" if trouble else "is done"
-        return ScanTick(hold=f"the sweep {how}, and the head is back; press a mode to continue")
+        return _ScanTick(hold=f"the sweep {how}, and the head is back; press a mode to continue")
 
     def leave(self) -> None:
         """End a scan or sweep whose mode has ended."""

@@ -19,10 +19,9 @@ from minorloop_head.console.head_pose import Quaternion
 from minorloop_head.console.mark import OUT_OF_REACH, ended, reaches, servoed, unmeasured
 from minorloop_head.console.messages import Pair, ReportedFinding
 from minorloop_head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
-from minorloop_head.console.numbered_findings import NumberedFindings
 from minorloop_head.console.outgoing import Outgoing
 from minorloop_head.console.plant import reading_at
-from minorloop_head.console.reports import introduction, pair
+from minorloop_head.console.reports import NumberedFindings, introduction, pair
 from minorloop_head.console.scanning import ProbeRun, Scanning
 from minorloop_head.console.units import Position, to_shown
 from minorloop_head.control.head import HeadControl
@@ -44,7 +43,7 @@ _LONGEST_MEMORY = 40
 """Extrema of a wire's memory that the pages are sent."""
 
 
-class HeadTracker(Protocol):
+class _HeadTracker(Protocol):
     """A tracker of the operator's head."""
 
     def read(self, now: float) -> tuple[Quaternion | None, float, str]:
@@ -77,7 +76,7 @@ class Session:
     control: HeadControl
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)
-    tracker: HeadTracker | None = None
+    tracker: _HeadTracker | None = None
     no_probe: str = ""
     sensors: bool = True
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from minorloop_head.console.head_pose import HeadPoseMap
-from minorloop_head.console.joystick import StickMap
-from minorloop_head.console.modes import TeleopConfig
+from minorloop_head.console.modes import StickMap, TeleopConfig
 from minorloop_head.procedures.actuator_plant import NO_PROBE
 
 PIPE = "twin:pipe"

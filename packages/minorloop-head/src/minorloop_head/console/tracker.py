@@ -15,7 +15,7 @@ import struct
 from minorloop.errors import ParameterError
 from minorloop_head.console.head_pose import Quaternion, pose_of
 
-PACKET = struct.Struct("<6d")
+_PACKET = struct.Struct("<6d")
 """x, y, z in cm; yaw, pitch, roll in degrees."""
 _FARTHEST, _WIDEST = 1e4, 360.0
 """Largest position in cm and angle in degrees that is accepted."""
@@ -61,7 +61,7 @@ class UdpTracker:
         problem = ""
         for _ in range(_MOST):
             try:
-                packet = self._socket.recv(PACKET.size + 1)
+                packet = self._socket.recv(_PACKET.size + 1)
             except OSError:  # there is none
                 break
             problem = self._take(packet, now) or problem
@@ -82,9 +82,9 @@ class UdpTracker:
 
 def decoded(packet: bytes) -> Quaternion | None:
     """Return the pose in a packet; None if the packet is damaged."""
-    if len(packet) != PACKET.size:
+    if len(packet) != _PACKET.size:
         return None
-    numbers = PACKET.unpack(packet)
+    numbers = _PACKET.unpack(packet)
     place, angles = numbers[:3], numbers[3:]
     # Written so that NaN is refused.
     if not (all(abs(x) <= _FARTHEST for x in place) and all(abs(x) <= _WIDEST for x in angles)):

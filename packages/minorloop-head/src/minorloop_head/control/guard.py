@@ -61,7 +61,7 @@ FAULTS: dict[Fault, str] = {
     "wrong; the wire cools until they agree",
 }
 """What is wrong with a sensor, and what the wire does."""
-ENDED: dict[Cause, tuple[Cause, str]] = {
+_ENDED: dict[Cause, tuple[Cause, str]] = {
     "sensor": ("sensor back", "the sensor is trusted again"),
     "unread": ("read again", "there are readings again"),
     "unreachable": ("reachable", "targets are tried again"),
@@ -106,7 +106,7 @@ class Event:
     """A sentence."""
 
 
-class StepClock(NamedTuple):
+class _StepClock(NamedTuple):
     """What is known of the time by the times of the steps."""
 
     t: float = math.nan
@@ -147,7 +147,7 @@ class GuardState:
     """What it was computed from, in degrees; NaN if that was no number."""
     steps: int = 0
     """Steps so far."""
-    clock: StepClock = field(default_factory=StepClock)
+    clock: _StepClock = field(default_factory=_StepClock)
     """By the times of the steps."""
     behind: float = 0.0
     """Seconds for which the wire has been behind a moving target at a limit."""
@@ -381,8 +381,8 @@ class Guard:
         return {name: getattr(self.observer, name) for name in ("interval", "delay", "highest")}
 
     def _passed(
-        self, clock: StepClock, measurement: object, t: object
-    ) -> tuple[int, object, dict[Cause, str], StepClock]:
+        self, clock: _StepClock, measurement: object, t: object
+    ) -> tuple[int, object, dict[Cause, str], _StepClock]:
         """Return the passed intervals, the reading if it is new, notes, and the clock.
 
         If times differ from the clock by the same time for seconds, it was set.
@@ -395,21 +395,21 @@ class Guard:
             note: dict[Cause, str] = {"clock": f"time is {t!r:.40}; the reading is not used"}
             return 1, math.nan, note, clock._replace(waited=waited, strange=0)
         if math.isnan(clock.t):
-            return 1, measurement, {}, StepClock(now)
+            return 1, measurement, {}, _StepClock(now)
         off = now - clock.t - waited * interval
         gap = off + interval
         if 0 < gap <= _LONGEST_GAP * interval:
             late = gap > _LATE * interval
             note = {"clock": f"{gap:.3g} s went by between two steps"} if late else {}
-            return max(round(gap / interval), 1), measurement, note, StepClock(now)
+            return max(round(gap / interval), 1), measurement, note, _StepClock(now)
         near = interval * (2 + _RESYNC_SHARE * clock.strange)
         strange = clock.strange + 1 if clock.strange and abs(off - clock.off) <= near else 1
         if strange * interval >= _RESYNC:
             note = {"clock": f"the clock was set from {clock.t:.6g} to {now:.6g} s"}
-            return 1, measurement, note, StepClock(now)
+            return 1, measurement, note, _StepClock(now)
         note = {"clock": f"time went from {clock.t:.6g} to {now:.6g} s; the reading is not used"}
         first = off if strange == 1 else clock.off
-        return 1, math.nan, note, StepClock(clock.t, waited, strange, first)
+        return 1, math.nan, note, _StepClock(clock.t, waited, strange, first)
 
     def _predicted(self, state: GuardState, steps: int) -> tuple[Estimate, float, HeatedState]:
         """Return estimate, heated power and driven wire some intervals later, before a reading."""
@@ -476,7 +476,7 @@ class Guard:
         present = dict(self._present(new)) | notes
         known = old.active if new.fault == old.fault else old.active - {"sensor"}
         fresh = [(cause, text) for cause, text in present.items() if cause not in known]
-        for cause, after in ENDED.items():
+        for cause, after in _ENDED.items():
             if cause in old.active and cause not in present:
                 fresh += [] if cause == "unread" and new.fault else [after]
         if not fresh and present.keys() == old.active:

@@ -1,4 +1,7 @@
-"""Control of several wires at once, with compensation of the coupling of their sensors."""
+"""Control of several wires at once, with compensation of the coupling of their sensors.
+
+Angles that a camera gives are late, and sometimes missing.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,18 @@ from minorloop_head.control.readings import ReadingState, SensorWatch, as_number
 from minorloop_head.control.unread import Unread, UnreadWatch
 from minorloop_head.heated_wire import HeatedWire
 
+AGE = 2
+"""Age in ticks of the pictures that a loop acts on: one to two frames, and those that come sooner
+wait, since a law has one delay."""
+PATIENCE = 250
+"""Pictures in a row without angles after which the wires cool: for 10 s the head goes by its model,
+whose error grows by a few degrees in that time. One picture with angles ends such a row, since a
+camera may give fewer pictures than the loop has ticks."""
+LEAD = 6.0
+"""Most degrees by which a wanted angle is ahead of the newest one of a picture, for a camera that
+may give fewer pictures than the loop has ticks. A head that is not seen stops within them, where it
+is found again. The wires of `examples/simulated_board.py` turn by 55 degrees in 8 s so, and in 5 s
+without."""
 Law = Callable[..., Controller]
 """What makes a controller from ``wire=`` and options, such as `ObserverControl`."""
 
@@ -339,3 +354,21 @@ def _each(values: npt.ArrayLike, count: int) -> list[object]:
     except ValueError:
         each = []
     return each if len(each) == count else [[values]] * count
+
+
+def camera_control(law: str | Law, wires: tuple[HeatedWire, ...], **options: Any) -> HeadControl:
+    """Return the control of a head by its camera.
+
+    Parameters
+    ----------
+    law, wires, **options
+        As of `minorloop_head.control.head.head_control`.
+
+    Raises
+    ------
+    ParameterError
+        As `minorloop_head.control.head.head_control`.
+    """
+    watch = SensorWatch(patience=PATIENCE, makes_up=PATIENCE)
+    known = {"delay": AGE, "sensor": watch, "unread": UnreadWatch()}
+    return head_control(law, wires, **{**known, **options})

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
-from minorloop_head.control import _hypotheses_kernels as _kernels
+from minorloop_head.control import _observer_kernels as _kernels
 from minorloop_head.control.controller import HIGHEST_CURRENT
 from minorloop_head.control.observer import Estimate
 from minorloop_head.heated_wire import HeatedWire

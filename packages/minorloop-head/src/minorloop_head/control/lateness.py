@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
-from minorloop_head.control import _lateness_kernels, _observer_kernels
+from minorloop_head.control import _observer_kernels
 from minorloop_head.control.controller import width
 from minorloop_head.control.observer import Estimate, PowerObserver
 
@@ -74,8 +74,8 @@ _ROOM = 64
 """Extrema for which memories have room at first."""
 
 
-class Comparison(NamedTuple):
-    """Estimates of the observers, in the order of `DelayWatch._observers`."""
+class _Comparison(NamedTuple):
+    """Estimates of the observers, in the order of `_DelayWatch._observers`."""
 
     values: FloatArray
     past: FloatArray
@@ -93,7 +93,7 @@ class Comparison(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DelayWatch:
+class _DelayWatch:
     """Finds readings that are late by comparing observers."""
 
     observer: PowerObserver
@@ -101,13 +101,13 @@ class DelayWatch:
 
     def step(
         self,
-        before: Comparison | None,
+        before: _Comparison | None,
         recent: FloatArray,
         estimates: tuple[Estimate, ...],
         error: float,
         *,
         steps: int = 1,
-    ) -> tuple[Comparison | None, float]:
+    ) -> tuple[_Comparison | None, float]:
         """Return the comparison after one more reading, and the age of late ones in s; 0 if none.
 
         Parameters
@@ -159,7 +159,7 @@ class DelayWatch:
                 first += 1
         return first
 
-    def _begun(self, estimate: Estimate, angles: FloatArray) -> Comparison:
+    def _begun(self, estimate: Estimate, angles: FloatArray) -> _Comparison:
         """Return the comparison that begins at an estimate; angles before are newest first."""
         wire, count = estimate.wire, len(self._delays)
         values = np.tile(estimate.values, (count, 1))
@@ -169,11 +169,13 @@ class DelayWatch:
         past[: len(angles)] = angles[: len(past)]
         stack, rows = wire.tracker.model.stack(wire.tracker.memory, _ROOM)
         copies = np.tile(stack, (count, 1, 1))
-        return Comparison(
+        return _Comparison(
             values, np.tile(past, (count, 1)), copies, np.full(count, rows), np.zeros(count)
         )
 
-    def _advanced(self, before: Comparison, powers: FloatArray, readings: FloatArray) -> Comparison:
+    def _advanced(
+        self, before: _Comparison, powers: FloatArray, readings: FloatArray
+    ) -> _Comparison:
         """Return the comparison some intervals later."""
         share = self.observer.interval / _WITHIN
         most = int(before.rows.max()) + 2 * len(powers) + 2  # an interval adds two rows at most
@@ -191,11 +193,11 @@ class DelayWatch:
         read = int(np.isfinite(readings).sum())
         weight = 1.0 - (1.0 - before.weight) * (1.0 - share) ** read
         steps = before.steps + len(powers)
-        return Comparison(
+        return _Comparison(
             values, past, stacks, rows, squares, weight, steps, before.calm, before.row
         )
 
-    def _late(self, found: Comparison, readings: FloatArray) -> float:
+    def _late(self, found: _Comparison, readings: FloatArray) -> float:
         """Return the age of the readings in s, 0 if those in time explain them."""
         borne = len(_COLDER) + len(_ENDURED)
         in_time, later = np.split(found.squares / max(found.weight, 1e-9), [borne])
@@ -241,7 +243,7 @@ class Lateness:
     estimates before them, and readings in degrees, NaN where there was none; oldest first."""
     estimates: tuple[Estimate, ...] = ()
     """The last of these estimates."""
-    comparison: Comparison | None = None
+    comparison: _Comparison | None = None
     """Of observers with longer delays, while readings differ from what is expected."""
     row: int = 0
     """Steps in a row in which a stop showed that they were late."""
@@ -292,7 +294,7 @@ class LatenessWatch:
         steps : int
             Intervals since the last reading was due.
         """
-        recent = _lateness_kernels.added(
+        recent = _observer_kernels.added(
             before.recent, current**2, estimate.wire.angle, reading, steps, self._kept
         )
         back = max(round(_BEFORE / self.observer.interval), 1)
@@ -310,8 +312,8 @@ class LatenessWatch:
         return Lateness(recent, estimates, comparison, row, kept, left)
 
     @cached_property
-    def _delays(self) -> DelayWatch:
-        watch = DelayWatch(observer=self.observer)
+    def _delays(self) -> _DelayWatch:
+        watch = _DelayWatch(observer=self.observer)
         watch.compile()
         return watch
 
@@ -323,7 +325,7 @@ class LatenessWatch:
             return 0.0
         moved = (_SLOWER - _BACK) * _WINDOW / 4  # less cannot be such a motion
         over = _RATE, _RATE * self.observer.interval
-        rate = _lateness_kernels.slowing(reading, count, _SEEN, moved, over, _SLOWER, _BACK)
+        rate = _observer_kernels.slowing(reading, count, _SEEN, moved, over, _SLOWER, _BACK)
         if not rate.size:
             return 0.0
         mean = np.convolve(power, np.full(_RATE, 1.0 / _RATE), "valid")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from minorloop_head.procedures.calibration import HeadCalibration
     from minorloop_head.twins.surroundings import Filling
 
-Logged: TypeAlias = Callable[[LogEntry], None]
+_Logged: TypeAlias = Callable[[LogEntry], None]
 _HIGHEST = 9.9
 """Of the water above or below the axis of the pipe, in mm, whose radius is 10 mm."""
 _RANGES = {"temperature": (5.0, 60.0, "degrees Celsius"), "pressure": (0.01, 100.0, "bar")}
@@ -106,7 +106,7 @@ class InspectedHead:
     """What it is, for the journal: an inspection is resumed with the same head only."""
     view: HeadCalibration | None
     """Of its camera; opening refuses a head without one."""
-    opened: Callable[[Logged], AbstractContextManager[InspectionRig]]
+    opened: Callable[[_Logged], AbstractContextManager[InspectionRig]]
     """Opens it, given what is told of each step. The head is safe at the end of its context."""
     unscanned: str | None = None
     """Why its probe scans nothing, as of `Probing`; None on a head without one."""
@@ -220,7 +220,7 @@ def _simulated(
     view = own if known is None or known.calibration is None else known.calibration
 
     @contextmanager
-    def opened(told: Logged) -> Iterator[InspectionRig]:
+    def opened(told: _Logged) -> Iterator[InspectionRig]:
         with ended_by_signals(exiting=True):
             control = (
                 head_of(address, specimen) if known is None else known.control(interval=plant.tick)

@@ -336,7 +336,7 @@ class _Folder(Kept):
         every = list(self.views.values())
         seen = tried("map of the pipe", seen_wall, every, view, list(walls.values()))
         water = None if self.ring is None else self.ring.water
-        self._content["wall"] = None if seen is None else wall_row(seen, view)
+        self._content["wall"] = None if seen is None else _wall_row(seen, view)
         if water is not None:
             if water.seen:
                 level = [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
@@ -452,7 +452,7 @@ def _known(values: Mapping[str, _Value | None]) -> dict[str, _Value]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def wall_row(seen: SeenWall, view: HeadCalibration) -> dict[str, Any]:
+def _wall_row(seen: SeenWall, view: HeadCalibration) -> dict[str, Any]:
     """Return which wall was searched, and the shares of it that camera and echoes covered."""
     return {
         "pipe [mm]": None if view.length is None else round(1e3 * view.length, 2),

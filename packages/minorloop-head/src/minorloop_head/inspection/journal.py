@@ -70,7 +70,7 @@ class EndLine(Line):
     safe: bool | msgspec.UnsetType = msgspec.UNSET
 
 
-AnyLine = TypeVar("AnyLine", bound=Line)
+_AnyLine = TypeVar("_AnyLine", bound=Line)
 
 
 class Impossible(ValueError):
@@ -207,7 +207,7 @@ class Before:
         """Return the number of a line, and the file, for a message."""
         return f"line {number} of {self.file}"
 
-    def each(self, kind: type[AnyLine]) -> Iterator[tuple[str, AnyLine]]:
+    def each(self, kind: type[_AnyLine]) -> Iterator[tuple[str, _AnyLine]]:
         """Return the lines of a kind, each after where it is."""
         for number, line in enumerate(self.lines, 1):
             if isinstance(line, kind):
@@ -228,7 +228,7 @@ NEW = Before()
 """Of an inspection or a sweep that is not resumed."""
 
 
-def journal_lines(file: Path, kind: type[AnyLine]) -> list[AnyLine]:
+def journal_lines(file: Path, kind: type[_AnyLine]) -> list[_AnyLine]:
     """Return the lines of a kind; a last one that was not written to its end is left out.
 
     Raises
@@ -331,7 +331,7 @@ class Journal:
         else:
             self._write({**plain(BeginLine(t=self.seconds(), began=now)), **begun})
 
-    def note(self, kind: type[AnyLine], **content: Any) -> AnyLine:
+    def note(self, kind: type[_AnyLine], **content: Any) -> _AnyLine:
         """Add a line of a kind, and return it.
 
         Raises

@@ -53,8 +53,8 @@ _TURN, _FARTHEST, _ODDS = 2.0 * math.pi, 10.0, 1e3
 """Radians; the farthest place of a catheter and along a pipe in metres; and a logarithm of odds."""
 Roll = Annotated[float, Meta(ge=-2.0 * _TURN, le=2.0 * _TURN)]
 Along = Annotated[float, Meta(ge=-_FARTHEST, le=_FARTHEST)]
-HalfTurn = Annotated[float, Meta(ge=-180.0, le=180.0)]
-AlongMm = Annotated[float, Meta(ge=-1e3 * _FARTHEST, le=1e3 * _FARTHEST)]
+_HalfTurn = Annotated[float, Meta(ge=-180.0, le=180.0)]
+_AlongMm = Annotated[float, Meta(ge=-1e3 * _FARTHEST, le=1e3 * _FARTHEST)]
 _EXACT = 9
 """Digits of a pose, so that an inspection that goes on has the same map as one that was not cut."""
 _FEWEST = 200
@@ -70,7 +70,7 @@ _SCALES = dict.fromkeys(_ANGLES, math.radians(1.0)) | dict.fromkeys(_LENGTHS, 1e
 _NAMES = {name: f"{name} [{'deg' if name in _ANGLES else 'mm'}]" for name in _SCALES}
 
 
-def in_units(digits: int, **values: float) -> dict[str, Any]:
+def _in_units(digits: int, **values: float) -> dict[str, Any]:
     """Return angles in degrees and lengths in millimetres by their names; None if not finite."""
     scaled = {
         name: math.degrees(value) if name in _ANGLES else 1e3 * value
@@ -88,17 +88,17 @@ class Row(Struct, kw_only=True, rename=_NAMES):
         return {n: _SCALES[n] * each if n in _SCALES else each for n, each in values.items()}
 
 
-class SightRow(Row):
+class _SightRow(Row):
     """Pan and tilt of the line of sight."""
 
-    pan: HalfTurn
-    tilt: HalfTurn
+    pan: _HalfTurn
+    tilt: _HalfTurn
 
 
-class PoseRow(SightRow):
+class PoseRow(_SightRow):
     """Angles of the joints, and place of the catheter."""
 
-    advance: AlongMm
+    advance: _AlongMm
     roll: Annotated[float, Meta(ge=-720.0, le=720.0)]
 
     @classmethod
@@ -107,7 +107,7 @@ class PoseRow(SightRow):
     ) -> PoseRow:
         """Return it by pan and tilt in radians, and advance and roll in metres and radians."""
         (pan, tilt), (advance, roll) = angles, place
-        return cls(**in_units(digits, pan=pan, tilt=tilt, advance=advance, roll=roll))
+        return cls(**_in_units(digits, pan=pan, tilt=tilt, advance=advance, roll=roll))
 
 
 class StepRow(Struct):
@@ -132,7 +132,7 @@ class LostRow(Row):
 
     kind: str
     phi: Annotated[float, Meta(ge=-360.0, le=360.0)]
-    z: AlongMm
+    z: _AlongMm
     evidence: Annotated[float, Meta(ge=-_ODDS, le=_ODDS)] | None
     seen_in: list[str] = field(name="seen in")
     why: str
@@ -141,7 +141,7 @@ class LostRow(Row):
     def of(cls, lost: Unconfirmed) -> LostRow:
         """Return it in degrees and millimetres."""
         evidence = None if math.isnan(lost.evidence) else round(lost.evidence, 1)
-        where = in_units(4, phi=float(wrapped(lost.phi)), z=lost.z)
+        where = _in_units(4, phi=float(wrapped(lost.phi)), z=lost.z)
         seen_in = list(lost.seen_in)
         return cls(**asdict(lost) | where | {"evidence": evidence, "seen_in": seen_in})
 
@@ -152,11 +152,11 @@ class LostRow(Row):
         return Unconfirmed(**self.si() | {"evidence": evidence, "seen_in": seen_in})
 
 
-def finding_row(view: InspectedView) -> dict[str, Any]:
+def _finding_row(view: InspectedView) -> dict[str, Any]:
     """Return the finding of a view in degrees and millimetres, None where unknown."""
     assert view.finding is not None
     values = asdict(view.finding)
-    known = in_units(4, **{name: values[name] for name in values if name in _SCALES})
+    known = _in_units(4, **{name: values[name] for name in values if name in _SCALES})
     return {
         **{_NAMES.get(name, name): known.get(name, value) for name, value in values.items()},
         "evidence": None if math.isnan(view.evidence) else round(view.evidence, 1),
@@ -191,9 +191,9 @@ def visit_row(
     if last.get("modality") is False:
         last["scan"] = False
     return {
-        **finding_row(view),
+        **_finding_row(view),
         "grade": grade_of(view.probed, view.evidence),
-        **{_NAMES[name]: value for name, value in in_units(4, wall=left, wall_sd=left_sd).items()},
+        **{_NAMES[name]: value for name, value in _in_units(4, wall=left, wall_sd=left_sd).items()},
         "accepted": bool(1e3 * surely >= (least_wall or 0.0)) if known else None,
         "found": True,
         "centred": last.get("centre"),
@@ -204,7 +204,7 @@ def visit_row(
     }
 
 
-class BurstRow(Struct):
+class _BurstRow(Struct):
     """The mean of a burst; its numbers are exact, and NaN is not known."""
 
     angles: tuple[float, float]
@@ -217,7 +217,7 @@ class BurstRow(Struct):
     """Of 64-bit floats, as base64."""
 
 
-def burst_values(burst: MeanBurst) -> dict[str, Any]:
+def _burst_values(burst: MeanBurst) -> dict[str, Any]:
     """Return the values of the row of a burst."""
     return {
         "angles": burst.angles,
@@ -237,7 +237,7 @@ _BURST = {
 }
 
 
-def burst_of(row: BurstRow | BurstLine) -> MeanBurst:
+def burst_of(row: _BurstRow | BurstLine) -> MeanBurst:
     """Return the burst of a row or a line.
 
     Raises
@@ -301,11 +301,11 @@ class ViewLine(Line):
     taken: Seconds
     verdict: str
     pose: PoseRow
-    sight: SightRow
+    sight: _SightRow
     seen: list[dict[str, Any]]
     """Holes and cracks in the picture, in radians and metres."""
     finding: dict[str, Any] | None
-    """As of `finding_row`."""
+    """As of `_finding_row`."""
     unconfirmed: LostRow | None
     steps: list[StepRow] = field(default_factory=list)
     probed: dict[str, Any] | None = None
@@ -321,10 +321,10 @@ class ViewLine(Line):
             "taken": view.picture.t,
             "verdict": view.picture.verdict,
             "pose": PoseRow.of(view.joints, view.place),
-            "sight": SightRow(**in_units(_EXACT, pan=view.angles[0], tilt=view.angles[1])),
+            "sight": _SightRow(**_in_units(_EXACT, pan=view.angles[0], tilt=view.angles[1])),
             "shown": view.picture.rows(),
             "seen": view.seen,
-            "finding": None if view.finding is None else finding_row(view),
+            "finding": None if view.finding is None else _finding_row(view),
             "unconfirmed": None if view.unconfirmed is None else LostRow.of(view.unconfirmed),
             "steps": StepRow.of(view.steps),
             "probed": view.probed,
@@ -364,7 +364,7 @@ class ScanLine(Line):
     onward: Annotated[int, Meta(ge=-1, le=1)]
     done: bool
     steps: list[StepRow]
-    bursts: list[BurstRow]
+    bursts: list[_BurstRow]
 
     @classmethod
     def values(cls, name: str, scanned: ScannedRaster, known: int) -> dict[str, Any]:
@@ -376,7 +376,7 @@ class ScanLine(Line):
             "onward": scanned.onward,
             "done": scanned.done,
             "steps": StepRow.of(scanned.steps),
-            "bursts": [BurstRow(**burst_values(burst)) for burst in scanned.bursts[known:]],
+            "bursts": [_BurstRow(**_burst_values(burst)) for burst in scanned.bursts[known:]],
         }
 
     def restored(self, before: ScannedRaster | None) -> ScannedRaster:
@@ -408,7 +408,7 @@ class RingLine(Line):
 
 
 class BurstLine(Line):
-    """A burst of a sweep: its time, the place of the catheter, its spot, and a `BurstRow`."""
+    """A burst of a sweep: its time, the place of the catheter, its spot, and a `_BurstRow`."""
 
     fired: Seconds
     place: tuple[Along, Roll]
@@ -424,7 +424,7 @@ class BurstLine(Line):
     def values(cls, swept: SweptBurst) -> dict[str, Any]:
         """Return the values of the line of a burst."""
         own = {"fired": swept.t, "place": swept.place, "spot": swept.spot}
-        return {**own, **burst_values(swept.burst)}
+        return {**own, **_burst_values(swept.burst)}
 
     def restored(self) -> SweptBurst:
         """Return the burst."""

@@ -13,10 +13,10 @@ import numpy as np
 
 from minorloop.errors import MinorloopError, OutputError, counted
 from minorloop.report import Picture, Report, Table
-from minorloop_head.procedures.finding_map import draw_c_scan, draw_finding
 from minorloop_head.procedures.inspected_wall import SeenWall, draw_wall
 from minorloop_head.procedures.inspection import NOT_VISITED
 from minorloop_head.procedures.pictures import annotated
+from minorloop_head.procedures.sweep_map import draw_c_scan, draw_finding
 
 if TYPE_CHECKING:
     from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
@@ -49,14 +49,14 @@ COLUMNS = (
 )
 LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
-MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
+_MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
 """Of directions that were not searched, as lines of sight, with the place of the catheter."""
-BEYOND_COLUMNS = ("view", "why")
+_BEYOND_COLUMNS = ("view", "why")
 """Of directions that the wires do not reach."""
-UNDONE_COLUMNS = ("step", "why")
+_UNDONE_COLUMNS = ("step", "why")
 """Of what could not be computed."""
 _MOST_ODDS = 1000
-THROUGH = "hole"
+_THROUGH = "hole"
 """Kind of a through-hole."""
 _DIGITS = {
     "phi [deg]": 1,
@@ -99,15 +99,15 @@ class Reported:
         return self.folder / "report.html"
 
 
-def finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:
+def _finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:
     """Return a finding as cells of `COLUMNS`."""
-    values = [with_sd(row, name, digits) for name, digits in _DIGITS.items()]
-    if row["kind"] == THROUGH:
+    values = [_with_sd(row, name, digits) for name, digits in _DIGITS.items()]
+    if row["kind"] == _THROUGH:
         values[-2:] = ["through", "none"]
     return [str(number), row["grade"], str(row["kind"]), *values, str(row["verdict"])]
 
 
-def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
+def _with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
     """Return a value of a finding with its standard deviation, ``-`` if it is not known."""
     what, unit = name.split(" ", 1)
     value, sd = row[name], row[f"{what}_sd {unit}"]
@@ -147,7 +147,7 @@ def inspection_report(
     """
     rows = content["findings"]
     report = Report(f"Inspection by head {content['head']}", summary(content))
-    cells = [finding_cells(number, row) for number, row in enumerate(rows, 1)]
+    cells = [_finding_cells(number, row) for number, row in enumerate(rows, 1)]
     report.add(
         "Findings",
         text=(ANGLES, _VERDICT) if cells else ANGLES,
@@ -174,14 +174,14 @@ def inspection_report(
         "What was inspected", text=wall_words(content), table=Table(("", ""), _facts(content))
     )
     if content["not done"]:
-        undone = table(content["not done"], UNDONE_COLUMNS)
-        report.add("Not done, and why", table=Table(UNDONE_COLUMNS, undone))
+        undone = table(content["not done"], _UNDONE_COLUMNS)
+        report.add("Not done, and why", table=Table(_UNDONE_COLUMNS, undone))
     if content["not searched"]:
-        missed = table(content["not searched"], MISSED_COLUMNS)
-        report.add("Not searched", table=Table(MISSED_COLUMNS, missed))
+        missed = table(content["not searched"], _MISSED_COLUMNS)
+        report.add("Not searched", table=Table(_MISSED_COLUMNS, missed))
     if content["out of reach"]:
-        beyond = table(content["out of reach"], BEYOND_COLUMNS)
-        report.add("Directions out of reach", table=Table(BEYOND_COLUMNS, beyond))
+        beyond = table(content["out of reach"], _BEYOND_COLUMNS)
+        report.add("Directions out of reach", table=Table(_BEYOND_COLUMNS, beyond))
     if seen is not None:
         drawn = draw_wall(seen, found, lost, water)
         report.add(
@@ -324,7 +324,7 @@ def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Return number and reason of findings without a depth, and of steps that failed."""
     found = []
     for number, row in enumerate(rows, 1):
-        if row["depth [mm]"] is None and row["kind"] != THROUGH:
+        if row["depth [mm]"] is None and row["kind"] != _THROUGH:
             verdict = str(row["verdict"])
             base, bracket, bound = verdict.split(", but failed")[0].partition(" (")
             known = base in _MEANING
@@ -379,7 +379,7 @@ def shown_tables(
     content: Mapping[str, Any],
 ) -> list[tuple[Sequence[str], list[list[str]], str]]:
     """Return columns, cells and titles of the tables for a terminal."""
-    found = [finding_cells(number, row) for number, row in enumerate(content["findings"], 1)]
+    found = [_finding_cells(number, row) for number, row in enumerate(content["findings"], 1)]
     lost = table(content["unconfirmed"], LOST_COLUMNS)
     tables = ((COLUMNS, found, ANGLES), (LOST_COLUMNS, lost, "not confirmed"))
     return [each for each in tables if each[1]]
@@ -399,7 +399,9 @@ def summary(content: Mapping[str, Any]) -> str:
         for row in content["not searched"]
     )
     less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
-    known = [row["depth [mm]"] is not None or row["kind"] == THROUGH for row in content["findings"]]
+    known = [
+        row["depth [mm]"] is not None or row["kind"] == _THROUGH for row in content["findings"]
+    ]
     depths = f"{sum(known)} of {len(known)} depths known"
     depths = depths if content["probe"] else "no depth without a probe"
     safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"

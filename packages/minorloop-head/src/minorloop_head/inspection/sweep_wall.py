@@ -204,10 +204,10 @@ def _write(found: SweptWall, around: tuple[float, float]) -> None:
     rows = [one.finding(found.scan.wall.patch.radius) for one in found.scan.finds]
     save_findings(rows, found.folder / "findings.csv", force=True)
     write_atomically(found.folder / "findings.json", json.dumps(found.content, indent=1) + "\n")
-    written(lambda: sweep_report(found, around), found.report)
+    written(lambda: _sweep_report(found, around), found.report)
 
 
-def sweep_report(found: SweptWall, around: tuple[float, float]) -> Report:
+def _sweep_report(found: SweptWall, around: tuple[float, float]) -> Report:
     """Return the report of a sweep between two angles in radians."""
     content = found.content
     facts = {

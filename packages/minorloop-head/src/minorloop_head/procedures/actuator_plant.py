@@ -17,7 +17,7 @@ from minorloop_head.sources import Frame, Shot
 if TYPE_CHECKING:
     from minorloop.lab.drivers.bench import Clock
 
-PUMP = "pump"
+_PUMP = "pump"
 """Name of the digital line that floods the pipe."""
 NO_PROBE = "this head has no ultrasonic probe, so the depth cannot be measured"
 _LED = re.compile(r"led (\d+)")
@@ -170,9 +170,9 @@ class ActuatorPlant:
         InstrumentError
             If there is no such line.
         """
-        if PUMP not in self._lines:
-            raise InstrumentError(f"the bench has no line {PUMP!r}, so the pipe cannot be flooded")
-        self._switch({PUMP: bool(on)})
+        if _PUMP not in self._lines:
+            raise InstrumentError(f"the bench has no line {_PUMP!r}, so the pipe cannot be flooded")
+        self._switch({_PUMP: bool(on)})
 
     def close(self) -> None:
         """Close the connections."""

@@ -20,8 +20,14 @@ from minorloop_head.geometry import AXES, Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile
 from minorloop_head.procedures.values import ALL_LIGHTS
-from minorloop_head.vision.led_calibration import find_reflection, fit_led
-from minorloop_head.vision.lens_calibration import LensFit, TargetPose, fit_lens, target_pose
+from minorloop_head.vision.lens_calibration import (
+    LensFit,
+    TargetPose,
+    find_reflection,
+    fit_led,
+    fit_lens,
+    target_pose,
+)
 from minorloop_head.vision.measured import Measured
 from minorloop_head.vision.mount_calibration import MountFit, fit_mount
 from minorloop_head.vision.targets import ANOTHER, SeenTarget, Target
@@ -213,7 +219,7 @@ def calibrate_mount(
             f"a chessboard of {target.columns} by {target.rows} squares looks the same upside "
             "down; use one with an odd and an even number, or a charuco target, for the mount"
         )
-    check_size(pictures, lens)
+    _check_size(pictures, lens)
     known = _angles_of_names(pictures) if angles is None else _angles_of_table(angles)
     missing = [each.name for each in pictures.seen if each.name not in known]
     if missing:
@@ -296,7 +302,7 @@ def calibrate_leds(
     """
     positions, measured = [], []
     for number, pictures in enumerate(folders, 1):
-        check_size(pictures, lens)
+        _check_size(pictures, lens)
         name = f"{_LED}{number}"
         poses: list[TargetPose] = []
         spots = []
@@ -345,7 +351,7 @@ def lens_of(head: HeadFile) -> Pinhole:
     return head.calibration.lens
 
 
-def check_size(pictures: TargetPictures, lens: Pinhole) -> None:
+def _check_size(pictures: TargetPictures, lens: Pinhole) -> None:
     """Refuse pictures of another size than those of the lens.
 
     Raises

@@ -15,7 +15,7 @@ from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Pinhole, Probe, Tool
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from minorloop_head.vision.led_calibration import FARTHEST
+from minorloop_head.vision.lens_calibration import FARTHEST
 
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""

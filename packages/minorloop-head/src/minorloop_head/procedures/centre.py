@@ -67,7 +67,7 @@ class Centred:
 NOT_IN_VIEW = "not in view"
 LOST_FOR = 3.0
 """Seconds without the point after which it is not centred: what comes back does so within 1 s."""
-STUCK_FOR, STUCK_PX, NEARER = 5.0, 20.0, 0.95
+STUCK_FOR, STUCK_PX, _NEARER = 5.0, 20.0, 0.95
 """Seconds without coming nearer, to this share of the distance, after which a point farther than
 this from the middle does not come there: wires out of reach, which turn within 3 s if they do."""
 TWO_TICKS = 0.08
@@ -152,7 +152,7 @@ class Centring:
             angles, sighted = self._angles(point.place, at, now)
             move, hold = self._hold(now).step(hold, at, angles)
             point.error = move.error
-            if move.error < NEARER * least:
+            if move.error < _NEARER * least:
                 least, least_since = move.error, now.t
             near_since = held_since(near_since, now.t, move.error < self.in_middle)
             lost_since = held_since(lost_since, now.t, found.verdict != TRACKED)

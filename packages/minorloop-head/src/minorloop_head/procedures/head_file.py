@@ -37,9 +37,8 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ModelFileError, ParameterError, counted
 from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
 from minorloop.version import __version__
-from minorloop_head.control.by_camera import LEAD, camera_control
 from minorloop_head.control.controller import within
-from minorloop_head.control.head import HeadControl, head_control
+from minorloop_head.control.head import LEAD, HeadControl, camera_control, head_control
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.geometry import AXES
 from minorloop_head.heated_wire import HeatedWire
@@ -58,7 +57,7 @@ _CLOCKS_DIFFER = timedelta(days=1)
 """By which the clock of the machine that wrote a file may be ahead."""
 _LAGS = 0.01, 600.0
 """Least and largest lag of a wire in seconds: the thinnest in water, and rods in still air."""
-Moment = Annotated[datetime, msgspec.Meta(tz=True)]
+_Moment = Annotated[datetime, msgspec.Meta(tz=True)]
 
 
 @dataclass(frozen=True)
@@ -218,7 +217,7 @@ class HeadFile:
         Parameters
         ----------
         by_camera : bool
-            Whether the angles are those of pictures, see `minorloop_head.control.by_camera`.
+            Whether the angles are those of pictures, see `minorloop_head.control.head`.
         **options
             As in `head_control`.
 
@@ -249,7 +248,7 @@ class _HeadPart(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class _Identified(_HeadPart):
-    on: Moment
+    on: _Moment
     minorloop: str
     address: str
     stores: dict[str, str]
@@ -262,7 +261,7 @@ class _Identified(_HeadPart):
 
 
 class _Calibrated(_HeadPart):
-    on: Moment
+    on: _Moment
     calibration: dict[str, Any]
     measured: list[Measured] = []
 

@@ -32,21 +32,21 @@ from minorloop_head.control.heating import (
     HeatedIdentification,
     identify_coupling,
     identify_heating,
+    moves_enough,
     moving_levels,
 )
 from minorloop_head.control.limits import WireLimits
-from minorloop_head.control.transient import moves_enough
 from minorloop_head.geometry import AXES
 from minorloop_head.procedures.actuator_plant import check_axes
 from minorloop_head.procedures.head_file import CheckedAxis, IdentifiedWires
 
 RUNS = ("loop", "coupling", "curves", "check")
 """Runs of an axis."""
-MINOR_LOOPS = "minor-loops"
+_MINOR_LOOPS = "minor-loops"
 """One more, where it is asked for."""
 _SEEDED = (
     *((axis, run) for axis in range(len(AXES)) for run in RUNS),
-    *((axis, MINOR_LOOPS) for axis in range(len(AXES))),
+    *((axis, _MINOR_LOOPS) for axis in range(len(AXES))),
 )
 """Axis and run in the order of their seeds: what is added to a folder comes last."""
 _STEP_HOLDS = 3
@@ -58,7 +58,7 @@ Connect = Callable[[int], AbstractContextManager[Actuator]]
 """Opens the actuator for a run with the seed of its noise."""
 Told = Callable[[str], None]
 """Takes the name of a run that begins."""
-CarryOut = Callable[[Actuator, Store], ResumeMode]
+_CarryOut = Callable[[Actuator, Store], ResumeMode]
 """Carries out the rest of the plan in a store, as `minorloop.lab.run.run` does."""
 
 
@@ -98,7 +98,7 @@ class HeadExcitation:
     @property
     def runs(self) -> tuple[str, ...]:
         """Names of the runs of an axis."""
-        return (*RUNS, MINOR_LOOPS) if self.minor_loops else RUNS
+        return (*RUNS, _MINOR_LOOPS) if self.minor_loops else RUNS
 
     @property
     def loop(self) -> FloatArray:
@@ -116,7 +116,7 @@ class HeadExcitation:
         """Return the number of holds of a run, one of `runs`."""
         if run == "curves":
             return excitation.reversal_curves(np.arange(self.bands + 1.0)).size
-        if run == MINOR_LOOPS:
+        if run == _MINOR_LOOPS:
             return excitation.decaying_staircase(np.arange(self.bands + 1.0)).size
         return self.check.size if run == "check" else self.loop.size
 
@@ -148,7 +148,7 @@ class HeadMeasurement:
     setup: dict[str, Any]
     excitation: HeadExcitation
     connect: Connect
-    carry_out: CarryOut
+    carry_out: _CarryOut
     simulated: bool = True
     told: Told = lambda run: None
 
@@ -216,7 +216,7 @@ class HeadMeasurement:
         holds, angles = self._measured(axis, "curves", excitation.reversal_curves(levels))
         if how.minor_loops:
             staircase = excitation.decaying_staircase(levels)
-            more = self._measured(axis, MINOR_LOOPS, staircase)
+            more = self._measured(axis, _MINOR_LOOPS, staircase)
             holds, angles = np.append(holds, more[0]), np.append(angles, more[1])
         found = identify_heating(holds, angles, step=self._step(axis), levels=levels)
         moves = np.empty((2, y.size))

@@ -20,10 +20,9 @@ from minorloop_head.reconstruction.findings import UNDECIDED, Finding, finding_o
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop_head.ultrasound.pits import HOLE, PitDepth
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
-from minorloop_head.vision.clarity import BLURRED, CLEAR, VEILED, clarity
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
-from minorloop_head.vision.frame_checks import GOOD
+from minorloop_head.vision.frame_checks import BLURRED, CLEAR, GOOD, VEILED, clarity
 
 __all__ = [
     "InspectedView",
@@ -35,7 +34,7 @@ __all__ = [
     "with_finding",
 ]
 
-NOT_SCANNED = "not scanned"
+_NOT_SCANNED = "not scanned"
 """Verdict of the echoes of a finding that was not scanned."""
 _UNCLEAR = {BLURRED: "blurred, if the wall is not smooth,", VEILED: "veiled"}
 """What is said of a picture by its verdict: a blur, and a wall without texture, look the same."""
@@ -178,7 +177,7 @@ def with_finding(view: InspectedView, radius: float) -> InspectedView:
     probed = view.probed
     if isinstance(shown, Hole):
         phi, z = shown.place.tolist()
-        found = outlined(phi, z, shown.diameter, NOT_SCANNED, radius=radius)
+        found = outlined(phi, z, shown.diameter, _NOT_SCANNED, radius=radius)
         if isinstance(probed, PitDepth):
             measured = math.isfinite(probed.diameter_sd)
             kind = kind_of(probed.verdict)
@@ -189,7 +188,7 @@ def with_finding(view: InspectedView, radius: float) -> InspectedView:
             )
         course, evidence = shown.rim, shown.evidence
     else:
-        depth = probed if isinstance(probed, CrackDepth) else CrackDepth(NOT_SCANNED)
+        depth = probed if isinstance(probed, CrackDepth) else CrackDepth(_NOT_SCANNED)
         found = crack_finding(shown.places, shown.width, depth, radius, width_sd=shown.width_sd)
         course, evidence = shown.places, math.nan
     if view.failed:

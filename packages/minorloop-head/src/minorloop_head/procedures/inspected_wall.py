@@ -15,7 +15,7 @@ from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
 from minorloop_head.procedures.measure import PATCH, has_coupling
-from minorloop_head.procedures.picture_light import LEAST_GREY
+from minorloop_head.procedures.pictures import LEAST_GREY
 from minorloop_head.procedures.probe_steps import fused_wall, resampled
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.sweep_map import water_angles

@@ -22,7 +22,7 @@ which it is tracked, but for the corners."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class LightLimits:
+class _LightLimits:
     """Settings of camera and light, and their limits.
 
     Parameters
@@ -56,7 +56,7 @@ class LightLimits:
         return float(np.clip(wanted, self.least_gain, self.most_gain))
 
 
-LIMITS = LightLimits()
+LIMITS = _LightLimits()
 
 
 @dataclass(kw_only=True, eq=False)

@@ -2,6 +2,11 @@
 
 Along the pipe the head bends from point to point. Around it the catheter rolls from row to row: a
 beam that is normal to the wall moves around the pipe by a third of what the head bends only.
+
+Angles that the wires reach in water are predicted from their identification in air. Under a current
+i, a wire that was identified at an ambient T_0 with a convection h_0 settles in water of T with a
+convection c h_0 at the effective power i^2 / c + (T - T_0) / (rise resistance), see
+`minorloop_head.control.hypotheses`. The resistance, over that of a hot wire, falls as it turns.
 """
 
 from __future__ import annotations
@@ -16,8 +21,9 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop_head.control.flooded_reach import SLEEVE_BAND, SLEEVED, WATER_BAND, flooded_reach
+from minorloop_head.control.guard import Guard
 from minorloop_head.control.head import HeadControl
+from minorloop_head.control.reach import STROKE_SHARE, ReachWatch
 from minorloop_head.geometry import AXES, REACH, wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.go import NEAR, go
@@ -36,8 +42,17 @@ from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.pits import PITCH, POINTS, raster
 
-ScanStage: TypeAlias = Literal["travel", "light", "turn", "points", "retreat", "roll", "back"]
-RETREAT, MOST_AGAIN = math.radians(6.0), 2
+SLEEVED = 4.0 / 3.0
+"""Convection of a wire in its sleeve under water over that at identification in still air: 100 and
+75 W/(m^2 K)."""
+_SLEEVE_BAND = 0.04
+"""Largest share by which the convection of a sleeve differs: its bore is 10 % wider or narrower."""
+_WATER_BAND = 0.6
+"""Half of the 95 % band of the temperature of the water, in K: that of a thermometer."""
+_ITERATIONS = 30
+"""Of the fixed point for the resistance, whose error is halved by each."""
+_ScanStage: TypeAlias = Literal["travel", "light", "turn", "points", "retreat", "roll", "back"]
+_RETREAT, _MOST_AGAIN = math.radians(6.0), 2
 """Roll in radians by which the catheter turns back before it comes to a row again: three times what
 it jumps when it breaks away, so that it slides to the row. And how often it does so in a scan."""
 SHOTS = 16
@@ -99,7 +114,7 @@ class ScannedRaster:
     point: int = 0
     onward: int = 1
     done: bool = True
-    stage: ScanStage = "travel"
+    stage: _ScanStage = "travel"
     targets: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     again: int = 0
     refused: str = ""
@@ -247,12 +262,12 @@ class RasterScan:
         """Turn back before a row that was jumped past; False if it is too far, or too often."""
         now = yield NOW
         row = self._rolled_to(made, now)
-        if made.again >= MOST_AGAIN or abs(row[1] - now.place[1]) > RETREAT:
+        if made.again >= _MOST_AGAIN or abs(row[1] - now.place[1]) > _RETREAT:
             return False
         made.stage, made.again = "retreat", made.again + 1
         now = yield NOTHING
         row = self._rolled_to(made, now)
-        yield from go(row - (0.0, made.onward * RETREAT), patience=_ROLLING)
+        yield from go(row - (0.0, made.onward * _RETREAT), patience=_ROLLING)
         yield NOTHING
         return True
 
@@ -265,8 +280,8 @@ class RasterScan:
             flooded_reach(control, middle, water + warmer, cooling=SLEEVED * share)
             for warmer, share in (
                 (0.0, 1.0),
-                (-WATER_BAND, 1 + SLEEVE_BAND),
-                (WATER_BAND, 1 - SLEEVE_BAND),
+                (-_WATER_BAND, 1 + _SLEEVE_BAND),
+                (_WATER_BAND, 1 - _SLEEVE_BAND),
             )
         )
         for axis, name in enumerate(AXES):
@@ -381,3 +396,42 @@ class RasterScan:
 def _near(now: Reading, target: FloatArray) -> bool:
     """Return whether the head is at a point (2,)."""
     return float(np.hypot(*(now.angles - target))) < AIMED
+
+
+def flooded_reach(
+    control: HeadControl, wanted: npt.ArrayLike, temperature: float, *, cooling: float = SLEEVED
+) -> FloatArray:
+    """Return the least and largest reading (axes, 2) of the joints in water, in degrees.
+
+    Parameters
+    ----------
+    control : HeadControl
+    wanted : (axes,) array_like
+        Readings that are wanted, in degrees, which say where the other wires are.
+    temperature : float
+        Of the water, in degrees Celsius.
+    cooling : float
+        Convection over that at identification.
+    """
+    ends = np.array([_ends(axis, temperature, cooling) for axis in control.axes])
+    return control.reach(wanted, ends)
+
+
+def _ends(guard: Guard, temperature: float, cooling: float) -> tuple[float, float]:
+    """Return the least and largest angle of a wire in degrees."""
+    wire, limits = guard.observer.wire, guard.limits
+    low, top = wire.operator.range
+    strongest = min(guard.observer.highest**2 / cooling, limits.highest_power)
+    least = float(wire.operator.levels[0])
+    most = float(wire.operator.levels[-1])
+    found = []
+    for power, begin in ((0.0, wire.begin(most)), (strongest, wire.begin(least))):
+        angle = begin.angle
+        for _ in range(_ITERATIONS):
+            cold = (top - angle) / (top - low)
+            resistance = 1.0 - cold * (1.0 - ReachWatch.cold_resistance)
+            bias = (temperature - limits.ambient) / (limits.rise * resistance)
+            settled = wire.moved(begin, float(np.clip(power + bias, least, most)))
+            angle = 0.5 * (angle + settled.angle)
+        found.append(angle)
+    return found[0], min(found[1], STROKE_SHARE * top)

@@ -26,12 +26,12 @@ from minorloop_head.vision.recentre import FOUND
 from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED
 
-CENTRED = np.radians(23.0)
+_CENTRED = np.radians(23.0)
 """Deflection at which a candidate is centred, in radians."""
 NEAR, FIRST = 6e-3, 1e-3
 """Advance of the near view beyond the place of centring, and least advance of the catheter, in
 metres: drawn back further, its tip sticks."""
-COLD, SPARE = np.radians(135.0), 2.0
+COLD, _SPARE = np.radians(135.0), 2.0
 """Direction in the image of what is on the cold side of both wires, in radians from its x to its y
 axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
 _SHORT = 8.0
@@ -41,7 +41,7 @@ REFUSED = "out of reach"
 CENTRED_PX, WITHIN = 2.0, 0.3e-3
 """Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
 its place in metres."""
-STEADY_PX, CENTRINGS = 0.8, 3
+_STEADY_PX, _CENTRINGS = 0.8, 3
 """Distance in pixels within which an outline is held at the first try, less than half of what it
 may be off, since the head goes on to move; and most tries until the outline, found anew, is in the
 middle. A wire with friction does not hold it so near, and swings about it with an integral: later
@@ -53,7 +53,7 @@ TURNS = np.radians((0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0))
 """Rolls of the catheter that bring the tool to the side of its wires where they reach a place."""
 CLAIMED = ("centre", "touch", "reach", "scan")
 """Steps without which a defect does not count as measured."""
-TESTED, TEST_MARK = "test mark", (1.5e-3, 0.0)
+_TESTED, _TEST_MARK = "test mark", (1.5e-3, 0.0)
 """Step of the log, and place of a mark from that of the pit, around and along the pipe in metres:
 beside the largest pit, and near enough for its error to be that of the touch."""
 
@@ -158,12 +158,12 @@ def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
     place is where they are cold.
     """
     view = rig.calibration
-    ahead = float(place[1]) - view.radius / np.tan(CENTRED)
+    ahead = float(place[1]) - view.radius / np.tan(_CENTRED)
     there = np.array([max(ahead, FIRST), 0.0])
     wanted = view.joints(aim_at(view, place, there))
     least, most = rig.control.reach(wanted).T
     most = np.minimum(most, rig.most)
-    if (wanted > most - SPARE).any() or (wanted < least).any():
+    if (wanted > most - _SPARE).any() or (wanted < least).any():
         there[1] = float(wrapped(place[0] - COLD - view.roll))
     return there
 
@@ -186,9 +186,9 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
     """
     centring = Centring(calibration=rig.calibration, interval=TWO_TICKS)
     if outlined:
-        centring = replace(centring, in_middle=STEADY_PX)
+        centring = replace(centring, in_middle=_STEADY_PX)
     pixel = None
-    for _ in range(CENTRINGS):
+    for _ in range(_CENTRINGS):
         if outlined and pixel is None:
             pixel = _outlined(rig, centring, place)
         found = rig.run(centring.centre(Centred(place=place, shown=pixel)))
@@ -221,7 +221,7 @@ def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> Floa
 def _say_centred(rig: InspectionRig, found: Centred) -> None:
     """Log the distance from the middle, or why the picture did not give it."""
     if found.verdict != TRACKED:
-        words = f"{found.verdict} in {CENTRINGS} tries; turned there by the joints alone"
+        words = f"{found.verdict} in {_CENTRINGS} tries; turned there by the joints alone"
         rig.say("centre", words, succeeded=False)
     else:
         lens = rig.calibration.lens
@@ -289,7 +289,7 @@ def _in_reach(
         return False
     wanted = rig.calibration.joints(angles)
     least, most = rig.control.reach(wanted).T
-    return bool((wanted > least + SPARE).all() and (wanted < most - SPARE).all())
+    return bool((wanted > least + _SPARE).all() and (wanted < most - _SPARE).all())
 
 
 def touch(rig: InspectionRig, hole: Hole) -> None:
@@ -298,7 +298,7 @@ def touch(rig: InspectionRig, hole: Hole) -> None:
     The catheter travels and rolls to where the tool reaches it, if it does not from here. The first
     touch of a rig comes after one of the wall beside it, whose mark gives the error of the tool.
     """
-    if not any(entry.what == TESTED for entry in rig.log):
+    if not any(entry.what == _TESTED for entry in rig.log):
         _test_tool(rig, hole)
     marking = Marking(calibration=rig.calibration)
     bring_in_reach(rig, marking, hole.place)
@@ -314,11 +314,11 @@ def _test_tool(rig: InspectionRig, hole: Hole) -> None:
     """Set a mark beside a hole, and correct the calibration of the tool by where it is."""
     view, metres = rig.calibration, np.array([rig.calibration.radius, 1.0])
     marking = Marking(calibration=view)
-    bring_in_reach(rig, marking, hole.place + np.array(TEST_MARK) / metres)
-    found = rig.run(marking.touch(Touch(place=hole.place, beside=np.array(TEST_MARK)), rig.light))
+    bring_in_reach(rig, marking, hole.place + np.array(_TEST_MARK) / metres)
+    found = rig.run(marking.touch(Touch(place=hole.place, beside=np.array(_TEST_MARK)), rig.light))
     words = found.verdict
     if found.tool is not None and view.tool is not None:
         rig.calibration = replace(view, tool=found.tool)
         moved = 1e3 * float(np.linalg.norm(np.subtract(found.tool.offset, view.tool.offset)))
         words = f"the tool is {moved:.2f} mm beside where its calibration has it"
-    rig.say(TESTED, words)
+    rig.say(_TESTED, words)

@@ -25,7 +25,7 @@ from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, p
 from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.wall_echoes import SweptBurst, beam_width
 
-SweepStage: TypeAlias = Literal["travel", "run up", "line", "return"]
+_SweepStage: TypeAlias = Literal["travel", "run up", "line", "return"]
 STUCK = "the catheter does not follow"
 NOT_THERE = "the catheter did not reach the first line"
 SHOTS = 4
@@ -60,7 +60,7 @@ class SweptArea:
     phi: tuple[float, float]
     z: tuple[float, float]
     bursts: list[SweptBurst] = field(default_factory=list)
-    stage: SweepStage = "travel"
+    stage: _SweepStage = "travel"
     lines: int = 0
     progress: float = 0.0
     moved: tuple[float, FloatArray] = field(default_factory=lambda: (0.0, np.full(2, np.nan)))

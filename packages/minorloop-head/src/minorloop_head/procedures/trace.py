@@ -21,12 +21,12 @@ makes a crack exp(2) = 7 times as likely, by assumption."""
 OPEN = 0.03e-3
 """Width in metres that a crack has from nearer, at its widest, or it is a scratch: light comes back
 from its ground. Cracks of 0.05 mm are measured to 0.007 mm, a third of the difference."""
-BESIDE, SHARED = 0.6e-3, 0.5
+BESIDE, _SHARED = 0.6e-3, 0.5
 """Two courses are one if they are nearer than this, in metres, over this share of the shorter."""
-LONGER = 1.1
+_LONGER = 1.1
 """Ratio of lengths from which the farther view of a crack is used as its course: the nearer image
 may not contain the whole crack."""
-EVEN = 0.5e-3
+_EVEN = 0.5e-3
 """Length over which the width of a crack is averaged, in metres."""
 TEXEL, MARGIN = 0.05e-3, 0.6e-3
 """Size of a texel of the map of a crack, and margin about the crack, in metres."""
@@ -89,7 +89,7 @@ def one_course(one: FloatArray, other: FloatArray, radius: float) -> bool:
     """Whether two courses (N, 2) and (M, 2) belong to one crack."""
     off = between(one, other, radius)
     shares = (off.min(axis=1) < BESIDE).mean(), (off.min(axis=0) < BESIDE).mean()
-    return bool(max(shares) > SHARED)
+    return bool(max(shares) > _SHARED)
 
 
 def between(one: npt.ArrayLike, other: npt.ArrayLike, radius: float) -> FloatArray:
@@ -99,13 +99,13 @@ def between(one: npt.ArrayLike, other: npt.ArrayLike, radius: float) -> FloatArr
 
 def whole_course(near: TracedCrack, far: TracedCrack) -> TracedCrack:
     """Return the near view of a crack, or the far one if that is much longer."""
-    return far if far.length > LONGER * near.length else near
+    return far if far.length > _LONGER * near.length else near
 
 
 def widest(traced: TracedCrack) -> tuple[FloatArray, float]:
     """Return the widest place (2,) of a crack, averaged over half a millimetre, and its width."""
     step = traced.length / max(len(traced.places) - 1, 1)
-    even = uniform_filter1d(traced.widths, max(round(EVEN / step), 1), mode="nearest")
+    even = uniform_filter1d(traced.widths, max(round(_EVEN / step), 1), mode="nearest")
     best = int(np.argmax(even))
     return traced.places[best], float(even[best])
 

@@ -22,9 +22,9 @@ from minorloop_head.ultrasound.pit_search import DEPTHS
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.ultrasound.spectra import spectra_of
 
-SHARE_ERROR = 0.08
+_SHARE_ERROR = 0.08
 """Error of a depth from two echoes, without the waves in a pit, as a share of the depth."""
-STIFFNESS = 1 / 0.05e-3**2
+_STIFFNESS = 1 / 0.05e-3**2
 """Weight of a squared difference of neighbours inside an outline without edges, in 1/m^2."""
 EDGE = 0.15
 """Step of the logarithm of the image from neighbour to neighbour that counts as an edge."""
@@ -118,7 +118,7 @@ def _shares(
     total = np.maximum(front + floor, 0.2)
     share = np.clip(floor / total, -0.2, 1.2)
     spread = noise * np.sqrt(a / determinant) / total
-    return depth * share, depth * np.hypot(spread, SHARE_ERROR)
+    return depth * share, depth * np.hypot(spread, _SHARE_ERROR)
 
 
 def _common_depth(
@@ -327,7 +327,7 @@ def _ties(
         rim = np.diff(inside, axis=axis)
         weight = np.moveaxis(1 / (1 + (step / EDGE) ** 2 + (rim / 0.1) ** 2), axis, 0)
         both = (a >= 0) & (b >= 0)
-        i, j, w = a[both], b[both], STIFFNESS * weight[both]
+        i, j, w = a[both], b[both], _STIFFNESS * weight[both]
         np.add.at(ties, (i, i), w)
         np.add.at(ties, (j, j), w)
         np.add.at(ties, (i, j), -w)

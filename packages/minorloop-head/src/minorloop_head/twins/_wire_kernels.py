@@ -55,7 +55,7 @@ def martensite(z, z0, xi0, axis):
 
 
 @njit(cache=True, nogil=True)
-def wire_stress(xi, axis, recoverable, force):
+def _wire_stress(xi, axis, recoverable, force):
     """Return the stress of a wire with its spring and a force, and its slope over the fraction."""
     length, area, austenite, soft = axis[5], axis[6], axis[8], axis[9]
     spring = axis[16]
@@ -69,7 +69,7 @@ def wire_stress(xi, axis, recoverable, force):
 
 
 @njit(cache=True, nogil=True)
-def heat_left(z, start, axis, around, h):
+def _heat_left(z, start, axis, around, h):
     """Return the error of the heat balance of a step that ends at effective temperature z.
 
     Returns (error, its slope, temperature, fraction, stress). ``start`` is the state before;
@@ -78,7 +78,7 @@ def heat_left(z, start, axis, around, h):
     current, ambient, film, force, age = around
     power, loss = current * current, film * axis[4]
     xi, dxi = martensite(z, start[2], start[1], axis)
-    stress, steep = wire_stress(xi, axis, axis[7] * (1.0 - 0.1 * age), force)
+    stress, steep = _wire_stress(xi, axis, axis[7] * (1.0 - 0.1 * age), force)
     t = z + stress / axis[10] + 5.0 * age
     gained = h * (power * (axis[3] + xi * (axis[2] - axis[3])) - loss * (t - ambient))
     error = axis[0] * (t - start[0]) - gained - axis[1] * (xi - start[1])
@@ -88,7 +88,7 @@ def heat_left(z, start, axis, around, h):
 
 
 @njit(cache=True, nogil=True)
-def wire_step(state, axis, around, h):
+def _wire_step(state, axis, around, h):
     """Integrate one wire over a step, in place, by implicit Euler and safeguarded Newton.
 
     The unknown is the effective temperature
@@ -96,7 +96,7 @@ def wire_step(state, axis, around, h):
     balance rises with it, at least as steeply as the heat capacity, which brackets the root.
     """
     z = state[2]
-    error, slope, t, xi, stress = heat_left(z, state, axis, around, h)
+    error, slope, t, xi, stress = _heat_left(z, state, axis, around, h)
     far = z - error / (axis[0] + h * around[2] * axis[4])
     low, high = min(z, far), max(z, far)
     for _ in range(ITERATIONS):
@@ -106,7 +106,7 @@ def wire_step(state, axis, around, h):
         if abs(better - z) <= NEAR:
             break
         z = better
-        error, slope, t, xi, stress = heat_left(z, state, axis, around, h)
+        error, slope, t, xi, stress = _heat_left(z, state, axis, around, h)
         if error > 0.0:
             high = z
         else:
@@ -130,7 +130,7 @@ def heads_at_rest(axes, cross, around, loads, age):
         force = course(loads[a], 0.0) / axis[17]
         if count == 2:
             force -= cross[3] * cross[4]
-        stress, _ = wire_stress(1.0, axis, axis[7] * (1.0 - 0.1 * age), force)
+        stress, _ = _wire_stress(1.0, axis, axis[7] * (1.0 - 0.1 * age), force)
         state[a, 0] = state[a, 4] = state[a, 6] = ambient
         state[a, 1] = 1.0
         state[a, 2] = ambient - stress / axis[10] - 5.0 * age
@@ -212,7 +212,7 @@ def head_run(
                 if count == 2:
                     force += cross[3] * (length[1 - a] - cross[4])
                 own = film * film_share(state[a, 0] - near, length[a] / axes[a, 17], cooling)
-                wire_step(state[a], axes[a], (current, near, own, force, age), h)
+                _wire_step(state[a], axes[a], (current, near, own, force, age), h)
                 flow += cooling[3] * own * axes[a, 4] * axes[a, 5] * (state[a, 0] - body)
             flow += cooling[5] * ambient
             state[:, 6] = (cooling[4] * body + h * flow) / (cooling[4] + h * cooling[5])

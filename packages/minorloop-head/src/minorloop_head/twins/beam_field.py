@@ -16,7 +16,7 @@ from scipy.special import j0
 from minorloop.arrays import FloatArray
 from minorloop.threads import one_thread
 
-Complex32 = npt.NDArray[np.complex64]
+_Complex32 = npt.NDArray[np.complex64]
 
 _OFF_STEP = 0.012e-3  # m
 _ALONG_STEP = 0.05e-3  # m, without the carrier
@@ -29,7 +29,7 @@ rounding."""
 class Beam:
     """Pressure p = table * exp(i k z) of a disc with unit pressure."""
 
-    table: Complex32
+    table: _Complex32
     """Shape (N, M, F). Over distance off the axis, along it, and frequency."""
     grid: FloatArray
     """Shape (3,). Step off the axis, first distance along it, and step along it, in metres."""

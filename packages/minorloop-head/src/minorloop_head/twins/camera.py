@@ -32,7 +32,7 @@ from minorloop_head.twins.turbid_water import FlatPort, TurbidWater
 
 LENS = Pinhole(k1=-0.12, k2=0.02)
 LED_CIRCLE = 2.5e-3  # m, radius
-NEAREST, FARTHEST = 4e-3, 60e-3  # m, of the focus
+_NEAREST, FARTHEST = 4e-3, 60e-3  # m, of the focus
 _FOCUS_RATE = 250.0  # of 1/distance, in 1/m per second
 _FULL_SCALE = 100.0  # grey levels at radiance 1, 10 ms and gain 1
 _NOISE_BANK = 1 << 20
@@ -204,9 +204,9 @@ class Camera(Mounted):
         LimitError
             If the distance is not from 4 to 60 mm.
         """
-        if not NEAREST <= distance <= FARTHEST:
+        if not _NEAREST <= distance <= FARTHEST:
             raise LimitError(
-                f"focus at {distance} m is beyond the limits [{NEAREST:g}, {FARTHEST:g}] m"
+                f"focus at {distance} m is beyond the limits [{_NEAREST:g}, {FARTHEST:g}] m"
             )
         self._focus_wanted = 1 / distance
 

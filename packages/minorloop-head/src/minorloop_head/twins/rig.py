@@ -3,7 +3,7 @@
 Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, since a wire pulls in
 one direction only. Flow may sway the base of the head; this moves camera and probe, but the joint
 sensors do not measure it. A `Rig` and its `SimulatedTip` may run in separate processes: only a
-`Stance` passes between them. Angles are in radians, lengths in metres.
+`_Stance` passes between them. Angles are in radians, lengths in metres.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STRAIGHT = math.radians(30.0)
 _UNITS = np.array([math.radians(1.0), math.radians(1.0), 1e-3, math.radians(1.0)])
 """Units of the channels of head and catheter: degrees, mm and degrees."""
 
-Stance: TypeAlias = tuple[float, float, float, float, float, float]
+_Stance: TypeAlias = tuple[float, float, float, float, float, float]
 """True pan and tilt, their rates, advance and roll."""
 
 
@@ -96,7 +96,7 @@ class Rig:
         self.head.surround(around)
         self.sway = sway
 
-    def stance(self) -> Stance:
+    def stance(self) -> _Stance:
         """Return the true state, for the simulated tip and for scoring after a run."""
         now = self._line_of_sight()
         pan_rate, tilt_rate = ((now - self._before) / self.tick).tolist()

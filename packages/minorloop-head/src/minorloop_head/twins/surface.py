@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from minorloop_head.twins import _surface_kernels as kernels
+from minorloop_head.twins import _shade_kernels as kernels
 from minorloop_head.twins.pipe import Dirt, Pipe
 
 TEXEL = 0.05e-3  # m
@@ -25,14 +25,14 @@ _KEPT = 2
 _STREAK = 1.2e-3  # m, length of brush marks
 _STAIN = 2.5e-3  # m, size of stains
 
-Map32 = npt.NDArray[np.float32]
+_Map32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """The wall at several resolutions, each half as fine as the one before."""
 
-    texels: Map32
+    texels: _Map32
     """Shape (N, 4). Albedo, slope around, slope along, share of the specular reflection; all levels
     one after the other, row by row. Each level has one more row and column than its shape, which
     repeat the last row and the first column."""
@@ -79,7 +79,7 @@ def with_dirt(surface: Surface, pipe: Pipe, patch: Dirt) -> Surface:
     return replace(surface, texels=texels)
 
 
-def _level(texels: Map32, surface: Surface, n: int) -> Map32:
+def _level(texels: _Map32, surface: Surface, n: int) -> _Map32:
     """Return a view of a level with its repeated row and column."""
     first, rows, columns = surface.shapes[n].tolist()
     whole = texels[first : first + (rows + 1) * (columns + 1)]
@@ -110,7 +110,7 @@ def _laid_out(pipe: Pipe) -> Surface:
     return _with_coarser(surface, size)
 
 
-def _metal(pipe: Pipe, rows: int, size: tuple[float, float]) -> Map32:
+def _metal(pipe: Pipe, rows: int, size: tuple[float, float]) -> _Map32:
     """Return the surface of the finish alone."""
     finish = pipe.finish
     rng = np.random.default_rng(finish.seed)
@@ -124,23 +124,23 @@ def _metal(pipe: Pipe, rows: int, size: tuple[float, float]) -> Map32:
     return surface
 
 
-def _streaks(rng: np.random.Generator, rows: int, along: float) -> Map32:
+def _streaks(rng: np.random.Generator, rows: int, along: float) -> _Map32:
     """Return noise of unit variance, white around the pipe and correlated along it."""
     noise = rng.standard_normal((rows, COLUMNS), dtype=np.float32)
     length = max(int(_STREAK / along), 1)
     for _ in range(2):
         noise = ndimage.uniform_filter1d(noise, length, axis=0, mode="wrap")
-    scaled: Map32 = noise / noise.std()
+    scaled: _Map32 = noise / noise.std()
     return scaled
 
 
-def _stains(rng: np.random.Generator, rows: int, size: tuple[float, float]) -> Map32:
+def _stains(rng: np.random.Generator, rows: int, size: tuple[float, float]) -> _Map32:
     """Return smooth noise of unit variance."""
     coarse_rows = max(round(rows * size[1] / _STAIN), 2)
     coarse_columns = round(COLUMNS * size[0] / _STAIN)
     coarse = rng.standard_normal((coarse_rows, coarse_columns)).astype(np.float32)
     zoom = (rows / coarse_rows, COLUMNS / coarse_columns)
-    smooth: Map32 = ndimage.zoom(coarse, zoom, order=3, mode="grid-wrap", grid_mode=True)
+    smooth: _Map32 = ndimage.zoom(coarse, zoom, order=3, mode="grid-wrap", grid_mode=True)
     return smooth[:rows, :COLUMNS]
 
 
@@ -151,7 +151,7 @@ def _lobes(patch: Dirt) -> npt.NDArray[np.float64]:
     return np.stack([sizes, rng.uniform(0, 2 * np.pi, 4)], axis=1)
 
 
-def _halved(finest: Map32) -> list[Map32]:
+def _halved(finest: _Map32) -> list[_Map32]:
     """Return a map at each of the resolutions."""
     levels = [finest]
     for _ in range(LEVELS - 1):
@@ -161,7 +161,7 @@ def _halved(finest: Map32) -> list[Map32]:
     return levels
 
 
-def _with_coarser(finest: Map32, size: tuple[float, float]) -> Surface:
+def _with_coarser(finest: _Map32, size: tuple[float, float]) -> Surface:
     levels = _halved(finest)
     padded = [np.pad(level, ((0, 1), (0, 0), (0, 0)), mode="edge") for level in levels]
     padded = [np.concatenate([level, level[:, :1]], axis=1) for level in padded]

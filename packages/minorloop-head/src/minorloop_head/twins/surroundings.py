@@ -13,7 +13,7 @@ import numpy as np
 from minorloop.arrays import FloatArray, as_finite, check_option
 from minorloop.errors import ParameterError
 
-ATMOSPHERE = 101_325.0
+_ATMOSPHERE = 101_325.0
 """Pressure at which the convection of a gas is given, in Pa."""
 
 # Film coefficient in W/(m^2 K) of a 0.2 mm wire, and how it grows with the pressure. The
@@ -37,7 +37,7 @@ _GIVEN_RISE = 50.0
 """Rise of the temperature of a wire, in K, at which its convection is given: it then moves."""
 MOST_LOAD = 4e-3
 """Largest torque on a joint, in N m: the preload of the weakest spring still holds it."""
-MOST_SWAY = math.radians(10.0)
+_MOST_SWAY = math.radians(10.0)
 FULL = -0.9999
 """Height of the water in a full pipe, in radii; y points down."""
 
@@ -215,8 +215,8 @@ class Sway:
     """Frequencies in Hz."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.amplitude <= MOST_SWAY:
-            raise ParameterError(f"a sway of {self.amplitude} rad; give 0 to {MOST_SWAY:.3f}")
+        if not 0 <= self.amplitude <= _MOST_SWAY:
+            raise ParameterError(f"a sway of {self.amplitude} rad; give 0 to {_MOST_SWAY:.3f}")
 
     def at(self, t: float) -> FloatArray:
         """Return pan and tilt (2,) at a time in seconds."""
@@ -243,7 +243,7 @@ class Filling:
     """Of water and gas, in degrees Celsius, from 0 to 95."""
     gas: str = "air"
     """One of `GASES`: still, but for ``forced gas``."""
-    pressure: float = ATMOSPHERE
+    pressure: float = _ATMOSPHERE
     """Of the gas, in Pa, as in `convection`."""
     sleeve: float = 1.0
     """Convection of this head's wires in their sleeves under water, over that of `convection`: 0.5
@@ -273,7 +273,7 @@ class Filling:
         return replace(other, ambient=self.temperature, convection=film)
 
 
-def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:
+def convection(medium: str, *, pressure: float = _ATMOSPHERE) -> float:
     """Return the film coefficient of a 0.2 mm wire in a medium.
 
     Parameters
@@ -298,7 +298,7 @@ def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:
     if not 1e3 <= as_finite("pressure", pressure) <= 1e7:
         raise ParameterError(f"pressure is {pressure} Pa; give 1e3 to 1e7 Pa")
     film, power = _MEDIA[medium]
-    return float(film * math.pow(pressure / ATMOSPHERE, power))
+    return float(film * math.pow(pressure / _ATMOSPHERE, power))
 
 
 def _as_course(value: float | Course) -> Course:

@@ -14,7 +14,7 @@ from minorloop_head.twins.pipe import Bore, Dirt, Pipe
 
 RATE = 10e-3
 """Rate of the extension, in m/s."""
-MARK_RADIUS, MARK_ALBEDO = 0.15e-3, 0.35
+_MARK_RADIUS, _MARK_ALBEDO = 0.15e-3, 0.35
 """Radius of a mark in metres, and its albedo relative to the metal: a dot of ink."""
 _SPREAD, _TILT = 0.2e-3, 0.01
 _KNOWN, _KNOWN_TILT = 0.03e-3, 1.5e-3
@@ -87,7 +87,7 @@ class MicroTool(Mounted):
         self.touches.append((phi, z))
         if self._bore_at(phi, z) is None:
             self.marks.append((phi, z))
-            dot = Dirt(phi, z, MARK_RADIUS, MARK_ALBEDO, softness=0.03e-3, raggedness=0.0)
+            dot = Dirt(phi, z, _MARK_RADIUS, _MARK_ALBEDO, softness=0.03e-3, raggedness=0.0)
             self.pipe = replace(self.pipe, dirt=(*self.pipe.dirt, dot))
 
     def _met(self) -> tuple[float, float, float]:

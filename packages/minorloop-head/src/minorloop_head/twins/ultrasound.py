@@ -22,17 +22,16 @@ from minorloop_head.geometry import Mount, Probe, meet_wall, wall_point, wrapped
 from minorloop_head.sources import Shot
 from minorloop_head.twins import _echo_kernels as kernels
 from minorloop_head.twins.beam_field import Beam, beam_of
-from minorloop_head.twins.crack_echo import CrackBasis, basis_of_crack
 from minorloop_head.twins.mounted import Mounted
 from minorloop_head.twins.pipe import Bore, Crack, Pipe
-from minorloop_head.twins.pit_echo import PitBasis, basis_of
+from minorloop_head.twins.pit_echo import CrackBasis, PitBasis, basis_of, basis_of_crack
 from minorloop_head.twins.sensor import SimulatedFault
 
-SAMPLE_INTERVAL = 10e-9  # s
+_SAMPLE_INTERVAL = 10e-9  # s
 SAMPLES = 2048
 """Samples of a shot: 20 us, the way to a wall 15 mm away and back."""
 INTERVAL = 1e-3  # s, between pulses
-WATER_TO_STEEL = 0.938  # reflection coefficient
+_WATER_TO_STEEL = 0.938  # reflection coefficient
 FULL_SCALE = 1.0
 """Largest amplitude of the converter, which is the unit of a trace."""
 _RESOLUTION = 0.125e6  # of the spectrum, in Hz: echoes of one shot last 8 us
@@ -45,8 +44,8 @@ _STEEL = 5900.0  # m/s, of longitudinal waves
 _STEPS = 4096  # of the converter, from -FULL_SCALE to FULL_SCALE
 _SETTINGS = {"frequency": 10e6, "bandwidth": 0.6, "skew": 0.0, "steel": _STEEL, "loss": 0.75}
 
-Spectrum = npt.NDArray[np.complex128]
-Features = tuple[FloatArray, FloatArray]
+_Spectrum = npt.NDArray[np.complex128]
+_Features = tuple[FloatArray, FloatArray]
 
 
 class Ultrasound(Mounted):
@@ -162,7 +161,7 @@ class Ultrasound(Mounted):
         counts = np.round(np.clip(self._gain * noisy / FULL_SCALE, -1.0, 1.0) * half)
         trace: FloatArray = np.clip(counts, -half, half - 1) * (FULL_SCALE / half)
         trace = self._with_faults(trace)
-        shot = Shot(self._clock, trace, SAMPLE_INTERVAL)
+        shot = Shot(self._clock, trace, _SAMPLE_INTERVAL)
         self._before = trace
         self.wait(INTERVAL)
         return shot
@@ -217,33 +216,33 @@ class Ultrasound(Mounted):
         plane = np.linalg.lstsq(np.stack([np.ones(_RIM), x, y], axis=1), rim, rcond=None)[0]
         return np.asarray(plane, dtype=np.float64)
 
-    def _pulse(self) -> Spectrum:
+    def _pulse(self) -> _Spectrum:
         """Return the spectrum of the pulse there and back, reflected by steel in water."""
         set_ = self._settings
         width = set_["bandwidth"] * set_["frequency"] / 2 / np.sqrt(2 * np.log(2))
         off = (self._frequencies - set_["frequency"]) / width
-        pulse: Spectrum = WATER_TO_STEEL * np.exp(-0.5 * off**2 + 1j * set_["skew"] * off**2)
+        pulse: _Spectrum = _WATER_TO_STEEL * np.exp(-0.5 * off**2 + 1j * set_["skew"] * off**2)
         water = 10 ** (-0.022e3 * (self._frequencies / 10e6) ** 2 / 20)
         return pulse * water ** (2 * (self._pipe.radius - self.probe.face))
 
-    def _steel(self, thickness: float) -> Spectrum:
+    def _steel(self, thickness: float) -> _Spectrum:
         """Return the ringing of the steel behind a surface, as a share of its echo."""
         if thickness <= 0:
             return np.zeros(len(self._frequencies), dtype=np.complex128)
         loss = self._settings["loss"] * 10 ** (-0.1e3 * 2 * thickness / 20)
         turn = np.exp(4j * np.pi * self._frequencies * thickness / self._settings["steel"])
-        first = -(1 - WATER_TO_STEEL**2) / WATER_TO_STEEL
-        ringing: Spectrum = first * loss * turn / (1 - WATER_TO_STEEL * loss * turn)
+        first = -(1 - _WATER_TO_STEEL**2) / _WATER_TO_STEEL
+        ringing: _Spectrum = first * loss * turn / (1 - _WATER_TO_STEEL * loss * turn)
         return ringing
 
     def _wall(
         self,
         origin: FloatArray,
         axis: FloatArray,
-        features: Features,
+        features: _Features,
         surface: tuple[FloatArray, FloatArray, float],
         water: float,
-    ) -> tuple[Spectrum, Spectrum]:
+    ) -> tuple[_Spectrum, _Spectrum]:
         """Return the integral (F,) over the wall, and the echo of the grains under it."""
         texture, grains, rough = surface
         bores, dents = features
@@ -280,19 +279,19 @@ class Ultrasound(Mounted):
         self._kept = (origin, axis, trace)
         return trace
 
-    def _spectrum(self, origin: FloatArray, axis: FloatArray, water: float) -> Spectrum:
+    def _spectrum(self, origin: FloatArray, axis: FloatArray, water: float) -> _Spectrum:
         wall, grain = self._wall(origin, axis, self._features, self._surface, water)
         received = wall * (1 + self._steel(self._pipe.thickness)) + grain
         for pit, basis, mouth in zip(self._pits, self._bases, self._mouths, strict=True):
             received += self._floor(pit, basis, mouth, origin, axis, water)
         for crack, course in zip(self._pipe.cracks, self._courses, strict=True):
             received += self._crack(crack, course, origin, axis, water)
-        spectrum: Spectrum = received * self._pulse()
+        spectrum: _Spectrum = received * self._pulse()
         return spectrum
 
     def _crack(
         self, crack: Crack, course: CrackBasis, origin: FloatArray, axis: FloatArray, water: float
-    ) -> Spectrum:
+    ) -> _Spectrum:
         """Return the echo of the floor of a crack, less that of the missing wall over it."""
         spot_phi, spot_z, _ = meet_wall(origin, axis, self._pipe.radius)
         part = course.near(spot_phi, spot_z, self._pipe.radius, self._reach)
@@ -305,7 +304,7 @@ class Ultrasound(Mounted):
         # Without a floor, only the wall over it is missing.
         depths = (0.0, crack.depth) if crack.depth < thickness else (0.0,)
         wall, *floor = course.echo(mouth, part, self._k, *depths)
-        change: Spectrum = -wall * (1 + self._steel(thickness))
+        change: _Spectrum = -wall * (1 + self._steel(thickness))
         for echo in floor:
             change += echo * (1 + self._steel(thickness - crack.depth))
         return change
@@ -318,7 +317,7 @@ class Ultrasound(Mounted):
         origin: FloatArray,
         axis: FloatArray,
         water: float,
-    ) -> Spectrum:
+    ) -> _Spectrum:
         """Return the echo of the floor of a pit with a plane mouth (3,), if the beam is near."""
         radius = self._pipe.radius
         spot_phi, spot_z, _ = meet_wall(origin, axis, radius)
@@ -334,10 +333,10 @@ class Ultrasound(Mounted):
         points = centre + flat + sunk[:, None] * normal
         under = self._steel(self._pipe.thickness - pit.depth)
         pressure = self._pressure(points, origin, axis)
-        floor: Spectrum = basis.echo(pressure, self._k) * (1 + under)
+        floor: _Spectrum = basis.echo(pressure, self._k) * (1 + under)
         return floor
 
-    def _pressure(self, points: FloatArray, origin: FloatArray, axis: FloatArray) -> Spectrum:
+    def _pressure(self, points: FloatArray, origin: FloatArray, axis: FloatArray) -> _Spectrum:
         """Return the pressure (F, N) of the beam at points (N, 3)."""
         pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
         kernels.pressure_at(
@@ -346,11 +345,11 @@ class Ultrasound(Mounted):
         )  # fmt: skip
         return pressure
 
-    def _to_time(self, spectrum: Spectrum, at: float) -> FloatArray:
+    def _to_time(self, spectrum: _Spectrum, at: float) -> FloatArray:
         """Return the trace (T,) of a spectrum whose phases count from time ``at``."""
-        count = round(1 / (_RESOLUTION * SAMPLE_INTERVAL))
-        first = int((at - _LEAD) / SAMPLE_INTERVAL)
-        early = first * SAMPLE_INTERVAL - at
+        count = round(1 / (_RESOLUTION * _SAMPLE_INTERVAL))
+        first = int((at - _LEAD) / _SAMPLE_INTERVAL)
+        early = first * _SAMPLE_INTERVAL - at
         bins = np.zeros(count // 2 + 1, dtype=np.complex128)
         start = round(_LOWEST / _RESOLUTION)
         turned = spectrum * np.exp(-2j * np.pi * self._frequencies * early)
@@ -445,7 +444,7 @@ def _surface(
     return texture, grains, float(roughness)
 
 
-def _features(pipe: Pipe) -> Features:
+def _features(pipe: Pipe) -> _Features:
     """Return bores and dents as arrays for the kernels."""
     bores = [(b.phi, b.z, b.diameter / 2, b.chamfer, b.chamfer_slope) for b in pipe.bores]
     dents = [(d.phi, d.z, d.size, d.height) for d in pipe.dents]
@@ -457,6 +456,6 @@ def _features(pipe: Pipe) -> Features:
 
 def _ring_down(frequency: float) -> FloatArray:
     """Return the ring-down of the disc: for 1 us it is louder than any echo."""
-    t = SAMPLE_INTERVAL * np.arange(SAMPLES)
+    t = _SAMPLE_INTERVAL * np.arange(SAMPLES)
     ring: FloatArray = 20.0 * np.exp(-t / 0.13e-6) * np.sin(2 * np.pi * frequency * t)
     return ring

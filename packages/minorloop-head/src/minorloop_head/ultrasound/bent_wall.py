@@ -13,8 +13,7 @@ from minorloop_head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched
 from minorloop_head.ultrasound.joint_fit import CENTRE, JointFit
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.spectra import Spectra, first_echo, least_deviations
-from minorloop_head.ultrasound.wall_distance import changes_in_time
-from minorloop_head.ultrasound.wall_shape import WallShape, smooth_shape
+from minorloop_head.ultrasound.wall_shape import WallShape, changes_in_time, smooth_shape
 
 BESIDE = 0.1e-3
 """Distance from the rim from which on the wall gives most of an echo, in metres: half the beam is

@@ -12,7 +12,7 @@ from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.spectra import LEAD, WINDOW
 
 FROZEN = "frozen"
-SHORT, FEW, SMALL, MISSING = "too short", "too few echoes", "raster too small", "part missing"
+SHORT, FEW, SMALL, _MISSING = "too short", "too few echoes", "raster too small", "part missing"
 ONE_PLACE, BESIDE = "all at one place", "raster beside the mouth"
 _FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
 _INSIDE, _BESIDE, _ONE = 0.4e-3, 0.2e-3, 0.1e-3
@@ -89,12 +89,12 @@ def coverage_fault(
         return ONE_PLACE
     away = np.linalg.norm(off, axis=1)
     if (away < max(diameter / 2, _INSIDE)).sum() < _FEWEST_INSIDE:
-        return BESIDE if whole else MISSING
+        return BESIDE if whole else _MISSING
     outside = int((away > diameter / 2 + _BESIDE).sum())
     if outside >= _FEWEST_OUTSIDE:
         return ""
     # A raster is symmetric: half a raster that lacks wall may be completed by the other half.
-    return SMALL if whole or 2 * outside < _FEWEST_OUTSIDE else MISSING
+    return SMALL if whole or 2 * outside < _FEWEST_OUTSIDE else _MISSING
 
 
 def long_enough(bursts: Sequence[Burst], probe: CalibratedProbe) -> bool:

@@ -24,7 +24,6 @@ from minorloop_head.reconstruction.depth_map import (
 )
 from minorloop_head.reconstruction.findings import Finding
 from minorloop_head.ultrasound.field import CalibratedProbe
-from minorloop_head.ultrasound.wall_distance import speed_error
 from minorloop_head.ultrasound.wall_echoes import (
     BESIDE,
     PULSE,
@@ -34,6 +33,7 @@ from minorloop_head.ultrasound.wall_echoes import (
     beam_width,
     wall_echoes,
 )
+from minorloop_head.ultrasound.wall_shape import speed_error
 
 PIT, CRACK, CUT = "pit", "crack", "cut by the edge"
 NO_ECHO = "no echo: a hole through the wall, or a place without coupling"

@@ -17,7 +17,7 @@ from minorloop_head.ultrasound import _field_kernels as kernels
 LOWEST, HIGHEST = 5e6, 15e6  # Hz, the band of a pulse of 10 MHz and 60 %, with its flanks
 RESOLUTION = 0.3125e6
 """Of the spectra that are compared, in Hz: one over the window of 3.2 us."""
-FACET = 0.06e-3
+_FACET = 0.06e-3
 """Step of the integral over the wall, in metres: less than half a wavelength at 10 MHz."""
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -135,14 +135,14 @@ class SoundField:
         ``sunk`` returns how much farther than ``radius`` from the axis it is, in metres, at
         places (..., 2), phi and z; without it, it is nowhere.
         """
-        side = FACET * np.arange(-np.ceil(self.reach / FACET), np.ceil(self.reach / FACET) + 1)
+        side = _FACET * np.arange(-np.ceil(self.reach / _FACET), np.ceil(self.reach / _FACET) + 1)
         radii = np.full((len(origins), side.size, side.size), radius)
         if sunk is not None:
             around, along = np.meshgrid(side / radius, side, indexing="ij")
             radii += sunk(spots[:, None, None, :] + np.stack([around, along], axis=-1))
         out = np.zeros((len(origins), 2, len(self.wavenumbers)))
         kernels.wall_sum(
-            self.table, self.steps, origins, axes, starts, spots, radii, radius, self.reach, FACET,
+            self.table, self.steps, origins, axes, starts, spots, radii, radius, self.reach, _FACET,
             self.first, self.step, out,
         )  # fmt: skip
         return 2j * self.wavenumbers * as_complex(out)

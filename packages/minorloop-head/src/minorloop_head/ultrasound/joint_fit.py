@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop_head.ultrasound import _fit_kernels as kernels
+from minorloop_head.ultrasound import _field_kernels as kernels
 from minorloop_head.ultrasound.field import ComplexArray, as_parts
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.spectra import FAR, Spectra
-from minorloop_head.ultrasound.wall_distance import speed_error
+from minorloop_head.ultrasound.wall_shape import speed_error
 
 CENTRE = np.array([0.0, 0.0, 0.0, 0.6e-3, 1.0, 0.0, 0.0, 0.0])
 PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.04e-3])

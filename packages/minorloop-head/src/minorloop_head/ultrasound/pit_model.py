@@ -32,7 +32,7 @@ _BACK = 0.12 * 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class UnitDisc:
+class _UnitDisc:
     """Modes of a rigid cylinder on quadrature points of the unit disc."""
 
     places: FloatArray
@@ -52,7 +52,7 @@ class UnitDisc:
 
 
 @lru_cache(maxsize=4)
-def unit_disc(limit: float) -> UnitDisc:
+def unit_disc(limit: float) -> _UnitDisc:
     """Return the modes up to a limit of chi."""
     from scipy.special import jn_zeros, jnp_zeros, jv  # not for who only steers a probe
 
@@ -74,7 +74,7 @@ def unit_disc(limit: float) -> UnitDisc:
                 wave.append(len(waves) - 1)
                 across.append(chi)
     r, a = (g.ravel() for g in np.meshgrid(radii, turn, indexing="ij"))
-    return UnitDisc(
+    return _UnitDisc(
         np.stack([r * np.cos(a), r * np.sin(a)], axis=1),
         np.repeat(areas, _ANGLES),
         np.stack(waves, axis=1).astype(np.float32),

@@ -14,7 +14,7 @@ from minorloop_head.ultrasound.joint_fit import PRIOR, JointFit, JointSolution
 
 DEPTHS: FloatArray = np.arange(0.08e-3, 1.25e-3, 0.01e-3)
 """Depths of a sweep, in metres: from half a wavelength at 10 MHz on, seven in each."""
-WEAK, STRANGE = 0.3, 1.2
+_WEAK, STRANGE = 0.3, 1.2
 """Gain of a floor below which there may be none; cost, over that of noise alone, above which a fit
 is incomplete."""
 _STARTS = 2
@@ -47,7 +47,7 @@ def best_fit(fit: JointFit, start: FloatArray) -> JointSolution:
     starts += _shaped(fit, flat, (0.0,), _DISHES[1:], DEPTHS)[:1]
     best = _better(fit, best, starts)
     gain = best.unknowns[4]
-    if gain < WEAK and _is_through(fit, best):
+    if gain < _WEAK and _is_through(fit, best):
         return best
     if gain < _UNSURE or best.cost > STRANGE * fit.usual_cost:
         near = DEPTHS[np.abs(DEPTHS - best.unknowns[3]) < 0.125e-3]
@@ -91,7 +91,7 @@ def floor_gains_nothing(best: JointSolution, hole: float) -> bool:
 
 def _with_slips(fit: JointFit, best: JointSolution) -> tuple[JointSolution, bool]:
     """Return the best of a solution and near dips of the cost, and whether noise could swap two."""
-    if best.unknowns[4] < WEAK:
+    if best.unknowns[4] < _WEAK:
         return best, False
     costs = fit.sweep(best.unknowns, DEPTHS)
     near = [

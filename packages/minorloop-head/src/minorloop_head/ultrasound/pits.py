@@ -1,4 +1,8 @@
-"""Measure the depth of a pit from a raster of echoes about its place in the image."""
+"""Measure the depth of a pit from a raster of echoes about its place in the image.
+
+A floor deeper than is measured is detected by an echo after the window of the fit; a mouth is a
+through-hole if no echo comes out of it, whatever its time or shape.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,10 @@ from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import ParameterError
 from minorloop.threads import one_thread
 from minorloop_head.geometry import wall_point
-from minorloop_head.ultrasound import deep_pit
 from minorloop_head.ultrasound.bent_wall import MOST_UNKNOWN, bent_fit, is_bent, moves, renewed
 from minorloop_head.ultrasound.burst_checks import FEW, coverage_fault, rejections, usable_bursts
-from minorloop_head.ultrasound.deep_pit import DEEPER_DEPTHS
 from minorloop_head.ultrasound.echoes import Burst
-from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.field import HIGHEST, LOWEST, CalibratedProbe, ComplexArray
 from minorloop_head.ultrasound.joint_fit import CENTRE, PRIOR, JointFit, JointSolution
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.pit_search import (
@@ -27,10 +29,29 @@ from minorloop_head.ultrasound.pit_search import (
     resolve_ambiguity,
     solve_without_floor,
 )
-from minorloop_head.ultrasound.spectra import spectra_of
-from minorloop_head.ultrasound.through_hole import is_through_hole
-from minorloop_head.ultrasound.wall_distance import FARTHEST
+from minorloop_head.ultrasound.spectra import LEAD, WINDOW, spectra_of, tapered
+from minorloop_head.ultrasound.wall_shape import FARTHEST
 
+_TIMES: FloatArray = np.arange(-0.5e-6, 2.3e-6, 0.05e-6)
+"""Times at which the residual is tested, in seconds after the echo of the wall."""
+_SPAN = 8
+"""Number of these times in one window, whose power is compared with that of noise."""
+_LATE = 0.19e-6
+"""Time from which on a window counts as late, in seconds."""
+_LATE_SURE, _EARLY_SURE, _EARLY_SHARE = 4.0, 5.0, 1e-3
+"""Largest residual of a hole late and early, in deviations of the noise (at most 3.7 late in 50
+scans of holes); and the share of the missing echo that chamfered edges may return early."""
+_DEEPER_DEPTHS: FloatArray = np.arange(1.26e-3, 1.6e-3, 0.01e-3)
+"""Depths in metres that are not measured, but whose echoes lie in the window of the fit."""
+_DETECTED, ABSENT, UNDECIDED = "detected", "absent", "undecided"
+_WINDOWS = ((1.6e-6, 1.3e-3, 2.7e-3), (3.2e-6, 2.6e-3, 4.1e-3))
+"""Start of each later window, in seconds after the usual one, and its range of depths in metres."""
+_STEP = 0.01e-3
+_SURE, _GAIN = 25.0, 0.15
+"""A floor is detected from this cost over the noise and this gain of a flat floor on. By noise
+alone, the best of some 280 depths reaches a cost of about 6."""
+_USUAL_GAIN, _COULD = 0.5, 15.0
+"""Gain of a poor floor, and the cost that it must return, for its absence to be certain."""
 POINTS, PITCH = 6, 0.32e-3
 """Points in a row of a raster, which cover the largest pit and wall beside it, and metres between
 them, a third of the footprint of the beam."""
@@ -40,7 +61,7 @@ DEEPEST = 1.25e-3
 """Greatest depth that is measured, in metres."""
 MEASURED, HOLE = "measured", "through-hole"
 DEEPER, SILENT = "deeper than 1.25 mm", "no floor echo"
-NO_PIT, FAINT = "no pit", "too faint"
+NO_PIT, _FAINT = "no pit", "too faint"
 _NEAR_DEEPEST = 1e-3
 UNEVEN, DISTURBED, AMBIGUOUS = "uneven floor", "disturbed", "ambiguous depth"
 ASTRAY = "distances disagree"
@@ -273,17 +294,17 @@ def _assessed(
 
 def _if_deeper(fit: JointFit, best: JointSolution, verdict: str, bursts: Sequence[Burst]) -> str:
     """Return the verdict, or that the floor is deeper than measured, or that none is detected."""
-    if verdict in (NO_PIT, FAINT):
+    if verdict in (NO_PIT, _FAINT):
         return verdict
     gain = best.unknowns[4]
     if verdict != HOLE and (best.unknowns[3] > DEEPEST or _fits_deeper(fit, best)):
         return DEEPER
     strange = best.cost > STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
     if verdict == HOLE or not _UNEVEN <= gain <= _LOUDEST or strange:
-        floor = deep_pit.detect_deep_floor(fit, best.unknowns, bursts)
-        if floor == deep_pit.DETECTED:
+        floor = detect_deep_floor(fit, best.unknowns, bursts)
+        if floor == _DETECTED:
             return DEEPER
-        return SILENT if verdict == HOLE and floor == deep_pit.UNDECIDED else verdict
+        return SILENT if verdict == HOLE and floor == UNDECIDED else verdict
     return verdict
 
 
@@ -293,7 +314,7 @@ def _fits_deeper(fit: JointFit, best: JointSolution) -> bool:
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     near = best.unknowns[3] > _NEAR_DEEPEST
     return any(
-        fit.sweep(unknowns, DEEPER_DEPTHS).min() < best.cost
+        fit.sweep(unknowns, _DEEPER_DEPTHS).min() < best.cost
         for unknowns in ([best.unknowns, flat] if near else [best.unknowns])
     )
 
@@ -325,4 +346,117 @@ def _no_pit_or_faint(fit: JointFit, best: JointSolution) -> str:
     model, (x, y, size) = fit.model, best.unknowns[:3]
     lost = fit.pulse * model.missing(model.mouth(x, y, size), size)
     power = 0.5 * np.abs(lost / fit.spectra.noise[model.near, None]) ** 2
-    return NO_PIT if power.sum() > _NOTICEABLE * _NOTICED * best.cost else FAINT
+    return NO_PIT if power.sum() > _NOTICEABLE * _NOTICED * best.cost else _FAINT
+
+
+def last_window_end(thickness: float) -> float:
+    """Return the end of the last window, in seconds after the echo of the wall."""
+    needed = [after for after, low, _ in _WINDOWS if low < thickness]
+    return max(needed, default=0.0) + WINDOW - LEAD
+
+
+def detect_deep_floor(fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burst]) -> str:
+    """Look for a floor between the greatest measured depth and the thickness of the wall.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Of the same bursts.
+    unknowns : (8,) array
+        Of its solution; only the outline is used.
+    bursts : sequence of Burst
+        Usable ones.
+
+    Returns
+    -------
+    str
+        ``detected``; ``absent``; or ``undecided``, where the traces end too early, or noise would
+        hide a floor that returns half of what a flat one does.
+
+    Notes
+    -----
+    At each depth, the gain of a flat floor by least squares over all traces near the mouth is
+    compared with the noise.
+    """
+    model, probe = fit.model, fit.model.probe
+    latest = float(model.spots[:, 2].max()) * 2 / probe.speed + last_window_end(probe.thickness)
+    if min(burst.trace.size * burst.sample_interval for burst in bursts) < latest:
+        return UNDECIDED
+    verdict = ABSENT
+    for after, low, high in _WINDOWS:
+        depths = np.arange(low, min(high, probe.thickness), _STEP)
+        if depths.size == 0:
+            continue
+        gains, power = _gains(fit, unknowns, bursts, depths, after)
+        if bool(((gains > _GAIN) & (0.5 * gains**2 * power > _SURE)).any()):
+            return _DETECTED
+        if 0.5 * _USUAL_GAIN**2 * float(power.min()) < _COULD:
+            verdict = UNDECIDED
+    return verdict
+
+
+def _gains(
+    fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burst], depths: FloatArray, after: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the gain (D,) of a floor at each depth, and the power (D,) of a flat one."""
+    model, (x, y, size) = fit.model, unknowns[:3]
+    spectra = spectra_of(bursts, model.probe, model.centre, after=after)
+    if spectra is None:
+        return np.zeros(depths.size), np.zeros(depths.size)
+    near = model.near
+    squares = model.squares(model.mouth(x, y, size), size, (0.0, 0.0), 0.0)
+    pulse = fit.pulse * np.exp(2j * model.sound.wavenumbers * fit.shift[near, None])
+    expected = pulse * model.floors(squares, size, depths)
+    weight = 1 / spectra.noise[near, None] ** 2
+    common = (np.conj(expected) * spectra.received[near] * weight).real.sum(axis=(1, 2))
+    power: FloatArray = (np.abs(expected) ** 2 * weight).sum(axis=(1, 2))
+    return common / np.maximum(power, 1e-12), power
+
+
+def is_through_hole(fit: JointFit, hole: JointSolution) -> bool:
+    """Return whether the residual of a mouth without a floor is noise alone.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Of the traces.
+    hole : JointSolution
+        Its solution without a floor.
+
+    Notes
+    -----
+    The power of the residual in windows of 0.4 us is compared with that of noise; each trace is
+    weighted by the echo that the mouth removes. A floor that scatters, or is too uneven for the
+    fit, leaves a late residual; a bead or a smooth dimple changes the early echo of the wall.
+    """
+    model, (x, y, size) = fit.model, hole.unknowns[:3]
+    echoes = model.echo(hole.unknowns)
+    fit.cost_of(echoes)
+    residual = _power(fit, fit.residual(echoes))
+    taken = np.zeros_like(fit.spectra.received)
+    taken[model.near] = model.missing(model.mouth(x, y, size), size)
+    lost = _power(fit, fit.pulse * taken).sum(axis=1)
+    share = lost / max(float(lost.max()), 1e-12)
+    usual = np.interp(_TIMES, WINDOW * np.linspace(0, 1, 512) - LEAD, tapered(512) ** 2)
+    # The median of the power of noise gives its mean, even if a few traces contain echoes.
+    usual *= np.median(residual / usual) / np.log(2)
+    excess = _windows(share @ (residual - usual))
+    samples = (_TIMES[1] - _TIMES[0]) * (HIGHEST - LOWEST)
+    sure = excess / np.sqrt(_windows(usual**2) * (share**2).sum() / samples)
+    late = _TIMES[: excess.size] > _LATE
+    early = (sure > _EARLY_SURE) & (excess > _EARLY_SHARE * float(share @ lost))
+    return not (early[~late].any() or (sure[late] > _LATE_SURE).any())
+
+
+def _windows(values: FloatArray) -> FloatArray:
+    return np.convolve(values, np.ones(_SPAN), mode="valid")
+
+
+def _power(fit: JointFit, spectra: ComplexArray) -> FloatArray:
+    """Return the power (K, times) of spectra over the mean power of their noise."""
+    frequencies = fit.model.sound.wavenumbers * fit.model.probe.speed / (2 * np.pi)
+    traces = spectra @ np.exp(-2j * np.pi * frequencies[:, None] * _TIMES)
+    power: FloatArray = np.abs(traces) ** 2 / (
+        2 * len(frequencies) * fit.spectra.noise[:, None] ** 2
+    )
+    return power

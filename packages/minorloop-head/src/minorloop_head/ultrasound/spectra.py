@@ -21,7 +21,7 @@ from minorloop_head.ultrasound.field import (
 WINDOW = 1 / RESOLUTION
 LEAD = 0.6e-6
 """Time from the start of the window to the echo of the wall, in seconds."""
-TAPER = 0.2
+_TAPER = 0.2
 """Share of the window over which it rises and falls."""
 FAR = 10
 """Number of traces far from a pit that give the place of the wall and the pulse."""
@@ -128,12 +128,14 @@ def _spectrum(burst: Burst, at: float, after: float) -> ComplexArray:
 
 
 def tapered(count: int) -> FloatArray:
-    """Return a Tukey window (count,), whose cosine flanks are ``TAPER`` of it together."""
+    """Return a Tukey window (count,), whose cosine flanks are ``_TAPER`` of it together."""
     last = count - 1
-    flank = int(TAPER * last / 2)
+    flank = int(_TAPER * last / 2)
     n = np.arange(count, dtype=np.float64)
     window = np.ones(count)
-    window[: flank + 1] = 0.5 * (1 + np.cos(np.pi * (-1 + 2 * n[: flank + 1] / TAPER / last)))
+    window[: flank + 1] = 0.5 * (1 + np.cos(np.pi * (-1 + 2 * n[: flank + 1] / _TAPER / last)))
     fall = n[last - flank :]
-    window[last - flank :] = 0.5 * (1 + np.cos(np.pi * (-2 / TAPER + 1 + 2 * fall / TAPER / last)))
+    window[last - flank :] = 0.5 * (
+        1 + np.cos(np.pi * (-2 / _TAPER + 1 + 2 * fall / _TAPER / last))
+    )
     return window

@@ -13,12 +13,12 @@ from minorloop_head.vision import _outline_kernels as kernels
 from minorloop_head.vision.imaging import Image32, gaussian, shrunk
 from minorloop_head.vision.reflectance_map import STEP, ReflectanceMap, median
 
-DARK, BRIGHT, EITHER, LIT = "dark", "bright", "either", "lit"
-KINDS = (DARK, BRIGHT, EITHER, LIT)
+_DARK, _BRIGHT, _EITHER, _LIT = "dark", "bright", "either", "lit"
+KINDS = (_DARK, _BRIGHT, _EITHER, _LIT)
 """How a candidate was found: by a dark inside, a bright one, an edge of either sign under every
 light, or light from behind."""
 
-_SIGNS = {DARK: 1.0, BRIGHT: -1.0, EITHER: 0.0, LIT: -1.0}
+_SIGNS = {_DARK: 1.0, _BRIGHT: -1.0, _EITHER: 0.0, _LIT: -1.0}
 DIAMETERS = (0.85, 1.15)
 """Diameters in millimetres of the holes on a map of scale 1; others are at another scale."""
 # Sizes in texels, for such holes and some margin: widths of the blob filter, radii where an outline
@@ -34,7 +34,7 @@ _APART = 3.5  # texels between seeds
 # Reflectances relative to the local median are clipped here, since glints and deep shadows would
 # otherwise outweigh the edge of a hole.
 _RING_CLIP = (-2.5, 0.8)
-_CLIP = {DARK: (-2.5, 1.2), BRIGHT: (-1.5, 2.0), EITHER: (-2.5, 1.5)}
+_CLIP = {_DARK: (-2.5, 1.2), _BRIGHT: (-1.5, 2.0), _EITHER: (-2.5, 1.5)}
 
 _RIM_TURNS, _RIM_SEEN = 2, 0.5
 """Turns of the search for a rim, each about the outline of the one before, and least share of the
@@ -113,13 +113,13 @@ def candidates(wall: ReflectanceMap) -> list[Candidate]:
     rings = _rings(wall)
     dark, bright = _seeds(wall, seen, _peaks(rings, _RING_SEEDS, 2))
     found: list[Candidate] = []
-    for kind, seeds in ((DARK, dark), (BRIGHT, bright), (EITHER, _merged(dark, bright))):
+    for kind, seeds in ((_DARK, dark), (_BRIGHT, bright), (_EITHER, _merged(dark, bright))):
         low, high = _CLIP[kind]
         stack = np.clip(wall.stack, wall.ground + low, wall.ground + high)
         found += _outlined(wall, stack, rings, seeds, kind)
     if wall.glow is not None:
         seeds = _peaks(_blob(wall.glow, seen), _LIT_SEEDS, 2)
-        found += _outlined(wall, wall.glow[None], rings, seeds, LIT)
+        found += _outlined(wall, wall.glow[None], rings, seeds, _LIT)
     return found
 
 
@@ -226,7 +226,7 @@ def at_rim(candidate: Candidate, wall: ReflectanceMap) -> Candidate:
     for _ in range(_RIM_TURNS):
         if not kernels.depart(wall.stack, x, y, radius, away):
             return candidate
-        kernels.outline(away[None], x, y, _SIGNS[BRIGHT], *_RADII, fit)
+        kernels.outline(away[None], x, y, _SIGNS[_BRIGHT], *_RADII, fit)
         if not np.isfinite(fit).all() or math.hypot(fit[0] - x, fit[1] - y) > radius:
             return candidate
         x, y, radius = fit[:3].tolist()

@@ -139,7 +139,7 @@ def features_of(found: Profiles) -> FloatArray:
     return np.stack([np.log(typical), np.log(peak), bright / dark, np.log(_FINEST + bent)], axis=1)
 
 
-def evidence_along(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
+def _evidence_along(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
     """Return the evidence (N,) of each place of a line, linear in its features."""
     each = weights[0] + features_of(found) @ np.array(weights[1:])
     even: FloatArray = ndimage.gaussian_filter1d(each, _EVEN, mode="nearest")
@@ -148,7 +148,7 @@ def evidence_along(found: Profiles, weights: Sequence[float] = ALONG) -> FloatAr
 
 def likely_parts(found: Profiles, weights: Sequence[float] = ALONG) -> list[FloatArray]:
     """Return the parts (N, 2) of a course that may be those of a crack."""
-    along = evidence_along(found, weights)
+    along = _evidence_along(found, weights)
     possible = np.pad(along > _POSSIBLE, _BRIDGED)
     possible = ndimage.binary_closing(possible, np.ones(_BRIDGED + 1, dtype=bool))
     labels, _ = ndimage.label(possible[_BRIDGED:-_BRIDGED])
@@ -163,7 +163,7 @@ def whole_features(found: Profiles, weights: Sequence[float] = ALONG) -> FloatAr
     Places count by their evidence: what crosses a crack does not count against it, and what noise
     bends does not count for it.
     """
-    along = np.clip(evidence_along(found, weights), _LEAST, _MOST) - _LEAST
+    along = np.clip(_evidence_along(found, weights), _LEAST, _MOST) - _LEAST
     share = (along + 1e-6) / (along + 1e-6).sum()
     _, axes = np.linalg.eigh(np.cov(found.course.T))
     across, length = (found.course @ axes).T

@@ -30,7 +30,7 @@ _STABLE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class HoldState:
+class _HoldState:
     """State of a hold.
 
     ``angles`` (2,) are the joint angles that would centre the point, in radians, ``rates`` (2,)
@@ -93,14 +93,14 @@ class PointHold:
                 "the loop would ring with its delay"
             )
 
-    def begin(self, angles: npt.ArrayLike) -> HoldState:
+    def begin(self, angles: npt.ArrayLike) -> _HoldState:
         """Return the state of a hold that starts at (2,) angles in radians."""
         start = self.servo.cone.clip(np.nan_to_num(np.asarray(angles, dtype=np.float64)))
-        return HoldState(start, np.zeros(2), np.zeros(2), start, start)
+        return _HoldState(start, np.zeros(2), np.zeros(2), start, start)
 
     def step(
-        self, state: HoldState, pixel: npt.ArrayLike | None, angles: npt.ArrayLike
-    ) -> tuple[ServoStep, HoldState]:
+        self, state: _HoldState, pixel: npt.ArrayLike | None, angles: npt.ArrayLike
+    ) -> tuple[ServoStep, _HoldState]:
         """Return the next joint angles and state; a lost point gives a verdict, not an error.
 
         Parameters
@@ -140,7 +140,7 @@ class PointHold:
         ahead = np.zeros(2) if error is None else self.lead * shortened(error, self.near)
         return np.asarray(-self.integral_gain * (integral + ahead))
 
-    def _waited(self, state: HoldState) -> HoldState:
+    def _waited(self, state: _HoldState) -> _HoldState:
         """Return the state after a frame without the point."""
         missed = state.missed + self.servo.interval
         if missed > self.patience:
@@ -148,14 +148,14 @@ class PointHold:
         moved = state.angles + self.servo.interval * state.rates
         return replace(state, angles=moved, missed=missed)
 
-    def _seen(self, state: HoldState, error: FloatArray, measured: FloatArray) -> HoldState:
+    def _seen(self, state: _HoldState, error: FloatArray, measured: FloatArray) -> _HoldState:
         """Return the state after a frame with an angular error (2,) at measured angles."""
         interval = self.servo.interval
         predicted = state.angles + interval * state.rates
         innovation = measured - error - predicted
         follows = np.abs(measured - state.followed) < self.slip
         near = float(np.hypot(*error)) <= self.near
-        return HoldState(
+        return _HoldState(
             predicted + self.share * innovation,
             state.rates + self.slope_share / interval * innovation,
             state.integral + interval * error * (follows & near),

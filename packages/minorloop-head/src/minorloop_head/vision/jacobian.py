@@ -22,7 +22,7 @@ _LEAST_SHARE = 1e-3
 """Smallest over largest singular value, below which a Jacobian counts as singular."""
 
 
-def rotation_columns(point: npt.ArrayLike) -> FloatArray:
+def _rotation_columns(point: npt.ArrayLike) -> FloatArray:
     """Return (2, 3) rates of a (2,) point for angular velocities of 1 rad/s about x, y, z."""
     x, y = np.asarray(point, dtype=np.float64)
     return np.array([[x * y, -(1 + x * x), y], [1 + y * y, -x * y, -x]])
@@ -72,7 +72,7 @@ def pan_tilt_jacobian(
     """
     # The velocity of the lens is the angular velocity crossed with the lever along z.
     carried = lever * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    columns = rotation_columns(point) + translation_columns(point, depth) @ carried
+    columns = _rotation_columns(point) + translation_columns(point, depth) @ carried
     turns = body_rates(tilt)
     rates: FloatArray = columns @ (turns if camera is None else camera.T @ turns)
     return rates

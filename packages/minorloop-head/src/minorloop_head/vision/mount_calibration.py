@@ -21,7 +21,7 @@ from minorloop_head.geometry import AXES, pan_tilt, rotation_x, rotation_y, rota
 from minorloop_head.vision.lens_calibration import TargetPose
 from minorloop_head.vision.measured import Measured
 
-LEAST_POSES = 6
+_LEAST_POSES = 6
 """Fewest poses: each has six numbers, so that three determine the 13 unknowns, and as many again
 show whether they agree."""
 _LEAST_RANGE = 10.0
@@ -149,10 +149,10 @@ def _in_link(zero: float, squint: float, roll: float) -> FloatArray:
 
 
 def _check(poses: Sequence[TargetPose], joints: FloatArray) -> None:
-    if len(poses) < LEAST_POSES:
+    if len(poses) < _LEAST_POSES:
         raise RecordError(
             f"{counted(len(poses), 'picture')} with a target at known joint angles; give "
-            f"{LEAST_POSES} or more"
+            f"{_LEAST_POSES} or more"
         )
     moved = np.ptp(joints, axis=0)
     turned = _turns([pose.rotation.T for pose in poses])

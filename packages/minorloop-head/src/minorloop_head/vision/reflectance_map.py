@@ -37,7 +37,7 @@ ALONE = 1.5
 LEAST_SEEN = 14e3
 """Least resolution of the wall in pixels per metre: 12 pixels across a hole of 0.85 mm."""
 
-FLOOR, _GLOW_FLOOR = 2.0, 4.0
+_FLOOR, _GLOW_FLOOR = 2.0, 4.0
 """Grey levels added before the logarithm, so that noise in the dark stays small. Fainter light from
 behind than the second is left in the other frames."""
 STEP = 0.05e-3
@@ -49,7 +49,7 @@ nearest wall, of which interpolation would use some and leave out others."""
 _BLOCK = 16
 """Side of a block in texels, 0.8 mm: a hole of 1.15 mm fills more than half of at most two of the
 nine blocks whose median is the ground."""
-LEAST_LIGHT = 1e-3
+_LEAST_LIGHT = 1e-3
 """Irradiance that is assumed at least, so that a wall that faces away from an LED has a logarithm.
 A lit wall has less only 0.1 m along the pipe, where it is too small to be searched."""
 
@@ -198,7 +198,7 @@ def lay_flat(
         seen &= np.isfinite(flat)
     if seen.sum() < _BLOCK**2:
         return None
-    light = np.maximum(irradiance(camera, window, middle.pan, middle.tilt), LEAST_LIGHT)
+    light = np.maximum(irradiance(camera, window, middle.pan, middle.tilt), _LEAST_LIGHT)
     alone: list[Image32] = []
     full: list[Image32] = []
     for flat in flats:
@@ -211,7 +211,7 @@ def lay_flat(
             continue
         fall = light[np.array(frame.lights, dtype=bool)].sum(axis=0)
         lit = np.maximum(flat - own / (ALONE if all(frame.lights) else 1.0), 0)
-        level = np.log((lit + FLOOR) / fall)
+        level = np.log((lit + _FLOOR) / fall)
         (alone if sum(frame.lights) == 1 else full).append(level)
     stack = np.array(alone if len(alone) > 1 else [*full, *alone], dtype=np.float32)
     typical = median(stack)

@@ -55,7 +55,7 @@ class Cone:
 
 
 @dataclass(frozen=True, eq=False)
-class ServoState:
+class _ServoState:
     """State of a servo."""
 
     angles: FloatArray
@@ -121,7 +121,7 @@ class Servo:
                 "below 0.5 and the loop would ring; lower the gain"
             )
 
-    def begin(self, angles: npt.ArrayLike) -> ServoState:
+    def begin(self, angles: npt.ArrayLike) -> _ServoState:
         """Return the state of a servo that starts at (2,) angles in radians, without a jump.
 
         Raises
@@ -134,14 +134,14 @@ class Servo:
             raise ParameterError(
                 f"a servo cannot begin at {angles!r}; give pan and tilt, two finite numbers in rad"
             )
-        return ServoState(self.cone.clip(start))
+        return _ServoState(self.cone.clip(start))
 
     def step(
         self,
-        state: ServoState,
+        state: _ServoState,
         pixel: npt.ArrayLike | None,
         angles: npt.ArrayLike | None = None,
-    ) -> tuple[ServoStep, ServoState]:
+    ) -> tuple[ServoStep, _ServoState]:
         """Return the next angles and state; a lost point gives a verdict, not an error.
 
         Parameters
@@ -180,8 +180,8 @@ class Servo:
         return rates_for(jacobian, point)
 
     def _turn(
-        self, state: ServoState, error: FloatArray, pixels: float
-    ) -> tuple[ServoStep, ServoState]:
+        self, state: _ServoState, error: FloatArray, pixels: float
+    ) -> tuple[ServoStep, _ServoState]:
         gain = self.gain * (min(pixels / self.soft, 1.0) if self.soft > 0 else 1.0)
         aimed, verdict = state.angles + self.interval * (-gain * error), TURNING
         inside = self.cone.clip(aimed)
@@ -192,7 +192,7 @@ class Servo:
         if verdict == TURNING and (move != inside - state.angles).any():
             verdict = AT_RATE
         step = ServoStep(state.angles + move, move / self.interval, pixels, verdict)
-        return step, ServoState(step.angles)
+        return step, _ServoState(step.angles)
 
 
 def _pair(values: npt.ArrayLike | None) -> FloatArray:

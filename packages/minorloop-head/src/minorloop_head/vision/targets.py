@@ -135,7 +135,7 @@ class Target:
         misfit, spacing = _misfit(steps, pixels)
         if misfit > _MISFIT * spacing:
             return ANOTHER
-        if edge_width(image, pixels, spacing) > max(_BLURRED[0], _BLURRED[1] * image.shape[1]):
+        if _edge_width(image, pixels, spacing) > max(_BLURRED[0], _BLURRED[1] * image.shape[1]):
             return BLURRED
         return SeenTarget(name, self.square * steps, pixels)
 
@@ -174,7 +174,7 @@ class Target:
         return np.arange(len(corners)), corners
 
 
-def edge_width(image: Image, pixels: FloatArray, spacing: float) -> float:
+def _edge_width(image: Image, pixels: FloatArray, spacing: float) -> float:
     """Return the median width of edges at corners, in pixels: contrast over steepest slope.
 
     Parameters

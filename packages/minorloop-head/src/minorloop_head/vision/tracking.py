@@ -33,8 +33,8 @@ from minorloop_head.vision.patch_pictures import PatchPictures
 from minorloop_head.vision.reflectance_map import NO_ANGLE, finite_angles
 from minorloop_head.vision.wall_patches import Patches
 
-TRACKED, LOST, OUT_OF_VIEW = "tracked", "lost", "out of view"
-AMBIGUOUS, APART, JUMPED = "several alike", "apart from its surroundings", "jumped"
+TRACKED, LOST, _OUT_OF_VIEW = "tracked", "lost", "out of view"
+AMBIGUOUS, APART, _JUMPED = "several alike", "apart from its surroundings", "jumped"
 """Verdicts of a step; others are those of ``frame_checks``."""
 
 SURELY = 0.6
@@ -233,7 +233,7 @@ class PatchTracker:
         if not self.camera.inside(*expected.tolist()):
             return self._not_seen(state, np.full(2, np.nan), LOST)
         if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _BORDER):
-            return self._not_seen(state, given, OUT_OF_VIEW)
+            return self._not_seen(state, given, _OUT_OF_VIEW)
         found, pyramid = _Found(expected, math.nan, LOST, False), self.pictures.pyramid(image)
         if not state.missed:
             found = self._found(state, image, pyramid, expected)
@@ -241,7 +241,7 @@ class PatchTracker:
             found = self._found_again(state, image, pyramid, expected)
         far = float(np.hypot(*(found.angles - expected))) * self._distance(state)
         if found.verdict == TRACKED and not state.missed and far > _JUMP:
-            found = replace(found, verdict=JUMPED)
+            found = replace(found, verdict=_JUMPED)
         if found.verdict != TRACKED:
             return self._not_seen(state, given, found.verdict, found.score)
         return self._seen(state, image, given, found)
@@ -314,7 +314,7 @@ class PatchTracker:
                 return _Found(angles, score, APART, False)
             angles = angles + off[0] if score >= SURELY else angles
         pixel = self.camera.pixel(state.home, *angles.tolist())
-        verdict = TRACKED if self._inside(pixel, _BORDER) else OUT_OF_VIEW
+        verdict = TRACKED if self._inside(pixel, _BORDER) else _OUT_OF_VIEW
         return _Found(angles, score, verdict, agree > _WHOLE * len(view.sd))
 
     def _found_again(
@@ -326,7 +326,7 @@ class PatchTracker:
         frame, it may be beyond, and what is alike is not it.
         """
         if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _EDGE):
-            return _Found(expected, math.nan, OUT_OF_VIEW, False)
+            return _Found(expected, math.nan, _OUT_OF_VIEW, False)
         reach = min(_REACH * 1.5 ** min(state.missed, 20), _WIDEST)
         half = int(reach / _GRID)
         steps = np.arange(-half, half + 1) * _GRID / self._distance(state)
@@ -340,7 +340,7 @@ class PatchTracker:
 
     def _loss(self, state: TrackState, angles: FloatArray) -> str:
         pixel = self.camera.pixel(state.home, *angles.tolist())
-        return LOST if self._inside(pixel, _BORDER) else OUT_OF_VIEW
+        return LOST if self._inside(pixel, _BORDER) else _OUT_OF_VIEW
 
     def _inside(self, pixel: FloatArray, border: float) -> bool:
         edge = np.array([self.camera.lens.width, self.camera.lens.height]) - border

@@ -32,7 +32,7 @@ from minorloop_head.vision.imaging import opencv
 
 NO_NEW_PICTURE = "gives no new picture"
 """What is said of a camera that has given pictures, and gives none in time."""
-SCHEME, CAMERAS = "camera:", "minorloop.cameras"
+SCHEME, _CAMERAS = "camera:", "minorloop.cameras"
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 """Endings of the images in a folder."""
 _Target: TypeAlias = int | str | Path | Callable[[], FrameSource]
@@ -68,9 +68,9 @@ def check_camera(address: str) -> None:
     _target(address)
 
 
-def is_live(address: str) -> bool:
+def _is_live(address: str) -> bool:
     """Return whether an address is of a camera, and not of files."""
-    return address.startswith(SCHEME) or address.partition(":")[0] in registered(CAMERAS)
+    return address.startswith(SCHEME) or address.partition(":")[0] in registered(_CAMERAS)
 
 
 def open_module(name: str) -> FrameSource:
@@ -300,10 +300,10 @@ class _SourceCapture:
 def _target(address: str) -> _Target:
     """Return the number of a camera, its address in the network, a path, or what opens it."""
     scheme, _, name = address.partition(":")
-    if scheme in registered(CAMERAS):
-        open_source = loaded(registered(CAMERAS)[scheme], address)
+    if scheme in registered(_CAMERAS):
+        open_source = loaded(registered(_CAMERAS)[scheme], address)
         return partial(open_source, name)
-    if not is_live(address):
+    if not _is_live(address):
         if Path(address).exists():
             return Path(address)
         raise ParameterError(
