@@ -9,7 +9,8 @@ import contextlib
 import socket
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from minorloop.lab.signals import Stopped, ended_by_signals
 from minorloop.page.auth import Serving
@@ -19,8 +20,6 @@ from minorloop_head.console.settings import LoopSettings
 from minorloop_head.console.supervisor import Part, ProcessHandle, Supervisor
 
 if TYPE_CHECKING:
-    from minorloop_head.control.head import HeadControl
-    from minorloop_head.procedures.calibration import HeadCalibration
     from minorloop_head.procedures.head_file import HeadFile
 
 PIPES = (
@@ -58,9 +57,16 @@ def supervised(
         control = head.control(interval=settings.interval, by_camera=not settings.sensors)
         calibration, cold = head.calibration, tuple(control.cold.tolist())
     parts = [
-        Part(name="plant", target=_run_plant, args=(settings,), patience=settings.plant_patience),
-        Part(name="loop", target=run_loop, args=(settings, tracking, control)),
-        Part(name="camera", target=run_camera, args=(settings, calibration, cold), patience=2.0),
+        Part(
+            name="plant", target=_run, args=("watchdog", settings), patience=settings.plant_patience
+        ),
+        Part(name="loop", target=_run, args=("loop", settings, tracking, control)),
+        Part(
+            name="camera",
+            target=_run,
+            args=("camera_process", settings, calibration, cold),
+            patience=2.0,
+        ),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
     supervisor = Supervisor(parts, PIPES, notify=notify)
@@ -72,35 +78,9 @@ def supervised(
         supervisor.end()
 
 
-def _run_plant(handle: ProcessHandle, settings: LoopSettings) -> None:
-    """Run the plant; for a process of its own."""
-    from minorloop_head.console.watchdog import run
-
-    run(handle, settings)
-
-
-def run_loop(
-    handle: ProcessHandle,
-    settings: LoopSettings,
-    tracking: socket.socket | None,
-    control: HeadControl | None,
-) -> None:
-    """Run the control loop; for a process of its own."""
-    from minorloop_head.console.loop import run
-
-    run(handle, settings, tracking, control)
-
-
-def run_camera(
-    handle: ProcessHandle,
-    settings: LoopSettings,
-    calibration: HeadCalibration | None,
-    cold: tuple[float, float],
-) -> None:
-    """Run the camera; for a process of its own."""
-    from minorloop_head.console.camera_process import run
-
-    run(handle, settings, calibration, cold)
+def _run(handle: ProcessHandle, module: str, *given: Any) -> None:
+    """Run a module of the console; for a process of its own, which imports it."""
+    import_module(f"minorloop_head.console.{module}").run(handle, *given)
 
 
 def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:

@@ -105,21 +105,22 @@ def normalise(values, side):
 
 
 @njit(cache=True, nogil=True)
+def _compared(image, points, side, lens, rotation, position, turns, moves, shift, values, slopes):
+    """Fill ``values`` with those of a patch, and ``slopes``, as `sample` does; return its length.
+
+    It is 0 where the patch is not wholly seen, or shows nothing.
+    """
+    if not sample(image, points, lens, rotation, position, turns, moves, shift, values, slopes):
+        return 0.0
+    length = normalise(values, side)
+    return length if length * length > _FLAT * values.size else 0.0
+
+
+@njit(cache=True, nogil=True)
 def align(
-    image,
-    points,
-    templates,
-    side,
-    lens,
-    rotation,
-    position,
-    turns,
-    moves,
-    shift,
-    scores,
-    normal,
+    image, points, templates, side, lens, rotation, position, turns, moves, shift, scores, normal,
     slope,
-):
+):  # fmt: skip
     """Compare patches (P, N) at points (P, N, 3) with an image at a pose.
 
     Fills for each patch ``scores`` (P,), the correlation, NaN where it is not wholly seen, and of
@@ -131,12 +132,10 @@ def align(
     for p in range(points.shape[0]):
         scores[p] = np.nan
         normal[p], slope[p] = 0.0, 0.0
-        if not sample(
-            image, points[p], lens, rotation, position, turns, moves, shift, values, slopes
-        ):
-            continue
-        length = normalise(values, side)
-        if not length * length > _FLAT * texels:
+        length = _compared(
+            image, points[p], side, lens, rotation, position, turns, moves, shift, values, slopes
+        )
+        if length == 0.0:
             continue
         score, along = 0.0, np.zeros(2)
         for c in range(2):
@@ -173,21 +172,12 @@ def align_each(
         turned[p] = 0.0
         for _ in range(steps):
             a, b = turned[p]
+            one = slice(p, p + 1)
             align(
-                image,
-                points[p : p + 1],
-                templates[p : p + 1],
-                side,
-                lens,
-                rotation + a * turns[0] + b * turns[1],
-                position + a * moves[0] + b * moves[1],
-                turns,
-                moves,
-                still,
-                scores[p : p + 1],
-                normal[p : p + 1],
-                slope,
-            )
+                image, points[one], templates[one], side, lens,
+                rotation + a * turns[0] + b * turns[1], position + a * moves[0] + b * moves[1],
+                turns, moves, still, scores[one], normal[one], slope,
+            )  # fmt: skip
             n = normal[p]
             det = n[0, 0] * n[1, 1] - n[0, 1] * n[0, 1]
             if not det > 0.0:  # also where it is not seen
@@ -205,21 +195,11 @@ def search(image, points, templates, side, lens, rotations, positions, least, fo
     for m in range(rotations.shape[0]):
         total, count = 0.0, 0
         for p in range(points.shape[0]):
-            if not sample(
-                image,
-                points[p],
-                lens,
-                rotations[m],
-                positions[m],
-                turns,
-                moves,
-                still,
-                values,
-                slopes,
-            ):
-                continue
-            length = normalise(values, side)
-            if not length * length > _FLAT * texels:
+            length = _compared(
+                image, points[p], side, lens, rotations[m], positions[m], turns, moves, still,
+                values, slopes,
+            )  # fmt: skip
+            if length == 0.0:
                 continue
             for n in range(texels):
                 total += values[n] * templates[p, n]
