@@ -57,16 +57,6 @@ HEAD_LINES: Lines = (("led 1", True), ("led 2", True), ("led 3", True), ("pump",
 class BoardAxis:
     """An axis of a board: a model, the channels on both sides of it, and the safe input.
 
-    Parameters
-    ----------
-    model : Preisach or HeatedWire
-        From input to output; monotone. The input of a `HeatedWire` is a current in A.
-    input : Channel
-        With finite limits, and a rate limit if there is one.
-    output : Channel
-    rest : float
-        Safe input.
-
     Raises
     ------
     ParameterError
@@ -75,9 +65,12 @@ class BoardAxis:
     """
 
     model: Preisach | HeatedWire
+    """From input to output; monotone. The input of a `HeatedWire` is a current in A."""
     input: Channel
+    """With finite limits, and a rate limit if there is one."""
     output: Channel
     rest: float = 0.0
+    """Safe input."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Preisach | HeatedWire):

@@ -202,19 +202,19 @@ def test_a_burst_that_is_never_fired_is_skipped():
 
 
 @pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0, 40.0])
-def test_what_is_predicted_in_water_from_air_is_what_the_twin_reaches(control, temperature):
-    found = flooded_reach(control, (20.0, 20.0), temperature)
+def test_what_is_predicted_in_water_from_air_is_what_the_twin_reaches(temperature):
+    found = flooded_reach(control(), (20.0, 20.0), temperature)
     truth = scoring.ends(Head(), water(temperature))
     assert found == pytest.approx(truth, abs=4.0)
 
 
-def test_warmer_water_and_less_convection_reach_farther(control):
-    largest = [flooded_reach(control, (20.0, 20.0), t)[0, 1] for t in (5.0, 10.0, 15.0, 20.0)]
+def test_warmer_water_and_less_convection_reach_farther():
+    largest = [flooded_reach(control(), (20.0, 20.0), t)[0, 1] for t in (5.0, 10.0, 15.0, 20.0)]
     assert (np.diff(largest) > 3.0).all()
-    less = flooded_reach(control, (20.0, 20.0), 10.0, cooling=0.8 * SLEEVED)
+    less = flooded_reach(control(), (20.0, 20.0), 10.0, cooling=0.8 * SLEEVED)
     assert less[0, 1] > largest[1] + 3.0
 
 
-def test_a_bare_wire_in_water_does_not_move(control):
-    bare = flooded_reach(control, (20.0, 20.0), 20.0, cooling=20 * SLEEVED)
+def test_a_bare_wire_in_water_does_not_move():
+    bare = flooded_reach(control(), (20.0, 20.0), 20.0, cooling=20 * SLEEVED)
     assert bare == pytest.approx(0.0, abs=0.5)

@@ -20,17 +20,10 @@ _PATIENCE = 0.5
 
 
 class LineCommand(msgspec.Struct, frozen=True, kw_only=True):
-    """Lights to switch, or the pump.
-
-    Parameters
-    ----------
-    number : int
-        Of the command; it is in the answer.
-    lights : list of bool, optional
-    pump : bool, optional
-    """
+    """Lights to switch, or the pump."""
 
     number: int
+    """Of the command; it is in the answer."""
     lights: list[bool] | None = None
     pump: bool | None = None
 

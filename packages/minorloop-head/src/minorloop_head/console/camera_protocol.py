@@ -30,69 +30,45 @@ CameraCommand: TypeAlias = tuple[str, list[float]]
 
 
 class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """A tick of the control loop, for the camera process.
-
-    Parameters
-    ----------
-    number : int
-        Of the tick.
-    t : float
-        In seconds, on the clock of the loop.
-    position : (float, float, float, float)
-        Pan and tilt about the middle, advance and roll as measured, in rad and m.
-    stance : tuple of float
-        For a simulated tip only, see `Plant.stance`.
-    commands : list of CameraCommand
-    keep : bool
-        Whether pictures are to be sent to the loop, for a recording.
-    cold : bool
-        Whether the head has no current, and had none since it was made safe.
-    holding : bool
-        Whether the head holds, so that nothing is steered by the pictures.
-    centring : bool
-        Whether the tracked point is centred, so that the camera is exposed for it.
-    """
+    """A tick of the control loop, for the camera process."""
 
     number: int
+    """Of the tick."""
     t: float
+    """In seconds, on the clock of the loop."""
     position: Position
+    """Pan and tilt about the middle, advance and roll as measured, in rad and m."""
     stance: tuple[float, ...] = ()
+    """For a simulated tip only, see `Plant.stance`."""
     commands: list[CameraCommand] = []
     keep: bool = False
+    """Whether pictures are to be sent to the loop, for a recording."""
     cold: bool = False
+    """Whether the head has no current, and had none since it was made safe."""
     holding: bool = False
+    """Whether the head holds, so that nothing is steered by the pictures."""
     centring: bool = False
+    """Whether the tracked point is centred, so that the camera is exposed for it."""
 
 
 class CameraReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What the camera process found in a tick.
-
-    Parameters
-    ----------
-    number : int
-        Of the tick.
-    target : (float, float, float, bool), optional
-        Pixel of the tracked point, score of its recognition, and whether it is visible; None
-        without a tracked point.
-    spots : list of (float, float, float, float)
-        Pixel, diameter in pixels and evidence of candidates, the likeliest first.
-    events : list of dict
-        Results, each with a ``what``.
-    joints : (float, float), optional
-        Pan and tilt of joints without sensors as the picture shows them, in degrees.
-    unseen : str
-        Why there are none, although the pictures have to give them.
-    zero : bool
-        Whether the picture of the cold head is known, from which they are counted.
-    """
+    """What the camera process found in a tick."""
 
     number: int
+    """Of the tick."""
     target: tuple[float, float, float, bool] | None = None
+    """Pixel of the tracked point, score of its recognition, and whether it is visible; None without
+    a tracked point."""
     spots: list[Spot] = []
+    """Pixel, diameter in pixels and evidence of candidates, the likeliest first."""
     events: list[dict[str, Any]] = []
+    """Results, each with a ``what``."""
     joints: Pair | None = None
+    """Pan and tilt of joints without sensors as the picture shows them, in degrees."""
     unseen: str = ""
+    """Why there are none, although the pictures have to give them."""
     zero: bool = True
+    """Whether the picture of the cold head is known, from which they are counted."""
 
 
 # Made while the module is imported: see `minorloop_head.console.messages`.

@@ -30,12 +30,7 @@ _LEAST_PIXELS = 6.0
 
 @dataclass(eq=False)
 class Finder:
-    """Candidates on the wall.
-
-    Parameters
-    ----------
-    view : HeadCalibration
-    """
+    """Candidates on the wall."""
 
     view: HeadCalibration
 

@@ -61,22 +61,14 @@ class StickMap:
 
 @dataclass(frozen=True, kw_only=True)
 class TeleopConfig:
-    """Settings of the teleoperation.
-
-    Parameters
-    ----------
-    gaze : HeadPoseMap
-    stick : StickMap
-    blind : float
-        Seconds that a target may be out of sight before TRACK ends.
-    pictures : float
-        Seconds that may pass without a picture.
-    """
+    """Settings of the teleoperation."""
 
     gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
+    """Seconds that a target may be out of sight before TRACK ends."""
     pictures: float = 0.12
+    """Seconds that may pass without a picture."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,26 +101,17 @@ class TickInput:
 
 @dataclass(frozen=True)
 class TeleopState:
-    """Mode and commands.
-
-    Parameters
-    ----------
-    mode : str
-    reason : str
-        Why the mode is on, if it was not requested; empty otherwise.
-    gaze : HeadPoseState
-        Its ``command`` is that of the head, in radians about the middle of the cone.
-    rates : (float, float)
-        Of the catheter, in m/s and rad/s.
-    unseen : float
-        Seconds that the target has been out of sight.
-    """
+    """Mode and commands."""
 
     mode: Mode = "HOLD"
     reason: str = "no mode has been chosen yet; take the controls and press one"
+    """Why the mode is on, if it was not requested; empty otherwise."""
     gaze: HeadPoseState = field(default_factory=HeadPoseState)
+    """Its ``command`` is that of the head, in radians about the middle of the cone."""
     rates: Rates = (0.0, 0.0)
+    """Of the catheter, in m/s and rad/s."""
     unseen: float = 0.0
+    """Seconds that the target has been out of sight."""
 
     @property
     def command(self) -> Pair:

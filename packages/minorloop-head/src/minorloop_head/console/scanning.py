@@ -56,29 +56,19 @@ class _ScanTick(NamedTuple):
 
 @dataclass(eq=False)
 class ProbeRun:
-    """A scan or a sweep that is on, and its way back.
-
-    Parameters
-    ----------
-    number : int
-        Of the finding; 0 of a sweep.
-    home : (float, float, float, float)
-        Pan, tilt, advance and roll to which the head goes back, in rad and m.
-    made : ScannedRaster or SweptArea
-        Without bursts, which the camera process has.
-    running : Running
-    waited : float
-        Seconds since it began.
-    fired : bool
-        Whether the burst of this point was fired.
-    """
+    """A scan or a sweep that is on, and its way back."""
 
     number: int
+    """Of the finding; 0 of a sweep."""
     home: Position
+    """Pan, tilt, advance and roll to which the head goes back, in rad and m."""
     made: Probed
+    """Without bursts, which the camera process has."""
     running: Running[None]
     waited: float = 0.0
+    """Seconds since it began."""
     fired: bool = False
+    """Whether the burst of this point was fired."""
 
     @property
     def stage(self) -> str:

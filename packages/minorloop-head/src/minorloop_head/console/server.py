@@ -53,22 +53,14 @@ _CLOSED, _REFUSED = 1001, 1008  # codes of RFC 6455
 
 @dataclass(frozen=True, kw_only=True)
 class Console:
-    """The server of the console.
-
-    Parameters
-    ----------
-    authentication : Authentication
-    loop : LoopSettings
-    link : callable
-        Makes the link to the control loop from its settings and a receiver of its messages.
-    workers : int
-        Simultaneous computations of the lab page.
-    """
+    """The server of the console."""
 
     authentication: Authentication
     loop: LoopSettings = field(default_factory=LoopSettings)
     link: Callable[..., ConsoleLink] = ConsoleLink
+    """Makes the link to the control loop from its settings and a receiver of its messages."""
     workers: int = 2
+    """Simultaneous computations of the lab page."""
 
     def app(self) -> Starlette:
         """Return the application, for uvicorn."""

@@ -52,33 +52,21 @@ class _HeadTracker(Protocol):
 
 @dataclass(eq=False)
 class Session:
-    """The console, tick by tick.
-
-    Parameters
-    ----------
-    plant : Plant
-    view : HeadCalibration
-        Of its camera and probe.
-    control : HeadControl
-        Of its head.
-    camera : CameraLink
-    config : TeleopConfig
-    tracker : HeadTracker, optional
-        Gives the pose of the operator's head instead of the page.
-    no_probe : str
-        Why no depth can be measured; empty with a probe.
-    sensors : bool
-        Whether the joints have sensors; without them the reports of the camera give the angles.
-    """
+    """The console, tick by tick."""
 
     plant: Plant
     view: HeadCalibration
+    """Of its camera and probe."""
     control: HeadControl
+    """Of its head."""
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)
     tracker: _HeadTracker | None = None
+    """Gives the pose of the operator's head instead of the page."""
     no_probe: str = ""
+    """Why no depth can be measured; empty with a probe."""
     sensors: bool = True
+    """Whether the joints have sensors; without them the reports of the camera give the angles."""
 
     def __post_init__(self) -> None:
         self.state = TeleopState()

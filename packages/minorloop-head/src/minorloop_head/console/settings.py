@@ -29,33 +29,21 @@ _MOST_PATIENT = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
-    """Settings of the plant, its operator and its recordings.
-
-    Parameters
-    ----------
-    address : str
-    specimen : int, optional
-    seed : int
-    folder : str
-        For recordings.
-    timeout : float
-        Age in seconds of the operator's pose and last message beyond which the head holds.
-    camera : str, optional
-        Address of the camera, see `minorloop_head.vision.video`; that of the plant without it.
-    interval : float
-        Tick of the plant in seconds.
-    sensors : bool
-        Whether the joints have sensors; without them the pictures give the angles.
-    """
+    """Settings of the plant, its operator and its recordings."""
 
     address: str = PIPE
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"
+    """For recordings."""
     timeout: float = 0.1
+    """Age in seconds of the operator's pose and last message beyond which the head holds."""
     camera: str | None = None
+    """Address of the camera, see `minorloop_head.vision.video`; that of the plant without it."""
     interval: float = 0.04
+    """Tick of the plant in seconds."""
     sensors: bool = True
+    """Whether the joints have sensors; without them the pictures give the angles."""
 
     @property
     def patience(self) -> float:

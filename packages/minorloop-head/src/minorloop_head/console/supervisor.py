@@ -39,22 +39,14 @@ _TERMINAL = [
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """A process of the console.
-
-    Parameters
-    ----------
-    name : str
-    target : callable
-        Function that it runs, with a `ProcessHandle` and the arguments.
-    args : tuple
-    patience : float
-        Seconds without a heartbeat after which it counts as hanging.
-    """
+    """A process of the console."""
 
     name: str
     target: Callable[..., None]
+    """Function that it runs, with a `ProcessHandle` and the arguments."""
     args: tuple[Any, ...] = ()
     patience: float = 1.0
+    """Seconds without a heartbeat after which it counts as hanging."""
 
 
 @dataclass(frozen=True, eq=False)

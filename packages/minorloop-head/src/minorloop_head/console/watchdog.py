@@ -46,31 +46,21 @@ class Command(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Answer(msgspec.Struct, frozen=True, array_like=True):
-    """Readings at the end of a tick.
-
-    Parameters
-    ----------
-    safe_at : float
-        When the plant was last made safe, in seconds on the monotonic clock; 0 if never.
-    why : str
-        Why it was made safe.
-    tick : float
-        In seconds.
-    y, stance : list of float
-        As of `Plant`; NaN where a sensor is lost, and where nothing was read.
-    safe : bool
-        Whether the plant has confirmed that it is safe, when it was last made safe.
-    time : float, optional
-        As of `Plant`.
-    """
+    """Readings at the end of a tick."""
 
     safe_at: float
+    """When the plant was last made safe, in seconds on the monotonic clock; 0 if never."""
     why: str
+    """Why it was made safe."""
     tick: float
+    """In seconds."""
     y: list[float]
     stance: list[float]
+    """As of `Plant`; NaN where a sensor is lost, and where nothing was read."""
     safe: bool = True
+    """Whether the plant has confirmed that it is safe, when it was last made safe."""
     time: float | None = None
+    """As of `Plant`."""
 
 
 # Made while the module is imported: see `minorloop_head.console.messages`.

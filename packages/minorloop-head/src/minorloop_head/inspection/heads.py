@@ -34,24 +34,16 @@ _PASCAL = 1e5
 
 @dataclass(frozen=True)
 class Water:
-    """What fills the simulated pipe.
-
-    Parameters
-    ----------
-    level : str
-        Height of the water above the axis in mm, -9.9 to 9.9; or ``full``, or ``dry``.
-    temperature : float
-        Of the water, 5 to 60 degrees Celsius.
-    gas : str
-        Above the water, and in the drained pipe: one of `GASES`.
-    pressure : float
-        Of the gas, 0.01 to 100 bar.
-    """
+    """What fills the simulated pipe."""
 
     level: str = "full"
+    """Height of the water above the axis in mm, -9.9 to 9.9; or ``full``, or ``dry``."""
     temperature: float = 20.0
+    """Of the water, 5 to 60 degrees Celsius."""
     gas: str = "air"
+    """Above the water, and in the drained pipe: one of `GASES`."""
     pressure: float = 1.01325
+    """Of the gas, 0.01 to 100 bar."""
 
     def filling(self) -> Filling:
         """Return it; a dry pipe has no level.

@@ -51,25 +51,16 @@ _ALIGNED, _ASIDE = 1.0, 0.3
 
 @dataclass(frozen=True, eq=False)
 class TargetPictures:
-    """What a folder of pictures shows.
-
-    Parameters
-    ----------
-    folder : str
-    size : (int, int)
-        Width and height, in pixels.
-    seen : tuple of SeenTarget
-    left_out : dict of str to str
-        Names of the pictures that cannot be used, and why.
-    reflections : dict of str to (2,) array
-        The one saturated spot of a picture, in pixels.
-    """
+    """What a folder of pictures shows."""
 
     folder: str
     size: tuple[int, int]
+    """Width and height, in pixels."""
     seen: tuple[SeenTarget, ...]
     left_out: dict[str, str]
+    """Names of the pictures that cannot be used, and why."""
     reflections: dict[str, FloatArray]
+    """The one saturated spot of a picture, in pixels."""
 
     def explained(self) -> str:
         """Return which pictures are left out, and why, to be appended to a message."""
@@ -84,30 +75,19 @@ class TargetPictures:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedHead:
-    """A calibration with its evidence.
-
-    Parameters
-    ----------
-    head : HeadFile
-        To be saved.
-    lens : LensFit, optional
-    mount : MountFit, optional
-    left_out : dict of str to str
-        Pictures that were not used, and why.
-    used : dict of str to int
-        Pictures that were used, for each purpose.
-    advice : tuple of str
-    doubts : tuple of str
-        Why the mount is not to be trusted, see `mount_doubts`.
-    """
+    """A calibration with its evidence."""
 
     head: HeadFile
+    """To be saved."""
     lens: LensFit | None
     mount: MountFit | None
     left_out: dict[str, str]
+    """Pictures that were not used, and why."""
     used: dict[str, int]
+    """Pictures that were used, for each purpose."""
     advice: tuple[str, ...]
     doubts: tuple[str, ...] = ()
+    """Why the mount is not to be trusted, see `mount_doubts`."""
 
 
 def look_through(folder: PathLike, target: Target) -> TargetPictures:

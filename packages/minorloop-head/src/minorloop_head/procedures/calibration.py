@@ -44,34 +44,6 @@ calibrated. A wire pulls in one direction only, so that half of its stroke is on
 class HeadCalibration:
     """Calibration of camera and probe, and of how they are mounted on the head.
 
-    Parameters
-    ----------
-    lens : Pinhole
-    leds : (N, 3) array
-        Positions of the lights in camera coordinates, in metres.
-    offset : (float, float)
-        Offset of the pivot from the axis of the pipe, in metres.
-    roll : float
-        Roll of the head about the axis of the pipe where the catheter's roll reads 0, in radians.
-    lever : float
-        Distance from the pivot of the head to the lens, in metres.
-    probe : Probe
-    radius, thickness : float
-        Of the pipe and its wall, in metres.
-    length : float, optional
-        Of the pipe, in metres from where the advance of the catheter reads 0; None if not known.
-    temperature : float
-        Of the water with which the pipe is flooded, in degrees Celsius.
-    straight : (float, float)
-        Pan and tilt that the joints read where they point along the pipe, in radians.
-    squint, camera_roll : float
-        Of the camera on the joints: sideways, then about its optical axis, in radians.
-    latency : float
-        Longest time in seconds from the exposure of a picture to its arrival. Pictures that arrive
-        within it after the lights were switched may show the lights before.
-    tool : Tool, optional
-        The micro-tool beside the lens; None on a head without one.
-
     Raises
     ------
     ParameterError
@@ -81,19 +53,31 @@ class HeadCalibration:
 
     lens: Pinhole
     leds: FloatArray
+    """Shape (N, 3). Positions of the lights in camera coordinates, in metres."""
     offset: tuple[float, float] = (0.0, 0.0)
+    """Offset of the pivot from the axis of the pipe, in metres."""
     roll: float = 0.0
+    """Roll of the head about the axis of the pipe where the catheter's roll reads 0, in radians."""
     lever: float = 8e-3
+    """Distance from the pivot of the head to the lens, in metres."""
     probe: Probe = field(default_factory=Probe)
     radius: float = 10e-3
     thickness: float = 2e-3
+    """Of the pipe and its wall, in metres."""
     temperature: float = ROOM_TEMPERATURE
+    """Of the water with which the pipe is flooded, in degrees Celsius."""
     straight: tuple[float, float] = (STRAIGHT, STRAIGHT)
+    """Pan and tilt that the joints read where they point along the pipe, in radians."""
     squint: float = 0.0
     camera_roll: float = 0.0
+    """Of the camera on the joints: sideways, then about its optical axis, in radians."""
     latency: float = 0.04
+    """Longest time in seconds from the exposure of a picture to its arrival. Pictures that arrive
+    within it after the lights were switched may show the lights before."""
     tool: Tool | None = None
+    """The micro-tool beside the lens; None on a head without one."""
     length: float | None = None
+    """Of the pipe, in metres from where the advance of the catheter reads 0; None if not known."""
 
     def __post_init__(self) -> None:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():

@@ -38,30 +38,21 @@ CONE = Cone(half=REACH)
 
 @dataclass(eq=False, kw_only=True)
 class Centred:
-    """How far a point is centred: the procedure keeps it up to date.
-
-    Parameters
-    ----------
-    place : (2,) array
-        Phi and z of the point, as the first frame shows it once there is one.
-    verdict : str
-        Of the tracker, or ``not in view`` if the first frame does not show the point whole; empty
-        before it was tracked.
-    error : float
-        Distance from the middle in pixels; NaN if the point is not tracked.
-    shown : (2,) array, optional
-        The pixel where it was tracked last; before, that in the first frame, if it is known.
-    track : TrackState, optional
-    stuck : bool
-        Whether it comes no nearer to the middle.
-    """
+    """How far a point is centred: the procedure keeps it up to date."""
 
     place: FloatArray
+    """Shape (2,). Phi and z of the point, as the first frame shows it once there is one."""
     verdict: str = ""
+    """Of the tracker, or ``not in view`` if the first frame does not show the point whole; empty
+    before it was tracked."""
     error: float = math.nan
+    """Distance from the middle in pixels; NaN if the point is not tracked."""
     shown: FloatArray | None = None
+    """Shape (2,). The pixel where it was tracked last; before, that in the first frame, if it is
+    known."""
     track: TrackState | None = None
     stuck: bool = False
+    """Whether it comes no nearer to the middle."""
 
 
 NOT_IN_VIEW = "not in view"
@@ -76,52 +67,36 @@ TWO_TICKS = 0.08
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Centring:
-    """Tracker and hold in one loop: the wanted angles are those at which the point is centred.
-
-    Parameters
-    ----------
-    calibration : HeadCalibration
-    integral_gain : float
-        Of the hold, in 1/s; 0 is without its integral.
-    gain : float
-        Of `turn`, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
-        overshoots, and needs 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image.
-    delay : float
-        Of `turn`: delay from the wanted angles to the image in seconds, that of the sensors, and
-        most of that of the wires.
-    soft : float
-        Of `turn`: error in pixels below which the gain falls, since most of it is noise of the
-        joints.
-    rate_limit : float
-        Fastest change of the wanted direction in rad/s: up to it the tracker is tested. Wires turn
-        at up to twice that, and the blur then moves what is tracked by a pixel.
-    cone : Cone
-        Directions in which the head may look.
-    in_middle : float
-        Distance from the middle in pixels at which the point is centred.
-    still : float
-        Seconds for which it stays there; infinite to hold it there, also if it is lost.
-    patience : float
-        Longest duration in seconds.
-    interval : float
-        Time between frames in seconds, of one tick of 40 ms or of two.
-    by_image : bool
-        Whether the angles of the head are estimated from the image, because its joints have no
-        sensors.
-    """
+    """Tracker and hold in one loop: the wanted angles are those at which the point is centred."""
 
     calibration: HeadCalibration
     integral_gain: float = PointHold.integral_gain
+    """Of the hold, in 1/s; 0 is without its integral."""
     gain: float = 0.5
+    """Of `turn`, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
+    overshoots, and needs 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image."""
     delay: float = 0.2
+    """Of `turn`: delay from the wanted angles to the image in seconds, that of the sensors, and
+    most of that of the wires."""
     soft: float = 6.0
+    """Of `turn`: error in pixels below which the gain falls, since most of it is noise of the
+    joints."""
     rate_limit: float = math.radians(10.0)
+    """Fastest change of the wanted direction in rad/s: up to it the tracker is tested. Wires turn
+    at up to twice that, and the blur then moves what is tracked by a pixel."""
     cone: Cone = CONE
+    """Directions in which the head may look."""
     in_middle: float = 2.0
+    """Distance from the middle in pixels at which the point is centred."""
     still: float = 0.44
+    """Seconds for which it stays there; infinite to hold it there, also if it is lost."""
     patience: float = 15.0
+    """Longest duration in seconds."""
     interval: float = 0.04
+    """Time between frames in seconds, of one tick of 40 ms or of two."""
     by_image: bool = False
+    """Whether the angles of the head are estimated from the image, because its joints have no
+    sensors."""
 
     def centre(self, point: Centred) -> Procedure[Centred]:
         """Centre a point by its place, or what its pixel shows in the first frame; return it."""

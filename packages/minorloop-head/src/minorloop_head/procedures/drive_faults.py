@@ -32,34 +32,23 @@ one."""
 
 @dataclass(frozen=True)
 class DriveFault:
-    """A fault, or short ones that are alike.
-
-    Parameters
-    ----------
-    axis : str
-        Such as ``pan``, or ``pan and tilt``.
-    began, lasted : float
-        Time of the first, and duration of all, in seconds.
-    what : str
-        What was wrong, and what was done.
-    times : int
-        Number of faults.
-    cooled : bool
-        Whether the wire cooled, so that it did not go to its target.
-    over : bool
-        Whether it was over before the drive ended.
-    late : bool
-        Whether it is that steps came late, all of the drive in one.
-    """
+    """A fault, or short ones that are alike."""
 
     axis: str
+    """Such as ``pan``, or ``pan and tilt``."""
     began: float
     lasted: float
+    """Time of the first, and duration of all, in seconds."""
     what: str
+    """What was wrong, and what was done."""
     times: int = 1
+    """Number of faults."""
     cooled: bool = False
+    """Whether the wire cooled, so that it did not go to its target."""
     over: bool = True
+    """Whether it was over before the drive ended."""
     late: bool = False
+    """Whether it is that steps came late, all of the drive in one."""
 
     def __str__(self) -> str:
         if self.late:

@@ -62,16 +62,11 @@ _Moment = Annotated[datetime, msgspec.Meta(tz=True)]
 
 @dataclass(frozen=True)
 class CheckedAxis:
-    """Errors of an identified wire under an input that it was not identified from.
-
-    Parameters
-    ----------
-    rms, largest : float
-        Root-mean-square and largest error of settled angles, in degrees.
-    """
+    """Errors of an identified wire under an input that it was not identified from."""
 
     rms: float
     largest: float
+    """Root-mean-square and largest error of settled angles, in degrees."""
 
 
 _TRUSTED = 0.05
@@ -81,40 +76,26 @@ are missed by as much count as not reached."""
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class IdentifiedWires:
-    """Wires of a head as identified.
-
-    Parameters
-    ----------
-    on : datetime
-        When their measurement began.
-    wires : tuple of HeatedWire
-        Of pan and tilt.
-    coupling : (2, 2) array
-        As in `HeadControl`.
-    limits : WireLimits
-    highest : float
-        Largest current in A, to which they were identified.
-    check : tuple of CheckedAxis
-    advice : tuple of str
-        Weaknesses of the identification.
-    address : str
-        Address of the actuator that was measured.
-    stores : mapping of str to str
-        Names of the runs and their SHA-256 digests.
-    minorloop : str
-        The version that identified them.
-    """
+    """Wires of a head as identified."""
 
     on: datetime
+    """When their measurement began."""
     wires: tuple[HeatedWire, ...]
+    """Of pan and tilt."""
     coupling: FloatArray
+    """Shape (2, 2). As in `HeadControl`."""
     limits: WireLimits
     highest: float
+    """Largest current in A, to which they were identified."""
     check: tuple[CheckedAxis, ...] = ()
     advice: tuple[str, ...] = ()
+    """Weaknesses of the identification."""
     address: str = ""
+    """Address of the actuator that was measured."""
     stores: Mapping[str, str]
+    """Names of the runs and their SHA-256 digests."""
     minorloop: str = __version__
+    """The version that identified them."""
 
     @property
     def untrusted(self) -> tuple[str, ...]:
@@ -133,26 +114,17 @@ class IdentifiedWires:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HeadFile:
-    """A head that was identified or calibrated.
-
-    Parameters
-    ----------
-    serial : str
-        Serial number of the head.
-    identified : IdentifiedWires, optional
-    calibration : HeadCalibration, optional
-        Of its camera and probe.
-    calibrated : datetime, optional
-        When they were calibrated.
-    measured : tuple of Measured
-        Results of the calibration.
-    """
+    """A head that was identified or calibrated."""
 
     serial: str
+    """Serial number of the head."""
     identified: IdentifiedWires | None = None
     calibration: HeadCalibration | None = None
+    """Of its camera and probe."""
     calibrated: datetime | None = None
+    """When they were calibrated."""
     measured: tuple[Measured, ...] = ()
+    """Results of the calibration."""
 
     def check_fits(self, serial: str | None, name: PathLike) -> None:
         """Refuse the file of another head, and wires older than the calibration.

@@ -66,19 +66,6 @@ _CarryOut = Callable[[Actuator, Store], ResumeMode]
 class HeadExcitation:
     """Inputs that identify a head.
 
-    Parameters
-    ----------
-    highest : float
-        Largest current in A, up to 0.4, which heats a wire by some 108 K, see `WireLimits`.
-    bands : int
-        Bands of the operator of each wire, 2 to 50. On specimens 1000 to 1003 the rms error of
-        settled angles is 0.5 to 0.7 degrees with 8, 0.02 to 0.4 with 12, and still 0.02 to 0.3
-        with 16, which takes a third longer.
-    hold : float
-        Longest hold in seconds, in which a wire settles.
-    minor_loops : bool
-        Whether a decaying staircase is measured too, see `wire_holds`.
-
     Raises
     ------
     ParameterError
@@ -86,9 +73,15 @@ class HeadExcitation:
     """
 
     highest: float = 0.4
+    """Largest current in A, up to 0.4, which heats a wire by some 108 K, see `WireLimits`."""
     bands: int = 12
+    """Bands of the operator of each wire, 2 to 50. On specimens 1000 to 1003 the rms error of
+    settled angles is 0.5 to 0.7 degrees with 8, 0.02 to 0.4 with 12, and still 0.02 to 0.3 with 16,
+    which takes a third longer."""
     hold: float = 40.0
+    """Longest hold in seconds, in which a wire settles."""
     minor_loops: bool = False
+    """Whether a decaying staircase is measured too, see `wire_holds`."""
 
     def __post_init__(self) -> None:
         within("highest", self.highest, 0.01, 0.4, "A")
@@ -127,30 +120,19 @@ class HeadExcitation:
 
 @dataclass(frozen=True, eq=False)
 class HeadMeasurement:
-    """The runs of a head, in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the stores.
-    setup : dict
-        Address, specimen, seed and options of the actuator, as in `Setup`.
-    excitation : HeadExcitation
-    connect : Connect
-    carry_out : CarryOut
-    simulated : bool
-        Whether the noise of the actuator has a seed; each run then has its own.
-    told : Told
-        Called when a run begins or is continued.
-    """
+    """The runs of a head, in a folder."""
 
     folder: Path
+    """Of the stores."""
     setup: dict[str, Any]
+    """Address, specimen, seed and options of the actuator, as in `Setup`."""
     excitation: HeadExcitation
     connect: Connect
     carry_out: _CarryOut
     simulated: bool = True
+    """Whether the noise of the actuator has a seed; each run then has its own."""
     told: Told = lambda run: None
+    """Called when a run begins or is continued."""
 
     def left(self) -> dict[str, int]:
         """Return the number of holds that are left of each run that is not finished, by its name.

@@ -46,28 +46,19 @@ AGAIN = " again"
 
 @dataclass(frozen=True, kw_only=True)
 class Unconfirmed:
-    """A candidate that was not seen again, or not visited.
-
-    Parameters
-    ----------
-    kind : str
-        ``hole or pit``, or ``crack``.
-    phi, z : float
-        Place on the wall, in radians and metres.
-    evidence : float
-        The largest of its views, as of a `Hole`; NaN for a crack.
-    seen_in : tuple of str
-        Names of the views that show it there.
-    why : str
-        What its visit showed instead, or that there was none.
-    """
+    """A candidate that was not seen again, or not visited."""
 
     kind: str
+    """``hole or pit``, or ``crack``."""
     phi: float
     z: float
+    """Place on the wall, in radians and metres."""
     evidence: float
+    """The largest of its views, as of a `Hole`; NaN for a crack."""
     seen_in: tuple[str, ...]
+    """Names of the views that show it there."""
     why: str
+    """What its visit showed instead, or that there was none."""
 
 
 def unconfirmed(shown: Hole | TracedCrack, seen_in: tuple[str, ...], why: str) -> Unconfirmed:
@@ -82,48 +73,32 @@ def unconfirmed(shown: Hole | TracedCrack, seen_in: tuple[str, ...], why: str) -
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InspectedView:
-    """One acquisition of an inspection.
-
-    Parameters
-    ----------
-    picture : InspectedPicture
-        What it shows: candidates on the way round, and then the one that was visited.
-    image : (height, width) array of uint8
-        Under all lights.
-    angles : (float, float)
-        Pan and tilt of the line of sight, in radians.
-    joints : (float, float)
-        Pan and tilt that the joints read there, in radians, as a file of poses has them.
-    place : (float, float)
-        Advance in metres and roll in radians of the catheter.
-    seen : tuple of Hole and TracedCrack
-        What the picture shows: with them an inspection that was cut off goes on.
-    finding : Finding, optional
-        The candidate that was visited, if it was seen again.
-    evidence : float
-        Of the finding, as of a `Hole`; NaN for a crack.
-    course : (N, 2) array
-        Phi and z along the rim of a hole, or along a crack.
-    unconfirmed : Unconfirmed, optional
-        The candidate that was visited, if it was not seen again.
-    steps : tuple of LogEntry
-        Of the visit, but for the search; the verdict of the finding names those that failed.
-    probed : PitDepth or CrackDepth, optional
-        What the echoes say of the finding; None before it was scanned, and without a probe.
-    """
+    """One acquisition of an inspection."""
 
     picture: InspectedPicture
+    """What it shows: candidates on the way round, and then the one that was visited."""
     image: Image
+    """Shape (height, width). Under all lights."""
     angles: tuple[float, float]
+    """Pan and tilt of the line of sight, in radians."""
     joints: tuple[float, float]
+    """Pan and tilt that the joints read there, in radians, as a file of poses has them."""
     place: tuple[float, float]
+    """Advance in metres and roll in radians of the catheter."""
     seen: tuple[Hole | TracedCrack, ...] = ()
+    """What the picture shows: with them an inspection that was cut off goes on."""
     finding: Finding | None = None
+    """The candidate that was visited, if it was seen again."""
     evidence: float = math.nan
+    """Of the finding, as of a `Hole`; NaN for a crack."""
     course: FloatArray | None = None
+    """Shape (N, 2). Phi and z along the rim of a hole, or along a crack."""
     unconfirmed: Unconfirmed | None = None
+    """The candidate that was visited, if it was not seen again."""
     steps: tuple[LogEntry, ...] = ()
+    """Of the visit, but for the search; the verdict of the finding names those that failed."""
     probed: PitDepth | CrackDepth | None = None
+    """What the echoes say of the finding; None before it was scanned, and without a probe."""
 
     @property
     def failed(self) -> str:

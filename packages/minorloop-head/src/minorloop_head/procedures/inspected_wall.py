@@ -59,25 +59,17 @@ a row, over that of the row of which most is searched."""
 
 @dataclass(frozen=True, eq=False)
 class SeenWall:
-    """Picture of the pipe, unrolled.
-
-    Parameters
-    ----------
-    patch : Patch
-        Once round the pipe, from the nearest to the farthest place that a view shows.
-    picture : (rows, columns) array
-        Logarithm of the reflectance; NaN where no view shows the wall.
-    searched : (rows, columns) array of bool
-        Where a view on the way round shows the smallest hole that the search finds whole, large and
-        bright enough.
-    probed : (rows, columns) array of bool
-        Where echoes gave the depth.
-    """
+    """Picture of the pipe, unrolled."""
 
     patch: Patch
+    """Once round the pipe, from the nearest to the farthest place that a view shows."""
     picture: FloatArray
+    """Shape (rows, columns). Logarithm of the reflectance; NaN where no view shows the wall."""
     searched: BoolArray
+    """Shape (rows, columns). Where a view on the way round shows the smallest hole that the search
+    finds whole, large and bright enough."""
     probed: BoolArray
+    """Shape (rows, columns). Where echoes gave the depth."""
 
     @property
     def along(self) -> tuple[float, float]:

@@ -179,29 +179,20 @@ class Touch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Marking:
-    """Turn the tool to a place, extend it until it touches the wall, and withdraw it.
-
-    Parameters
-    ----------
-    calibration : HeadCalibration
-        Without a tool the verdict is ``no tool``.
-    close : float
-        Distance in pixels at which the tool touches: 1 of 640 is 0.03 mm across the way of the
-        tool and 0.07 mm along a wall that it meets at 25 degrees.
-    patience : float
-        Longest duration of a stop in seconds; the tool is withdrawn then.
-    unseen : float
-        Seconds for which the place may not be recognised while it stays so near.
-    tries : int
-        Times that the tool is turned to the place, if the head does not come to rest there or what
-        is tracked is lost.
-    """
+    """Turn the tool to a place, extend it until it touches the wall, and withdraw it."""
 
     calibration: HeadCalibration
+    """Without a tool the verdict is ``no tool``."""
     close: float = 1.0
+    """Distance in pixels at which the tool touches: 1 of 640 is 0.03 mm across the way of the tool
+    and 0.07 mm along a wall that it meets at 25 degrees."""
     patience: float = 15.0
+    """Longest duration of a stop in seconds; the tool is withdrawn then."""
     unseen: float = 0.0
+    """Seconds for which the place may not be recognised while it stays so near."""
     tries: int = 3
+    """Times that the tool is turned to the place, if the head does not come to rest there or what
+    is tracked is lost."""
 
     def touch(self, touch: Touch, light: Light) -> Procedure[Touch]:
         """Touch beside a place, with a camera that has a light; return the touch."""

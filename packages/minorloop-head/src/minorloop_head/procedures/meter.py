@@ -23,27 +23,19 @@ which it is tracked, but for the corners."""
 
 @dataclass(frozen=True, kw_only=True)
 class _LightLimits:
-    """Settings of camera and light, and their limits.
-
-    Parameters
-    ----------
-    exposure : float
-        Exposure time in seconds: short enough not to smear at 10 degrees a second.
-    grey : float
-        Mean grey level for which the gain is set. Half of full scale would leave no room for
-        glints.
-    least_gain, most_gain : float
-        Limits of the gain.
-    nearest, farthest : float
-        Limits of the focus in metres: those of the camera, with a margin.
-    """
+    """Settings of camera and light, and their limits."""
 
     exposure: float = 0.01
+    """Exposure time in seconds: short enough not to smear at 10 degrees a second."""
     grey: float = 95.0
+    """Mean grey level for which the gain is set. Half of full scale would leave no room for
+    glints."""
     least_gain: float = 0.1
     most_gain: float = 20.0
+    """Limits of the gain."""
     nearest: float = 5e-3
     farthest: float = 55e-3
+    """Limits of the focus in metres: those of the camera, with a margin."""
 
     def focus(self, distance: float) -> float:
         """Return a distance, clipped to the limits of the focus."""
@@ -61,22 +53,15 @@ LIMITS = _LightLimits()
 
 @dataclass(kw_only=True, eq=False)
 class Light:
-    """The gain that a camera has, and what it is set for.
-
-    Parameters
-    ----------
-    gain : float
-        That `meter` sets.
-    place : (2,) array, optional
-        Phi and z of the wall that is exposed for; the whole picture without, or if it does not show
-        the place.
-    focusing : bool
-        Whether the focus follows the wall ahead.
-    """
+    """The gain that a camera has, and what it is set for."""
 
     gain: float = 1.0
+    """That `meter` sets."""
     place: FloatArray | None = None
+    """Shape (2,). Phi and z of the wall that is exposed for; the whole picture without, or if it
+    does not show the place."""
     focusing: bool = True
+    """Whether the focus follows the wall ahead."""
 
     @property
     def exposure(self) -> tuple[float, float]:

@@ -68,49 +68,33 @@ _COLOURS = {UNDECIDED: (0, 160, 255), CRACK: (255, 200, 0)}
 
 @dataclass(frozen=True, kw_only=True)
 class PicturePose:
-    """Where the camera was when a picture was taken.
-
-    Parameters
-    ----------
-    pan, tilt : float
-        Of the line of sight from the axis of the pipe, in radians.
-    advance : float
-        Along the pipe, in metres.
-    roll : float
-        About the pipe, in radians.
-    """
+    """Where the camera was when a picture was taken."""
 
     pan: float = 0.0
     tilt: float = 0.0
+    """Of the line of sight from the axis of the pipe, in radians."""
     advance: float = 0.0
+    """Along the pipe, in metres."""
     roll: float = 0.0
+    """About the pipe, in radians."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PictureFinding:
-    """A defect in a picture.
-
-    Parameters
-    ----------
-    kind : str
-        ``hole or pit``, or ``crack``.
-    phi, z : float
-        Place on the wall, in radians and metres.
-    width, length : float
-        Diameter of a hole, twice; of a crack its median width and its length. In metres.
-    evidence : float
-        Logarithm of the odds that it is a hole; NaN for a crack.
-    outline : (N, 2) array
-        Pixels of its rim or its course.
-    """
+    """A defect in a picture."""
 
     kind: str
+    """``hole or pit``, or ``crack``."""
     phi: float
     z: float
+    """Place on the wall, in radians and metres."""
     width: float
     length: float
+    """Diameter of a hole, twice; of a crack its median width and its length. In metres."""
     evidence: float
+    """Logarithm of the odds that it is a hole; NaN for a crack."""
     outline: FloatArray
+    """Shape (N, 2). Pixels of its rim or its course."""
 
     @property
     def pixel(self) -> FloatArray:
@@ -120,26 +104,17 @@ class PictureFinding:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InspectedPicture:
-    """A picture, and what was found in it.
-
-    Parameters
-    ----------
-    name : str
-    t : float
-        Time in its video, in seconds.
-    verdict : str
-        ``good``, or why the picture cannot be used, as in `Findings`.
-    findings : tuple of PictureFinding
-    light : PictureLight, optional
-        Which part was searched, and whether the light contradicts the pose; None if the picture
-        cannot be used.
-    """
+    """A picture, and what was found in it."""
 
     name: str
     t: float
+    """Time in its video, in seconds."""
     verdict: str
+    """``good``, or why the picture cannot be used, as in `Findings`."""
     findings: tuple[PictureFinding, ...] = ()
     light: _PictureLight | None = None
+    """Which part was searched, and whether the light contradicts the pose; None if the picture
+    cannot be used."""
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row of the table for each finding, by the headers of `COLUMNS`."""
@@ -246,19 +221,13 @@ def crack_in(
 
 @dataclass(frozen=True)
 class _PictureLight:
-    """What the light in a picture says.
-
-    Parameters
-    ----------
-    searched : float
-        Share of the picture that shows wall near and bright enough to be searched.
-    off : (float, float), optional
-        Pan and tilt that the light suggests, less those given, in degrees, to about 5 degrees;
-        None where it does not contradict.
-    """
+    """What the light in a picture says."""
 
     searched: float
+    """Share of the picture that shows wall near and bright enough to be searched."""
     off: tuple[float, float] | None
+    """Pan and tilt that the light suggests, less those given, in degrees, to about 5 degrees; None
+    where it does not contradict."""
 
 
 def light_in(image: Image, view: HeadCalibration, pan: float, tilt: float) -> _PictureLight:

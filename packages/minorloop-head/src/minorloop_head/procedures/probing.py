@@ -31,21 +31,14 @@ from minorloop_head.vision.defects import Hole
 
 @dataclass(eq=False, kw_only=True)
 class Kept:
-    """What an inspection has so far; an inspection that was cut off goes on from it.
-
-    Parameters
-    ----------
-    views : dict of str to InspectedView
-        By the names of their pictures, in the order in which they were taken.
-    scans : dict of str to ScannedRaster
-        By the name of the find; with ``again`` after it, the second one.
-    ring : Ring, optional
-        The pipe once round.
-    """
+    """What an inspection has so far; an inspection that was cut off goes on from it."""
 
     views: dict[str, InspectedView] = field(default_factory=dict)
+    """By the names of their pictures, in the order in which they were taken."""
     scans: dict[str, ScannedRaster] = field(default_factory=dict)
+    """By the name of the find; with ``again`` after it, the second one."""
     ring: Ring | None = None
+    """The pipe once round."""
 
     def view(self, name: str, take: Callable[[], InspectedView]) -> InspectedView:
         """Return the view of a name, which is taken unless it is kept."""
@@ -78,22 +71,15 @@ class Kept:
 
 @dataclass(eq=False)
 class Probing:
-    """The probe of an inspection.
-
-    Parameters
-    ----------
-    rig : InspectionRig
-        With a micro-tool, it touches a hole or a pit before it is scanned.
-    kept : Kept
-        What it measures is kept there; what was scanned is not repeated.
-    refused : str
-        Why nothing is scanned, such as ``no water``; empty if something is. `begin` sets it if the
-        probe does not reach the wall in the water.
-    """
+    """The probe of an inspection."""
 
     rig: InspectionRig
+    """With a micro-tool, it touches a hole or a pit before it is scanned."""
     kept: Kept
+    """What it measures is kept there; what was scanned is not repeated."""
     refused: str = ""
+    """Why nothing is scanned, such as ``no water``; empty if something is. `begin` sets it if the
+    probe does not reach the wall in the water."""
 
     def begin(self) -> None:
         """Drain the pipe for the camera, and say whether the probe reaches the wall in water."""

@@ -77,50 +77,35 @@ _ROLLS = 4
 
 @dataclass(eq=False, kw_only=True)
 class ScannedRaster:
-    """A raster as far as it is scanned: the scan keeps it up to date.
-
-    Parameters
-    ----------
-    reference : (2,) array
-        Advance and roll of the catheter, in metres and radians, from which the beam is square to
-        the middle: the angles of the bursts hold there.
-    bursts : tuple of Burst
-        Of the points whose readings had shots.
-    point : int
-        The next one, from 0.
-    onward : int
-        1 if the catheter rolls on towards greater phi after its travel, -1 if towards smaller phi:
-        friction makes it jump where it turns back.
-    done : bool
-        Whether the scan has ended.
-    stage : str
-        What it does now.
-    targets : (N, 2) array
-        Pan and tilt of the points; none before the catheter has arrived, or if it did not.
-    again : int
-        How often the catheter has turned back, because it had jumped beyond a row.
-    refused : str
-        Why it was not scanned; empty if it was.
-    steps : tuple of LogEntry
-        Of the visit until its end, or since the scan before it, for who keeps the scan.
-    centre : (float, float)
-        Phi and z of its middle, in radians and metres.
-    shift : float
-        Its displacement in pitches, in both directions.
-    """
+    """A raster as far as it is scanned: the scan keeps it up to date."""
 
     reference: FloatArray = field(default_factory=lambda: np.zeros(2))
+    """Shape (2,). Advance and roll of the catheter, in metres and radians, from which the beam is
+    square to the middle: the angles of the bursts hold there."""
     bursts: tuple[Burst, ...] = ()
+    """Of the points whose readings had shots."""
     point: int = 0
+    """The next one, from 0."""
     onward: int = 1
+    """1 if the catheter rolls on towards greater phi after its travel, -1 if towards smaller phi:
+    friction makes it jump where it turns back."""
     done: bool = True
+    """Whether the scan has ended."""
     stage: _ScanStage = "travel"
+    """What it does now."""
     targets: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    """Shape (N, 2). Pan and tilt of the points; none before the catheter has arrived, or if it did
+    not."""
     again: int = 0
+    """How often the catheter has turned back, because it had jumped beyond a row."""
     refused: str = ""
+    """Why it was not scanned; empty if it was."""
     steps: tuple[LogEntry, ...] = ()
+    """Of the visit until its end, or since the scan before it, for who keeps the scan."""
     centre: tuple[float, float] = (0.0, 0.0)
+    """Phi and z of its middle, in radians and metres."""
     shift: float = 0.0
+    """Its displacement in pitches, in both directions."""
 
     @property
     def progress(self) -> float:
@@ -130,17 +115,11 @@ class ScannedRaster:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RasterScan:
-    """A raster of bursts.
-
-    Parameters
-    ----------
-    calibration : HeadCalibration
-    points : int
-        In a row of the raster.
-    """
+    """A raster of bursts."""
 
     calibration: HeadCalibration
     points: int = POINTS
+    """In a row of the raster."""
 
     def scan(
         self,

@@ -45,46 +45,32 @@ _MOST = 0.05, 0.95
 
 @dataclass(frozen=True, eq=False)
 class SteeredHead:
-    """How a head reached its targets.
-
-    Parameters
-    ----------
-    t : (T,) array
-        Ends of the ticks, in seconds.
-    wanted, read, current : (T, 2) array
-        Targets and readings in degrees, NaN where a sensor was lost; currents in A.
-    targets : (N, 2) array
-        In degrees.
-    row : (T,) array of int
-        Number of the target, from 0.
-    used : (T, 2) array of bool
-        Whether the control used the reading; where not, the wire went by its model.
-    modelled : (T, 2) array
-        Angles by the model of the control, which used readings correct, in degrees.
-    unreachable : tuple of str
-        A sentence for each target that the guard found out of reach until the end of its hold.
-    missed : tuple of str
-        Sentences on the other targets that were not reached, or not held still, at the end of
-        their hold: one for both axes if the reason is the same.
-    unconfirmed : tuple of str
-        A sentence for each other target of which it is not known whether it was reached: readings
-        were not used, or there was none and the model says that it was.
-    faults : tuple of DriveFault
-        Of the readings.
-    """
+    """How a head reached its targets."""
 
     t: FloatArray
+    """Shape (T,). Ends of the ticks, in seconds."""
     wanted: FloatArray
     read: FloatArray
     current: FloatArray
+    """Shape (T, 2). Targets and readings in degrees, NaN where a sensor was lost; currents in A."""
     targets: FloatArray
+    """Shape (N, 2). In degrees."""
     row: IntArray
+    """Shape (T,). Number of the target, from 0."""
     used: BoolArray
+    """Shape (T, 2). Whether the control used the reading; where not, the wire went by its model."""
     modelled: FloatArray
+    """Shape (T, 2). Angles by the model of the control, which used readings correct, in degrees."""
     unreachable: tuple[str, ...] = ()
+    """A sentence for each target that the guard found out of reach until the end of its hold."""
     missed: tuple[str, ...] = ()
+    """Sentences on the other targets that were not reached, or not held still, at the end of their
+    hold: one for both axes if the reason is the same."""
     unconfirmed: tuple[str, ...] = ()
+    """A sentence for each other target of which it is not known whether it was reached: readings
+    were not used, or there was none and the model says that it was."""
     faults: tuple[DriveFault, ...] = ()
+    """Of the readings."""
 
     @property
     def done(self) -> bool:

@@ -73,17 +73,11 @@ class _Stuck(Exception):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProbeSweep:
-    """Lines round the pipe, fired while the catheter rolls.
-
-    Parameters
-    ----------
-    calibration : HeadCalibration
-    tick : float
-        Of the loop, in seconds: there is one burst in each.
-    """
+    """Lines round the pipe, fired while the catheter rolls."""
 
     calibration: HeadCalibration
     tick: float = 0.04
+    """Of the loop, in seconds: there is one burst in each."""
 
     @property
     def point(self) -> RasterScan:

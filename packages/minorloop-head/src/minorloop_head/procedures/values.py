@@ -24,41 +24,29 @@ def _zeros() -> FloatArray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reading:
-    """Measurements of one tick of the loop.
-
-    Parameters
-    ----------
-    t : float
-        Time of the tick.
-    angles : (2,) array
-        Pan and tilt of the line of sight as the joints measure them, 0 along the pipe.
-    place : (2,) array
-        Advance and roll of the catheter as measured.
-    base : (2,) array
-        Pan and tilt by which the flow of the water has turned the base of the head, as pictures
-        show them; the joints do not. Zero where no picture is used, NaN where it does not show
-        them.
-    image : array, optional
-        A frame that was taken at these angles; None where none was requested.
-    shots : tuple of Shot
-        The burst that was requested.
-    fired : bool
-        Whether the burst that was requested has been fired.
-    extension : float
-        Of the micro-tool, in metres.
-    touching : bool
-        Whether its point touches the wall.
-    """
+    """Measurements of one tick of the loop."""
 
     t: float
+    """Time of the tick."""
     angles: FloatArray
+    """Shape (2,). Pan and tilt of the line of sight as the joints measure them, 0 along the
+    pipe."""
     place: FloatArray = field(default_factory=_zeros)
+    """Shape (2,). Advance and roll of the catheter as measured."""
     base: FloatArray = field(default_factory=_zeros)
+    """Shape (2,). Pan and tilt by which the flow of the water has turned the base of the head, as
+    pictures show them; the joints do not. Zero where no picture is used, NaN where it does not show
+    them."""
     image: Image | None = None
+    """A frame that was taken at these angles; None where none was requested."""
     shots: tuple[Shot, ...] = ()
+    """The burst that was requested."""
     fired: bool = False
+    """Whether the burst that was requested has been fired."""
     extension: float = 0.0
+    """Of the micro-tool, in metres."""
     touching: bool = False
+    """Whether its point touches the wall."""
 
     @property
     def line_of_sight(self) -> FloatArray:
@@ -78,46 +66,31 @@ class LogEntry:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Request:
-    """Request of a procedure; what it does not name stays as it is.
-
-    Parameters
-    ----------
-    angles : (2,) array, optional
-        Pan and tilt to which the head goes.
-    rates : (2,) array
-        Of advance and roll, for one tick.
-    sighted : (2,) array, optional
-        Pan and tilt of the head estimated from the image. They replace the readings of joints
-        that have no sensors.
-    lights : tuple of bool, optional
-        Which lights are on from the next frame.
-    exposure : (float, float), optional
-        Exposure time and gain from the next frame.
-    focus : float, optional
-        Distance of the focus.
-    water : bool, optional
-        Whether the pipe is flooded.
-    frame : bool
-        Whether the next reading contains a frame.
-    shots : int
-        Number of shots in the burst of the next reading.
-    extension : float, optional
-        To which the micro-tool extends, in metres; it stops where it touches the wall.
-    now : bool
-        Whether the next reading is of the same tick: nothing moves before it.
-    """
+    """Request of a procedure; what it does not name stays as it is."""
 
     angles: FloatArray | None = None
+    """Shape (2,). Pan and tilt to which the head goes."""
     rates: FloatArray = field(default_factory=_zeros)
+    """Shape (2,). Of advance and roll, for one tick."""
     sighted: FloatArray | None = None
+    """Shape (2,). Pan and tilt of the head estimated from the image. They replace the readings of
+    joints that have no sensors."""
     lights: tuple[bool, ...] | None = None
+    """Which lights are on from the next frame."""
     exposure: tuple[float, float] | None = None
+    """Exposure time and gain from the next frame."""
     focus: float | None = None
+    """Distance of the focus."""
     water: bool | None = None
+    """Whether the pipe is flooded."""
     frame: bool = False
+    """Whether the next reading contains a frame."""
     shots: int = 0
+    """Number of shots in the burst of the next reading."""
     extension: float | None = None
+    """To which the micro-tool extends, in metres; it stops where it touches the wall."""
     now: bool = False
+    """Whether the next reading is of the same tick: nothing moves before it."""
 
 
 NOTHING, NOW = Request(), Request(now=True)

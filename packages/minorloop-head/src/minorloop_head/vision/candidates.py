@@ -76,28 +76,19 @@ FEATURES = (
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A round object on the map.
-
-    Parameters
-    ----------
-    x, y : float
-        Column and row of its centre on the map.
-    diameter : float
-        In metres.
-    kind : str
-        One of ``KINDS``.
-    features : (F,) array
-        Numbers in the order of ``FEATURES``.
-    wave : (float, float)
-        Second harmonic of the radius of its outline: cosine and sine, in metres.
-    """
+    """A round object on the map."""
 
     x: float
     y: float
+    """Column and row of its centre on the map."""
     diameter: float
+    """In metres."""
     kind: str
+    """One of ``KINDS``."""
     features: FloatArray
+    """Shape (F,). Numbers in the order of ``FEATURES``."""
     wave: tuple[float, float] = (0.0, 0.0)
+    """Second harmonic of the radius of its outline: cosine and sine, in metres."""
 
     def outline(self, step: float, count: int = 48) -> FloatArray:
         """Return columns and rows (count, 2) on a map with texels of ``step`` metres."""

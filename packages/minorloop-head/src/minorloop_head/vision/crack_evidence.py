@@ -38,22 +38,15 @@ of lines."""
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
-    """Shares of the light that a line takes, across its course.
-
-    Parameters
-    ----------
-    course : (N, 2) array
-        Rows and columns along it, in texels.
-    taken : (K, N, M) array
-        Share taken under each light, every half texel across; negative where it is brighter than
-        the wall.
-    length : float
-        In texels.
-    """
+    """Shares of the light that a line takes, across its course."""
 
     course: FloatArray
+    """Shape (N, 2). Rows and columns along it, in texels."""
     taken: FloatArray
+    """Shape (K, N, M). Share taken under each light, every half texel across; negative where it is
+    brighter than the wall."""
     length: float
+    """In texels."""
 
     @property
     def widths(self) -> FloatArray:

@@ -55,27 +55,18 @@ _PART = 0.4e-3
 
 @dataclass(frozen=True, eq=False)
 class TracedCrack:
-    """The course of a crack.
-
-    Parameters
-    ----------
-    places : (N, 2) array
-        Phi and z along it.
-    widths : (N,) array
-        In metres: the width of a black line that takes as much light.
-    length : float
-        In metres, along the wall.
-    contrast : float
-        Median height of its line, in the logarithm of the image.
-    evidence : float
-        Logarithm of the odds that it is a crack, among dark lines on the wall.
-    """
+    """The course of a crack."""
 
     places: FloatArray
+    """Shape (N, 2). Phi and z along it."""
     widths: FloatArray
+    """Shape (N,). In metres: the width of a black line that takes as much light."""
     length: float
+    """In metres, along the wall."""
     contrast: float
+    """Median height of its line, in the logarithm of the image."""
     evidence: float = np.inf
+    """Logarithm of the odds that it is a crack, among dark lines on the wall."""
 
     @property
     def middle(self) -> FloatArray:
@@ -165,27 +156,19 @@ def _lines(
 
 @dataclass(frozen=True, eq=False)
 class DarkWall:
-    """Dark lines of a wall before they are judged.
-
-    Parameters
-    ----------
-    levels : (K, rows, columns) array of float32
-        Logarithm of the reflectance; what is not seen has the value of the nearest texel that is.
-    heights : (rows, columns) array of float32
-        Of the lines.
-    seen : (rows, columns) array of bool
-        Texels that are seen.
-    margin : (rows, columns) array of bool
-        Texels that are seen but too near to the edge for a height.
-    courses : tuple of (N, 2) arrays
-        Rows and columns of the lines.
-    """
+    """Dark lines of a wall before they are judged."""
 
     levels: Image32
+    """Shape (K, rows, columns). Logarithm of the reflectance; what is not seen has the value of the
+    nearest texel that is."""
     heights: Image32
+    """Shape (rows, columns). Of the lines."""
     seen: BoolArray
+    """Shape (rows, columns). Texels that are seen."""
     margin: BoolArray
+    """Shape (rows, columns). Texels that are seen but too near to the edge for a height."""
     courses: tuple[FloatArray, ...]
+    """Rows and columns of the lines."""
 
 
 def dark_wall(

@@ -58,27 +58,19 @@ error of their sizes of 6 %."""
 
 @dataclass(frozen=True, eq=False)
 class Hole:
-    """A hole or round pit in an image.
-
-    Parameters
-    ----------
-    place : (2,) array
-        Phi in radians and z in metres of its centre, by the calibrated pose of the camera.
-    diameter : float
-        In metres.
-    evidence : float
-        Logarithm of the odds that it is a hole, among round objects on the wall.
-    kind : str
-        How it was found: ``dark``, ``bright``, ``either`` or ``lit`` from behind.
-    rim : (N, 2) array
-        Phi and z of points of its outline.
-    """
+    """A hole or round pit in an image."""
 
     place: FloatArray
+    """Shape (2,). Phi in radians and z in metres of its centre, by the calibrated pose of the
+    camera."""
     diameter: float
+    """In metres."""
     evidence: float
+    """Logarithm of the odds that it is a hole, among round objects on the wall."""
     kind: str
+    """How it was found: ``dark``, ``bright``, ``either`` or ``lit`` from behind."""
     rim: FloatArray
+    """Shape (N, 2). Phi and z of points of its outline."""
 
     def __repr__(self) -> str:
         phi, z = self.place
@@ -90,24 +82,17 @@ class Hole:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """The result of an acquisition.
-
-    Parameters
-    ----------
-    holes : tuple of Hole
-        Strongest first.
-    verdict : str
-        ``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``,
-        ``no picture``, ``frozen``, ``torn``, ``wrong size``, ``angle unknown``. An acquisition is
-        ``torn`` too if some rows of a frame repeat another one that had other lights, and
-        ``frozen`` if all do.
-    wall : ReflectanceMap, optional
-        The map of the wall; None if the verdict is not ``good``.
-    """
+    """The result of an acquisition."""
 
     holes: tuple[Hole, ...]
+    """Strongest first."""
     verdict: str
+    """``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``, ``no
+    picture``, ``frozen``, ``torn``, ``wrong size``, ``angle unknown``. An acquisition is ``torn``
+    too if some rows of a frame repeat another one that had other lights, and ``frozen`` if all
+    do."""
     wall: ReflectanceMap | None = None
+    """The map of the wall; None if the verdict is not ``good``."""
 
     def __repr__(self) -> str:
         count = len(self.holes)

@@ -76,29 +76,19 @@ class TargetPose:
 
 @dataclass(frozen=True, eq=False)
 class LensFit:
-    """A calibrated lens.
-
-    Parameters
-    ----------
-    lens : Pinhole
-    measured : tuple of Measured
-        Focal length, principal point and distortion.
-    poses : tuple of TargetPose
-        Of the pictures that were used.
-    seen : tuple of SeenTarget
-        Their corners.
-    left_out : mapping of str to str
-        Names of pictures that do not fit the others, and why.
-    rms : float
-        Of the distances between seen and projected corners, in pixels.
-    """
+    """A calibrated lens."""
 
     lens: Pinhole
     measured: tuple[Measured, ...]
+    """Focal length, principal point and distortion."""
     poses: tuple[TargetPose, ...]
+    """Of the pictures that were used."""
     seen: tuple[SeenTarget, ...]
+    """Their corners."""
     left_out: dict[str, str]
+    """Names of pictures that do not fit the others, and why."""
     rms: float
+    """Of the distances between seen and projected corners, in pixels."""
 
 
 def fit_lens(seen: Sequence[SeenTarget], size: tuple[int, int]) -> LensFit:

@@ -38,38 +38,26 @@ _LEVER = slice(9, 12)
 
 @dataclass(frozen=True, eq=False)
 class MountFit:
-    """How a camera is mounted on its joints.
-
-    Parameters
-    ----------
-    measured : tuple of Measured
-    lever : float
-        From the pivot to the lens along the optical axis, in metres.
-    straight : (float or None, float)
-        Pan and tilt that are read where the joints point along the pipe, in radians; no pan if
-        the target was not square to the pipe.
-    squint, camera_roll : float
-        Of the camera on the joints, in radians.
-    roll : float or None
-        Of the base about the axis of the pipe, in radians; None if the target was not square to
-        the pipe.
-    offset : (float, float) or None
-        Of the pivot from the middle of the target, in metres; None likewise.
-    joints : (N, 2) array
-        Read less fitted pan and tilt of each picture, in degrees.
-    residuals : (N,) array
-        Of each picture: normalised distance of its pose from the fit, about 1.
-    """
+    """How a camera is mounted on its joints."""
 
     measured: tuple[Measured, ...]
     lever: float
+    """From the pivot to the lens along the optical axis, in metres."""
     straight: tuple[float | None, float]
+    """Pan and tilt that are read where the joints point along the pipe, in radians; no pan if the
+    target was not square to the pipe."""
     squint: float
     camera_roll: float
+    """Of the camera on the joints, in radians."""
     roll: float | None
+    """Of the base about the axis of the pipe, in radians; None if the target was not square to the
+    pipe."""
     offset: tuple[float, float] | None
+    """Of the pivot from the middle of the target, in metres; None likewise."""
     joints: FloatArray
+    """Shape (N, 2). Read less fitted pan and tilt of each picture, in degrees."""
     residuals: FloatArray
+    """Shape (N,). Of each picture: normalised distance of its pose from the fit, about 1."""
 
     @property
     def rms(self) -> float:

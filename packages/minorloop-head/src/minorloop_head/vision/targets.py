@@ -36,20 +36,15 @@ NONE, BLURRED, ANOTHER = "no target found", "blurred", "another target"
 
 @dataclass(frozen=True, eq=False)
 class SeenTarget:
-    """Corners of a target in a picture.
-
-    Parameters
-    ----------
-    name : str
-        Of the picture.
-    points : (N, 2) array
-        Places on the target, from its upper left corner to the right and down, in metres.
-    pixels : (N, 2) array
-    """
+    """Corners of a target in a picture."""
 
     name: str
+    """Of the picture."""
     points: FloatArray
+    """Shape (N, 2). Places on the target, from its upper left corner to the right and down, in
+    metres."""
     pixels: FloatArray
+    """Shape (N, 2)."""
 
     def away_from(self, spot: FloatArray) -> SeenTarget:
         """Return the target without the corners that a bright spot (2,) covers or disturbs."""
