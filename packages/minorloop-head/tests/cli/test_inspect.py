@@ -1,8 +1,6 @@
 import json
 import math
-import os
 import re
-import threading
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -161,14 +159,3 @@ def test_a_truncated_picture_is_listed_and_the_others_are_searched(run, pictures
     printed = json.loads(out)
     assert printed["unusable"] == {"not readable": 1, "black": 1}
     assert [row["picture"] for row in printed["findings"]] == ["a.png"]
-
-
-@pytest.mark.usefixtures("pictures")
-def test_poses_may_come_from_a_pipe(run):
-    os.mkfifo("poses")
-    table = "pan [deg],tilt [deg]\n24,0\n24,0\n"
-    writer = threading.Thread(target=lambda: Path("poses").write_text(table))
-    writer.start()
-    status, out, _ = run(f"inspect pictures {OPTIONS} --poses poses --json")
-    writer.join()
-    assert (status, len(json.loads(out)["findings"])) == (0, 1)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from console_rig import PIT, control, towards, view
-from minorloop_head.console.outgoing import Outgoing
-from minorloop_head.console.reports import NumberedFindings
+from minorloop_head.console.reports import NumberedFindings, Outgoing
 from minorloop_head.console.scanning import ALONG, AROUND, Scanning
 
 HOME = (0.1, -0.2, 5e-3, -0.3)

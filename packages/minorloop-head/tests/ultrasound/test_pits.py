@@ -17,7 +17,7 @@ from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.ultrasound.burst_checks import usable_bursts
 from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
-from minorloop_head.ultrasound.pit_search import solve_without_floor
+from minorloop_head.ultrasound.joint_fit import solve_without_floor
 from minorloop_head.ultrasound.pits import (
     PITCH,
     POINTS,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from itertools import repeat
@@ -282,11 +281,10 @@ def _poses(
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
     if file.suffix == ".jsonl":
         return _journalled(file, joints=joints)
-    with _seekable(file) as table:
-        headers = [header for header in read_headers(table) if header in wanted]
-        if not {"pan [deg]", "tilt [deg]"} <= set(headers):
-            raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
-        columns = read_columns(table, headers)
+    headers = [header for header in read_headers(file) if header in wanted]
+    if not {"pan [deg]", "tilt [deg]"} <= set(headers):
+        raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
+    columns = read_columns(file, headers)
     for name in ("pan", "tilt"):
         for row, value in enumerate(columns[f"{name} [deg]"].tolist(), 1):
             _check_angle(f"{name} of row {row} of {file}", value)
@@ -327,21 +325,6 @@ def _discarded_on_error(made: Path | None) -> Iterator[None]:
         if made is not None:
             shutil.rmtree(made / "pictures", ignore_errors=True)
         raise
-
-
-@contextmanager
-def _seekable(file: Path) -> Iterator[Path]:
-    """Yield a file that can be read twice: a copy of a pipe, as a shell gives for <(...)."""
-    if not file.is_fifo():
-        yield file
-        return
-    from minorloop.lab.tables import MAX_BYTES
-
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "poses.csv"
-        with file.open("rb") as pipe:
-            copy.write_bytes(pipe.read(MAX_BYTES + 1))
-        yield copy
 
 
 def _check_angle(name: str, value: float) -> None:

@@ -17,7 +17,6 @@ import numpy as np
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.page.process import be_nice
 from minorloop_head.console import messages
-from minorloop_head.console.bench_lines import RemoteWires
 from minorloop_head.console.camera_protocol import (
     FEW_PICTURES,
     PICTURED,
@@ -32,6 +31,7 @@ from minorloop_head.console.plant import open_tip
 from minorloop_head.console.settings import LoopSettings, is_pipe
 from minorloop_head.console.supervisor import ProcessHandle
 from minorloop_head.console.units import to_shown
+from minorloop_head.console.watchdog import RemoteWires
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures.actuator_plant import BenchTip
 from minorloop_head.procedures.calibration import HeadCalibration

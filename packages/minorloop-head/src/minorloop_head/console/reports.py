@@ -6,6 +6,7 @@ A number of a finding is never used twice, and every change goes to the pages.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -13,9 +14,9 @@ import msgspec
 
 from minorloop.arrays import FloatArray
 from minorloop_head.console import messages
+from minorloop_head.console.camera_protocol import CameraCommand
 from minorloop_head.console.messages import DepthPatch, Pair, ReportedFinding
 from minorloop_head.console.modes import TeleopConfig
-from minorloop_head.console.outgoing import Outgoing
 from minorloop_head.console.units import degrees, mm
 from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
@@ -224,3 +225,32 @@ class NumberedFindings:
     def _add(self, reported: Callable[..., ReportedFinding], t: float, *found: Any) -> None:
         self._last_number += 1  # never used again: a late fit must not meet another finding
         self.all.append(reported(self._last_number, round(t, 2), *found))
+
+
+class Outgoing:
+    """Messages and commands, in their order.
+
+    Attributes
+    ----------
+    events : collections.deque
+        Encoded messages to the pages, as bytes; whoever sends them takes them out. Any thread adds
+        to them.
+    commands : list of CameraCommand
+        Of this tick.
+    """
+
+    def __init__(self) -> None:
+        self.events: deque[bytes] = deque()
+        self.commands: list[CameraCommand] = []
+
+    def send(self, message: messages.ToPage) -> None:
+        """Send a message to the pages."""
+        self.events.append(messages.encode(message))
+
+    def notice(self, text: str) -> None:
+        """Send a sentence to the pages."""
+        self.send(messages.Notice(text=text))
+
+    def command(self, name: str, *numbers: float) -> None:
+        """Send a command to the camera process."""
+        self.commands.append((name, [float(number) for number in numbers]))

@@ -17,9 +17,8 @@ import numpy as np
 from minorloop.errors import ParameterError
 from minorloop_head.console import messages
 from minorloop_head.console.messages import Mode, Pair, ReportedFinding
-from minorloop_head.console.outgoing import Outgoing
 from minorloop_head.console.plant import reading_at
-from minorloop_head.console.reports import in_si
+from minorloop_head.console.reports import Outgoing, in_si
 from minorloop_head.console.units import Position, pair_of
 from minorloop_head.control.head import HeadControl
 from minorloop_head.procedures.calibration import HeadCalibration

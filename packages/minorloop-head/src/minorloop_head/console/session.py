@@ -19,9 +19,8 @@ from minorloop_head.console.head_pose import Quaternion
 from minorloop_head.console.mark import OUT_OF_REACH, ended, reaches, servoed, unmeasured
 from minorloop_head.console.messages import Pair, ReportedFinding
 from minorloop_head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
-from minorloop_head.console.outgoing import Outgoing
 from minorloop_head.console.plant import reading_at
-from minorloop_head.console.reports import NumberedFindings, introduction, pair
+from minorloop_head.console.reports import NumberedFindings, Outgoing, introduction, pair
 from minorloop_head.console.scanning import ProbeRun, Scanning
 from minorloop_head.console.units import Position, to_shown
 from minorloop_head.control.head import HeadControl

@@ -278,13 +278,9 @@ class Guard:
         )
         reading = self._readings.step(state.reading, read, as_number(measurement), expected)
         lateness = self._lateness.step(
-            state.lateness,
-            state.estimate,
-            state.applied,
-            reading.value,
-            expected=expected.angle,
-            steps=steps,
-        )
+            state.lateness, state.estimate, state.applied, reading.value,
+            expected=expected.angle, steps=steps,
+        )  # fmt: skip
         if lateness.doubted:
             if not state.lateness.doubted:  # the readings have led the estimate astray
                 past = (driven.angle,) * len(estimate.past)

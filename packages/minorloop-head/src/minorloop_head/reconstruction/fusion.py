@@ -16,9 +16,8 @@ from minorloop_head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, Dept
 from minorloop_head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe, as_complex
-from minorloop_head.ultrasound.joint_fit import JointFit
+from minorloop_head.ultrasound.joint_fit import DEPTHS, JointFit
 from minorloop_head.ultrasound.pit_model import PitModel
-from minorloop_head.ultrasound.pit_search import DEPTHS
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.ultrasound.spectra import spectra_of
 

@@ -19,16 +19,19 @@ from minorloop_head.ultrasound.bent_wall import MOST_UNKNOWN, bent_fit, is_bent,
 from minorloop_head.ultrasound.burst_checks import FEW, coverage_fault, rejections, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import HIGHEST, LOWEST, CalibratedProbe, ComplexArray
-from minorloop_head.ultrasound.joint_fit import CENTRE, PRIOR, JointFit, JointSolution
-from minorloop_head.ultrasound.pit_model import PitModel
-from minorloop_head.ultrasound.pit_search import (
+from minorloop_head.ultrasound.joint_fit import (
+    CENTRE,
     DEPTHS,
+    PRIOR,
     STRANGE,
+    JointFit,
+    JointSolution,
     best_fit,
     floor_gains_nothing,
     resolve_ambiguity,
     solve_without_floor,
 )
+from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.spectra import LEAD, WINDOW, spectra_of, tapered
 from minorloop_head.ultrasound.wall_shape import FARTHEST
 
