@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.controller import Loop, heating
+from minorloop_head.control.controller import heating
 from minorloop_head.control.head import controller
 from minorloop_head.twins.surroundings import Surroundings
 from minorloop_head.twins.wire import Wire
@@ -97,20 +97,6 @@ def test_heating_goes_by_the_inverse_of_operator_and_lag():
     assert power == pytest.approx(wire.lag * target / 2.0 - 0.01)
     gentle = heating(wire, state, 30.0, response=2.0, steepest=10 * 30.0 / target)
     assert gentle == pytest.approx(0.1 * wire.lag * target / 2.0)
-
-
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ({"interval": 0.0}, "interval is 0.0 s"),
-        ({"highest": 0.5}, "highest is 0.5 A; give 1e-06 to 0.4 A"),
-        ({"highest": math.nan}, "highest is nan"),
-        ({"delay": -1}, "delay is -1"),
-    ],
-)
-def test_clocks_and_limits_out_of_range_are_refused(option, message):
-    with pytest.raises(ParameterError, match=message):
-        Loop(**option)
 
 
 @pytest.mark.parametrize(

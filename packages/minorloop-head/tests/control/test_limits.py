@@ -2,7 +2,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
 from minorloop_head.control.limits import WireLimits
 from wires import made_up
 
@@ -28,11 +27,3 @@ def test_the_advised_stress_is_exceeded_from_25_degrees():
     limits = WireLimits()
     assert not limits.stressed(24.0)
     assert limits.stressed(28.0)
-
-
-@pytest.mark.parametrize(
-    "option", [{"hottest": 200.0}, {"ambient": 160.0}, {"rise": 0.0}, {"margin": 0.5}]
-)
-def test_limits_out_of_range_are_refused(option):
-    with pytest.raises(ParameterError):
-        WireLimits(**option)

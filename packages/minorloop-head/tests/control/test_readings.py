@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
 from minorloop_head.control.readings import (
     Expected,
     ReadingState,
@@ -166,19 +165,3 @@ def test_readings_that_fall_below_a_cold_wire_while_it_is_heated_are_reversed(
 ):
     found = watched(readings.tolist(), readings.tolist(), driven=driven.tolist())
     assert found[-1].reversed == wrong
-
-
-@pytest.mark.parametrize(
-    "option",
-    [
-        {"noise": -1.0},
-        {"repeats": 1},
-        {"patience": 0},
-        {"recovery": 0},
-        {"jump": 0.0},
-        {"low": 10.0, "high": 10.0},
-    ],
-)
-def test_bad_options_are_refused(option):
-    with pytest.raises(ParameterError):
-        SensorWatch(**option)

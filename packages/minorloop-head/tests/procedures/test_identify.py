@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import InstrumentError, ParameterError, SignalError, StoreError
+from minorloop.errors import InstrumentError, SignalError, StoreError
 from minorloop.lab.run import run
 from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement
 
@@ -130,11 +130,3 @@ def test_a_folder_of_another_specimen_is_refused_before_the_head_is_opened(found
     with pytest.raises(StoreError, match="belongs to another run"):
         measurement(folder, how=HeadExcitation(bands=2, hold=12.0, highest=0.3)).left()
     assert measurement(folder).left() == {}
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"highest": 0.5}, {"bands": 1}, {"hold": 0.0}, {"hold": float("nan")}]
-)
-def test_numbers_out_of_their_range_are_refused(wrong):
-    with pytest.raises(ParameterError, match=next(iter(wrong))):
-        HeadExcitation(**wrong)

@@ -59,20 +59,6 @@ def test_a_lost_sensor_reads_nan_and_only_that_channel():
     np.testing.assert_array_equal(y[:3, 1], truth[:3, 1])
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        ({"channel": "pan", "kind": "gone", "at": 0.0}, "kind is 'gone'; give one of 'stuck'"),
-        ({"channel": "pan", "kind": "lost", "at": np.nan}, "at is nan"),
-        ({"channel": "pan", "kind": "lost", "at": 3.0, "until": 3.0}, "give at < until"),
-        ({"channel": "pan", "kind": "lost", "at": 1.0, "until": "b"}, "until is 'b'"),
-    ],
-)
-def test_refuses_a_fault_that_is_none(options, complaint):
-    with pytest.raises(ParameterError, match=complaint):
-        SimulatedFault(**options)
-
-
 def test_refuses_a_fault_of_no_channel_and_negative_noise():
     with pytest.raises(ParameterError, match="channel of the fault is 'roll'; give one of 'pan'"):
         Sensor(TWO, 0.0, 0, [SimulatedFault("roll", "lost", 0.0)])

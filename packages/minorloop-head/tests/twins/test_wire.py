@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from minorloop.errors import ParameterError
 from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
 from minorloop_head.twins.wire import DIAMETER, WIRE, Wire
 
@@ -240,17 +239,3 @@ def test_drift_ages_the_wire_by_the_hour_and_stops_at_the_end_of_its_life():
     assert half == pytest.approx(settled([1.2], ageing=0.5)[0], abs=0.1)
     twin.apply(0.0, 7200.0, 7200.0)
     assert twin.apply(0.4, 60.0, 60.0).y[-1] == pytest.approx(settled([1.2], ageing=1.0)[0])
-
-
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        ({"ageing": -0.1}, "ageing is -0.1; give 0 to 1"),
-        ({"ageing": np.nan}, "ageing is nan"),
-        ({"drift": 1.5}, "drift is 1.5; give 0 to 1"),
-        ({"surroundings": Surroundings(load=(0.0, 0.0))}, "there are 2 loads; give one, or 1"),
-    ],
-)
-def test_refuses_options_out_of_range(options, complaint):
-    with pytest.raises(ParameterError, match=complaint):
-        Wire(**options)
