@@ -259,46 +259,6 @@ def moved(kind, delay=0.1):
     return twin
 
 
-@pytest.mark.parametrize("kind", [Wire, Head])
-@pytest.mark.parametrize(
-    ("column", "change", "complaint"),
-    [
-        (0, lambda t: 1e4, "temperature of wire"),
-        (0, lambda t: t + 1.0, "contradict each other|hottest"),
-        (1, lambda xi: 1.2, "martensite of wire"),
-        (2, lambda z: z - 1.0, "contradict each other"),
-        (3, lambda x: -x, "force on wire|contradict"),
-        (5, lambda s: -s, "highest stress"),
-    ],
-)
-def test_refuses_a_wire_that_cannot_be(kind, column, change, complaint):
-    twin = moved(kind)
-    kept = twin.checkpoint()
-    wrong = json.loads(json.dumps(kept))
-    wrong["state"][-1][column] = change(wrong["state"][-1][column])
-    with pytest.raises(ParameterError, match=complaint):
-        twin.restore(wrong)
-    assert twin.checkpoint() == kept
-
-
-@pytest.mark.parametrize(
-    ("column", "value", "complaint"),
-    [
-        (0, 21.0, "rate of motor"),
-        (1, -1.0, "position of motor"),
-        (1, 1501.0, "position of motor"),
-        (2, -100.0, "lag of tip"),
-        (3, 0.5, "neither sticks nor slides"),
-    ],
-)
-def test_refuses_a_catheter_that_cannot_be(column, value, complaint):
-    twin = moved(Catheter)
-    wrong = twin.checkpoint()
-    wrong["state"][0][column] = value
-    with pytest.raises(ParameterError, match=complaint):
-        twin.restore(wrong)
-
-
 @every_kind
 @pytest.mark.parametrize(
     ("column", "value", "complaint"),

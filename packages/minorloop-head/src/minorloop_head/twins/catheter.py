@@ -15,7 +15,6 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.lab.actuator import Channel
-from minorloop.twins.checkpoints import check_within, damaged
 from minorloop_head.twins._kernels import catheter_run
 from minorloop_head.twins.simulated_axes import SimulatedAxes
 
@@ -73,18 +72,6 @@ class Catheter(SimulatedAxes):
 
     def _at_rest(self) -> FloatArray:
         return np.zeros((2, 4))
-
-    def _check_state(self, state: FloatArray, clock: float) -> None:
-        rate, motor, tip, way = state.T
-        _, breakaway, sliding, relaxation, low, high = self._drives.T
-        fastest = np.array([channel.high for channel in self.inputs])
-        check_within(rate, -fastest, fastest, "rate of motor")
-        check_within(motor, low, high, "position of motor")
-        stretch = 1.0 + self._parameters["friction_growth"] * TRAVEL
-        most = stretch * (breakaway + sliding) + (relaxation + self._longest_step) * fastest
-        check_within(motor - tip, -most, most, "lag of tip")
-        if not np.isin(way, (-1.0, 0.0, 1.0)).all():
-            raise damaged("a tip neither sticks nor slides")
 
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
         out: FloatArray = catheter_run(

@@ -101,10 +101,6 @@ class SimulatedAxes(SimulatedPlant):
         """Return the state after a long time at the resting input."""
 
     @abstractmethod
-    def _check_state(self, state: FloatArray, clock: float) -> None:
-        """Refuse a state, of the right shape, that the physics cannot reach."""
-
-    @abstractmethod
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
         """Integrate to ``ends`` (T,) after the clock; return delayed outputs (T, channels)."""
 
@@ -143,7 +139,6 @@ class SimulatedAxes(SimulatedPlant):
         state, past = found.array("state", self._state), found.array("past", self._past)
         before = found.inputs("input", self.inputs, self._input)
         last, samples = found.readings("last", self._sensor.last), found.count("samples")
-        self._check_state(state, clock)
         late = 1e-9 * max(clock, 1.0)
         times = np.roll(past[:, 0], -mark - 1)
         if times[0] < 0 or times[-1] > clock + late or (np.diff(times) < 0).any():

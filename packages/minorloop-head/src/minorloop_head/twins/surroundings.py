@@ -35,7 +35,7 @@ GASES = ("air", "nitrogen", "argon", "helium", "forced gas")
 """Media of `convection` that may fill a pipe above the water."""
 _GIVEN_RISE = 50.0
 """Rise of the temperature of a wire, in K, at which its convection is given: it then moves."""
-MOST_LOAD = 4e-3
+_MOST_LOAD = 4e-3
 """Largest torque on a joint, in N m: the preload of the weakest spring still holds it."""
 _MOST_SWAY = math.radians(10.0)
 FULL = -0.9999
@@ -163,12 +163,7 @@ class Surroundings:
         _check("ambient", self.ambient, -50.0, 100.0, "degrees Celsius")
         _check("convection", self.convection, 1.0, 20_000.0, "W/(m^2 K)")
         for load in self.load if isinstance(self.load, tuple) else (self.load,):
-            _check("load", load, -MOST_LOAD, MOST_LOAD, "N m")
-
-    @property
-    def reach(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Least and greatest ambient and convection."""
-        return _as_course(self.ambient).bounds, _as_course(self.convection).bounds
+            _check("load", load, -_MOST_LOAD, _MOST_LOAD, "N m")
 
     def courses(self) -> FloatArray:
         """Return ambient and convection for the compiled loops, (2, 6)."""

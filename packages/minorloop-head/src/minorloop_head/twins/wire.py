@@ -20,19 +20,12 @@ import numpy as np
 from minorloop.arrays import FloatArray, as_finite, check_kind
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel
-from minorloop.twins.checkpoints import check_within, damaged
 from minorloop_head.twins import _wire_kernels as _kernels
 from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.simulated_axes import SimulatedAxes
-from minorloop_head.twins.surroundings import MOST_LOAD, Surroundings
+from minorloop_head.twins.surroundings import Surroundings
 
 HIGHEST_CURRENT = 0.4
-_AGREE = 1e-3
-"""Largest disagreement of the temperatures of a state, in K."""
-_STRONGEST = 1e10
-"""Upper bound of a stress, in Pa; every wire breaks before."""
-_MARGIN = 100.0
-"""Largest overshoot over settled temperatures, by latent heat and hysteresis, in K."""
 DIAMETER = 0.2e-3
 """In m, equal for all specimens: wire is drawn to 1 %, and resistance and surface depend on it."""
 
@@ -143,31 +136,6 @@ class HeatedWires(SimulatedAxes):
             self._axes, self._cross, self._around, self._loads, self.ageing
         )
         return state
-
-    def _check_state(self, state: FloatArray, clock: float) -> None:
-        """Refuse unreachable temperatures and states that contradict the equations of ``Wire``."""
-        temperature, fraction, effective, compression, hottest, highest, body = state.T
-        (coldest, warmest), (film, _) = self.surroundings.reach
-        wire = self._axes.T
-        still = _kernels.film_share(0.0, 0.0, self._cooling)
-        heat = HIGHEST_CURRENT**2 * wire[2:4].max(axis=0) / (still * film * wire[4])
-        low = np.full(len(state), coldest - _MARGIN)
-        high = warmest + heat + _MARGIN
-        check_within(body, np.full_like(low, coldest), high, "temperature of body")
-        check_within(temperature, low, high, "temperature of wire")
-        check_within(hottest, temperature, high, "hottest temperature of wire")
-        check_within(fraction, np.zeros_like(low), np.ones_like(low), "martensite of wire")
-        age = min(self._age[0] + self._age[1] * clock, 1.0)
-        modulus = wire[8] + fraction * (wire[9] - wire[8])
-        slack = wire[7] * (1.0 - 0.1 * age) * (1.0 - fraction) + wire[18]
-        stress = modulus * (slack - compression / wire[5])
-        off = temperature - effective - stress / wire[10] - 5.0 * age
-        pull = stress * wire[6] - wire[15] - wire[16] * compression
-        most = MOST_LOAD / wire[17] + abs(self._cross[3]) * (wire[5] * (wire[7] + wire[18])).sum()
-        check_within(pull, -most, most, "force on wire")
-        check_within(highest, stress, np.full_like(stress, _STRONGEST), "highest stress of wire")
-        if np.abs(off).max() > _AGREE:
-            raise damaged("temperature, stress and compression of a wire contradict each other")
 
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
         out: FloatArray = _kernels.head_run(

@@ -283,7 +283,11 @@ def best_fit(fit: JointFit, start: FloatArray) -> JointSolution:
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     taken = float(best.unknowns[3])
-    starts = [_at_depth(flat, taken + slip) for slip in (-_HALF_WAVE, _HALF_WAVE) if taken + slip > 0.04e-3]
+    starts = [
+        _at_depth(flat, taken + slip)
+        for slip in (-_HALF_WAVE, _HALF_WAVE)
+        if taken + slip > 0.04e-3
+    ]
     starts += _dips(fit, flat, taken)
     starts += _shaped(fit, flat, (0.0,), _DISHES[1:], DEPTHS)[:1]
     best = _better(fit, best, starts)
