@@ -27,8 +27,6 @@ ELSEWHERE = {
     "minorloop/identification/oscillator_result.py": "minorloop/identification/test_oscillator.py",
     "minorloop/identification/pipeline.py": "minorloop/identification/test_preparation.py",
     "minorloop/identification/simulation_error.py": "minorloop/identification/test_oscillator.py",
-    "minorloop/lab/faults.py": "minorloop/lab/test_reduction.py",
-    "minorloop/lab/readings.py": "minorloop/lab/test_reduction.py",
     "minorloop/lab/headers.py": "minorloop/lab/test_columns.py",
     "minorloop/lab/text_tables.py": "minorloop/lab/test_columns.py",
     "minorloop/operators/tracker.py": "minorloop/operators/test_operator.py",

@@ -6,7 +6,7 @@ import pytest
 from minorloop import connect, load, save
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.lab.actuator import Actuator
-from minorloop.lab.frozen import RepeatedReadings
+from minorloop.lab.noise import RepeatedReadings
 from minorloop.lab.run import Restorable
 from minorloop.lab.wrapped_actuator import single_channel
 from minorloop.modelfile import read

@@ -1,7 +1,7 @@
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.values import called, merged, numbers, parsed
+from minorloop.values import as_duration, called, merged, numbers, parsed
 
 
 @pytest.mark.parametrize(
@@ -46,3 +46,7 @@ def test_numbers_are_counted(text):
     assert numbers("1e-3,-2", (2,), "it", "A,B") == [1e-3, -2.0]
     with pytest.raises(ParameterError, match="give A,B, numbers separated by commas"):
         numbers(text, (2,), "it", "A,B")
+
+
+def test_durations_have_the_unit_that_suits():
+    assert [as_duration(seconds) for seconds in (2.5, 1200, 7200)] == ["2.5 s", "20 min", "2 h"]

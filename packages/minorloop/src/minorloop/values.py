@@ -124,3 +124,12 @@ def ends(text: str, what: str, kind: Callable[[str], T], form: str) -> tuple[T, 
     except ValueError:
         raise ParameterError(f"{what} is {text!r}; give {form}") from None
     return first, last
+
+
+def as_duration(seconds: float) -> str:
+    """Return a duration in seconds, minutes or hours, whichever suits."""
+    if seconds < 90:
+        return f"{seconds:.3g} s"
+    if seconds < 3600:
+        return f"{round(seconds / 60, 1):g} min"
+    return f"{round(seconds / 3600, 1):g} h"

@@ -13,7 +13,7 @@ import typer
 from minorloop.cli import _common
 from minorloop.errors import ParameterError, StoreError
 from minorloop.files import write_atomically
-from minorloop.lab.durations import as_duration
+from minorloop.values import as_duration
 from minorloop_head.console.settings import is_pipe
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import time
 
 import typer
 
-from minorloop.lab.durations import as_duration
+from minorloop.values import as_duration
 
 
 class RunsLeft:

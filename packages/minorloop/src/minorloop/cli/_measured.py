@@ -12,7 +12,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._run_progress import carry_out_levels
-from minorloop.lab.durations import as_duration
+from minorloop.values import as_duration
 
 if TYPE_CHECKING:
     from minorloop.drive import DriveResult

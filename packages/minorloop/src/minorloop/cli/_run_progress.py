@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from minorloop.errors import InstrumentError
-from minorloop.lab.durations import as_duration
+from minorloop.values import as_duration
 
 if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator

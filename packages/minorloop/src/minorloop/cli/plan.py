@@ -13,8 +13,7 @@ from minorloop.cli import _common
 from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError, counted
 from minorloop.files import check_name
-from minorloop.lab.durations import as_duration
-from minorloop.values import called, numbers, parsed
+from minorloop.values import as_duration, called, numbers, parsed
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray

@@ -16,7 +16,7 @@ from minorloop.cli._measured import sampling
 from minorloop.cli._run_progress import said_left, time_left
 from minorloop.errors import ParameterError, StoreError
 from minorloop.files import table_text
-from minorloop.lab.durations import as_duration
+from minorloop.values import as_duration
 
 if TYPE_CHECKING:
     from minorloop.lab.store import Store

@@ -13,8 +13,7 @@ from minorloop.identification import active_set
 from minorloop.identification.baseline import lateness, percent, polynomial_nrmse, rms
 from minorloop.identification.dense_solver import UNSETTLED
 from minorloop.identification.residuals import PARTS, noise_in
-from minorloop.lab.codes import codes
-from minorloop.lab.faults import far_from_others
+from minorloop.lab.faults import codes, far_from_others
 
 Fit: TypeAlias = Any
 """An `Identification`, which has these rules and so cannot be imported."""

@@ -19,7 +19,7 @@ from minorloop.identification.posterior import Posterior, is_cheap, is_quick
 from minorloop.identification.prior import Gaussian, Hyperparameters, Prior, Smooth
 from minorloop.identification.prior_fit import PriorFit, Regression, fit_prior
 from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, Ridge, fit_ridge
-from minorloop.lab.codes import FEWEST
+from minorloop.lab.faults import FEWEST
 
 LONGEST_LAG = 20
 """Samples up to which ``lag="auto"`` searches."""

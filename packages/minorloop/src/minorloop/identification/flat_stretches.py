@@ -8,8 +8,7 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop.identification.rough_model import RoughRecord, one_of_each
 from minorloop.lab import faults
 from minorloop.lab.faults import Fault
-from minorloop.lab.frozen import frozen, noise_above_resolution
-from minorloop.lab.noise import noise_of, spread
+from minorloop.lab.noise import frozen, noise_above_resolution, noise_of, spread
 
 _EQUAL = 1e-9
 """Readings that differ by less than this share of the span count as equal."""

@@ -17,8 +17,7 @@ from minorloop.arrays import (
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
-from minorloop.lab.codes import FEWEST
-from minorloop.lab.faults import Fault
+from minorloop.lab.faults import FEWEST, Fault
 
 _LEAST_SD = 0.1
 """Standard deviations below this share of their median count as so much."""

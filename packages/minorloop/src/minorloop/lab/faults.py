@@ -1,21 +1,41 @@
 """Faults of a record: what is wrong, where, and what to do about it, in the same words everywhere.
 
-Detectors give them: those of readings alone are in `minorloop.lab.readings`, those that need the
-inputs too in `minorloop.identification.screening`.
+`DETECTORS` find those that the readings of a sensor show alone, and `spikes` those of readings
+while the input is constant. Those that need the inputs too are in
+`minorloop.identification.screening`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray
-from minorloop.errors import are, counted
+from minorloop.arrays import LARGEST, BoolArray, FloatArray, IntArray
+from minorloop.errors import ParameterError, SignalError, are, counted
+from minorloop.lab.holds import FoundHold
+from minorloop.lab.noise import frozen, noise_above_resolution, noise_of
 
-__all__ = ["Fault", "clipped", "codes_among", "far_from_others", "listed", "stuck", "without"]
+__all__ = [
+    "DETECTORS",
+    "FEWEST",
+    "Fault",
+    "clipped",
+    "codes",
+    "far_from_others",
+    "input_without_spikes",
+    "listed",
+    "spikes",
+    "stuck",
+    "usable",
+    "without",
+    "without_codes",
+    "without_spikes",
+]
 
 Kind: TypeAlias = Literal["code", "range", "clipped", "stuck", "outlier", "drift", "lag"]
 _SHOWN = 6
@@ -80,16 +100,6 @@ def listed(samples: IntArray, values: FloatArray) -> str:
     return f"{shown} and {more} more" if more > 0 else shown
 
 
-def codes_among(values: FloatArray, places: IntArray, noun: str) -> Fault:
-    """Return the fault of values (T,) some of which (N,) are codes; ``noun`` says what they are."""
-    many, output = places.size, noun != "input"
-    code = "a code" if many == 1 else "codes"
-    text = f"{counted(many, noun)} {are(many)} {code} of the instrument and no measurement"
-    remedy = "not used: check the range of the instrument and repeat"
-    remedy = remedy if output else "give what was applied, or cut these rows"
-    return Fault.at(places, values, "code", f"{text}, {listed(places, values)}", remedy)
-
-
 def clipped(values: FloatArray, places: IntArray, extreme: str) -> Fault:
     """Return the fault of readings at the ``"highest"`` or ``"lowest"`` of all."""
     limit = np.nanmax(values) if extreme == "highest" else np.nanmin(values)
@@ -122,3 +132,261 @@ def far_from_others(values: FloatArray, places: IntArray, name: str = "") -> Fau
     if name:
         remedy = "not taken for the input: if the source made this, give what was applied"
     return Fault.at(places, values, "outlier", f"{text}: {listed(places, values)}", remedy)
+
+
+FEWEST = 3
+"""Measured samples below which nothing is fitted."""
+
+_OVERLOAD = 9e36
+"""Magnitude from which a reading is an overload code, as 9.9e37 and 9.91e37 are."""
+_SENTINELS = (
+    *(-999.0, -9999.0, -99999.0, -999999.0, -9999999.0, -999.25, -999.9, -9999.9, -6999.0, -7999.0),
+    *(9999.0, 99999.0, 999999.0, 9999999.0, 999.99, 9999.9, 9999.99, 99999.9, 7999.0),
+    *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0),
+    *(1e20, -1e20, 1e30, -1e30, 1e35, -1e35),
+)
+"""Values that loggers and file formats use for a missing reading."""
+_CODE_DISTANCE = 0.25
+"""Distance of a sentinel from the range of all other readings, over that range."""
+_ABSURD, _ABSURD_SHARE, _FEWEST_ABSURD = 1e4, 0.001, 12
+"""Distance from the median of a reading that is none, over the greatest of all other distances; the
+share of readings that may be so far away; and readings from which this is checked."""
+
+
+def codes(y: FloatArray, noun: str = "reading") -> tuple[Fault, ...]:
+    """Find the readings that are overload codes or sentinels, or absurdly far from all others.
+
+    Parameters
+    ----------
+    y : (T,) array
+        Outputs; NaN where nothing was measured.
+    noun : str
+        What they are.
+    """
+    suspect = np.abs(y) >= _OVERLOAD
+    for sentinel in _SENTINELS if np.abs(y).max(initial=0.0, where=~np.isnan(y)) > 998 else ():
+        suspect |= np.abs(y - sentinel) <= 1e-6 * abs(sentinel)
+    suspect |= _absurd(np.where(suspect, np.nan, y))
+    if not suspect.any():
+        return ()
+    rest = y[np.isfinite(y) & ~suspect]
+    suspect &= np.isfinite(y)
+    if rest.size < 3:
+        return ()
+    low, high = rest.min(), rest.max()
+    apart = _CODE_DISTANCE * (high - low)
+    suspect &= (y < low - apart) | (y > high + apart)
+    places = np.flatnonzero(suspect)
+    if not places.size:
+        return ()
+    code = "a code" if places.size == 1 else "codes"
+    text = (
+        f"{counted(places.size, noun)} {are(places.size)} {code} of the instrument and no "
+        f"measurement, {listed(places, y)}"
+    )
+    remedy = "not used: check the range of the instrument and repeat"
+    if noun == "input":
+        remedy = "give what was applied, or cut these rows"
+    return (Fault.at(places, y, "code", text, remedy),)
+
+
+def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return the outputs with NaN in place of codes, and the fault that they are.
+
+    Raises a `SignalError` if an input is an overload code, or hardly any output is none.
+
+    Parameters
+    ----------
+    u, y : (T,) array
+        Inputs, and outputs; NaN where nothing was measured.
+    """
+    over = np.flatnonzero(np.abs(u) >= _OVERLOAD)
+    if over.size and codes(u):
+        raise SignalError(
+            f"u is {u[over[0]]:g} at index {over[0]}, which is an overload code and no input; give "
+            "what was applied, or cut these rows"
+        )
+    finite = y[np.isfinite(y)]
+    sound = int(np.count_nonzero(np.abs(finite) < _OVERLOAD))
+    if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= LARGEST:
+        raise SignalError(
+            f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
+            f"codes, as {finite[np.abs(finite) >= _OVERLOAD][0]:g} is, and no measurement; check "
+            "the range of the instrument and repeat, or scale what was measured to below "
+            f"{_OVERLOAD:g}"
+        )
+    coded = codes(y)
+    return without(y, coded), coded
+
+
+def _absurd(y: FloatArray) -> BoolArray:
+    """Return the readings (T,) that are ten thousand times further away than all others."""
+    known = np.isfinite(y)
+    values = y[known]
+    if values.size < _FEWEST_ABSURD:
+        return np.zeros(y.size, dtype=np.bool_)
+    with np.errstate(over="ignore", invalid="ignore"):
+        distance = np.abs(y - np.median(values))
+        last = values.size - 1 - max(int(_ABSURD_SHARE * values.size), 1)
+        others = np.partition(distance[known], last)[last]
+        found: BoolArray = known & (others > 0) & (distance > _ABSURD * others)
+    return found
+
+
+Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
+"""Finds faults of one kind in readings (T,), NaN where there is none."""
+
+_STUCK = 4
+"""Equal readings in a row, at an end of the range of the output, that count as clipped."""
+
+
+def usable(
+    y: FloatArray, limits: tuple[float, float] | None = None
+) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return the readings (T,) with NaN in place of those that cannot be used; and the faults."""
+    found: tuple[Fault, ...] = ()
+    detectors: tuple[Detector, ...] = (partial(_beyond, limits), *DETECTORS)
+    for detect in detectors:
+        faults = tuple(detect(y))
+        y, found = without(y, faults), (*found, *faults)
+    return y, found
+
+
+def _beyond(limits: tuple[float, float] | None, y: FloatArray) -> Iterator[Fault]:
+    """Find readings at or beyond the limits of the sensor."""
+    low, high = limits or (-np.inf, np.inf)
+    if not low < high:
+        raise ParameterError(f"the range of the sensor is [{low:g}, {high:g}]; give low below high")
+    places = np.flatnonzero((y <= low) | (y >= high))
+    if places.size:
+        text = (
+            f"{counted(places.size, 'reading')} {are(places.size)} beyond the range of the sensor"
+        )
+        remedy = "move the sensor or reduce the input, or correct the range (--holds range=...)"
+        text += f", {low:g} to {high:g}: {listed(places, y)}"
+        yield Fault.at(places, y, "range", text, remedy)
+
+
+def _clipped(y: FloatArray) -> Iterator[Fault]:
+    """Find extremes that an output with noise takes several times in a row."""
+    known = y[np.isfinite(y)]
+    if not known.size:
+        return
+    for word, extreme in (("lowest", known.min()), ("highest", known.max())):
+        at = y == extreme
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+        often = int(np.diff(edges)[::2].max()) >= _STUCK
+        if often and noise_above_resolution(known[known != extreme]):
+            yield clipped(y, np.flatnonzero(at), word)
+
+
+def _stuck(y: FloatArray) -> Iterator[Fault]:
+    """Find stretches without the noise that a sensor has elsewhere."""
+    places = np.flatnonzero(np.isfinite(y))
+    found = frozen(y[places])
+    stretches = [places[begin:end] for begin, end in found.runs]
+    if stretches:
+        yield stuck(y, stretches, f"others scatter with a standard deviation of {found.noise:.2g}")
+
+
+DETECTORS: tuple[Detector, ...] = (codes, _clipped, _stuck)
+"""Each looks at the readings that those before have left."""
+
+
+_WIDTH = 21
+"""Readings of the running median, which follows every rise or fall exactly."""
+_FAR, _STEPS = 8.0, 4.0
+"""Distance of a spike from it, in standard deviations of the noise, and in steps of the sensor."""
+_AROUND, _TIMES = 3, 8.0
+"""Widths around a spike, over whose usual distance its own is so many times: in an oscillation all
+are off."""
+_LONGEST = 8
+"""Most readings of a burst."""
+_SHARP = 0.3
+"""Least difference of each reading of a spike from its neighbours, over its largest distance."""
+_LARGE = 0.25
+"""Distance over the largest, of those that are found at once."""
+_MOST = 0.1
+"""Share of the readings above which they are no spikes, but how the output is."""
+_FEWEST_STEADY = 20
+"""Readings below which noise cannot be distinguished from spikes."""
+
+
+def spikes(y: npt.ArrayLike) -> BoolArray:
+    """Return which readings are spikes, as those of a disturbed line or a lost echo.
+
+    Parameters
+    ----------
+    y : (T,) array_like
+        Readings of a sensor while its input is constant; NaN where nothing was measured.
+
+    Returns
+    -------
+    (T,) array of bool
+        All False for fewer than twenty readings, and where more than a tenth would be spikes.
+    """
+    values = np.asarray(y, dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(values))
+    found = np.zeros(values.size, dtype=np.bool_)
+    if known.size < _FEWEST_STEADY:
+        return found
+    left = known
+    # A large one shifts the median beside it.
+    while left.size >= _FEWEST_STEADY and (more := _largest(values[left])).any():
+        found[left[more]] = True
+        left = left[~more]
+    return found if np.count_nonzero(found) <= _MOST * known.size else np.zeros_like(found)
+
+
+def without_spikes(
+    y: FloatArray, holds: Sequence[FoundHold]
+) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return the readings, NaN where they are spikes within a hold; and the fault that they are."""
+    found = np.zeros(y.size, dtype=np.bool_)
+    for hold in holds:
+        found[hold.begin : hold.end] = spikes(y[hold.begin : hold.end])
+    faults = (far_from_others(y, np.flatnonzero(found)),) if found.any() else ()
+    return without(y, faults), faults
+
+
+def input_without_spikes(u: FloatArray, name: str) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return a measured input with straight lines in place of its spikes; and their fault.
+
+    A spike would count as a passed extreme, and delete the memory of a model.
+    """
+    found = spikes(u)
+    if not found.any():
+        return u, ()
+    samples = np.arange(u.size)
+    level = np.interp(samples, samples[~found], u[~found])
+    return level, (far_from_others(u, np.flatnonzero(found), name),)
+
+
+def _largest(y: FloatArray) -> BoolArray:
+    """Return the largest spikes: far from a running median, and from both neighbours alike."""
+    from scipy.ndimage import median_filter
+
+    away = y - median_filter(y, _WIDTH, mode="mirror")
+    usual = median_filter(np.abs(away), _AROUND * _WIDTH, mode="mirror")
+    noise = max(_FAR * noise_of(np.diff(y, 2), 2), _STEPS * _step(y))
+    limit = np.maximum(noise, _TIMES * usual)
+    size = np.zeros(y.size)
+    for way in (1, -1):
+        edges = np.flatnonzero(np.diff(way * away > limit, prepend=False, append=False))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            far = float(np.abs(away[begin:end]).max())
+            beside = [way * y[k] for k in (begin - 1, end) if k < y.size]
+            rise = float((way * y[begin:end]).min() - max(beside))
+            # Where the next readings differ by more than one rises, it may be an overshoot.
+            sharp = rise >= max(_SHARP * far, max(beside) - min(beside))
+            # The first readings of a hold may be those of the hold before.
+            if sharp and begin and end - begin <= _LONGEST:
+                size[begin:end] = far
+    found: BoolArray = (size > 0) & (size >= _LARGE * size.max())
+    return found
+
+
+def _step(y: FloatArray) -> float:
+    """Return the least difference of two readings, 0 where all are equal."""
+    steps = np.diff(np.unique(y))
+    return float(steps.min()) if steps.size else 0.0

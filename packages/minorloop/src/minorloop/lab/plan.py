@@ -19,11 +19,11 @@ from minorloop.errors import ParameterError, RecordError, SignalError, counted
 from minorloop.files import PathLike, check_writable, first_difference, table_text, write_atomically
 from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import opened
-from minorloop.lab.durations import as_duration
 from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity
 from minorloop.lab.sines import Sine, read_sines, sine_columns
 from minorloop.lab.timebase import SECONDS
+from minorloop.values import as_duration
 
 LONGEST = Quantity("hold", "s")
 """Header of the column of longest holds."""

@@ -23,11 +23,9 @@ from minorloop.arrays import (
 from minorloop.errors import ParameterError, RecordError, SignalError, are, counted
 from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
-from minorloop.lab.codes import FEWEST, without_codes
-from minorloop.lab.faults import Fault
+from minorloop.lab.faults import FEWEST, Fault, usable, without_codes
 from minorloop.lab.gaps import Bridges, bridged, known_memory, with_lost_rows
 from minorloop.lab.headers import split_header
-from minorloop.lab.readings import usable
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,

@@ -21,16 +21,13 @@ from minorloop.arrays import (
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
-from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
-from minorloop.lab.faults import Fault, listed
+from minorloop.lab.faults import Fault, codes, input_without_spikes, listed, usable, without_spikes
 from minorloop.lab.gaps import known_memory
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
-from minorloop.lab.readings import usable
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.sensor_drift import SensorDrift, find_drift
 from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
-from minorloop.lab.spikes import input_without_spikes, without_spikes
 from minorloop.lab.timebase import GAP
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]

@@ -24,13 +24,13 @@ from minorloop.errors import (
     counted,
 )
 from minorloop.lab.actuator import ROUNDING, SIX_DIGITS, Actuator, Rounding, Timed, check_input
-from minorloop.lab.frozen import RepeatedReadings
+from minorloop.lab.faults import spikes
 from minorloop.lab.holding import Hold
+from minorloop.lab.noise import RepeatedReadings
 from minorloop.lab.plan import Plan
 from minorloop.lab.settling import SPAN_SHARE, judge, settled_after, trend
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 from minorloop.lab.sines import Driven, MeasuredSine, Sine, apply_sine
-from minorloop.lab.spikes import spikes
 from minorloop.lab.store import Point, Store, reason_of
 
 __all__ = [
@@ -183,7 +183,7 @@ def run(
                 for index in range(len(store), len(plan)):
                     _measure_sine(actuator, store, plan.sines[index], index, watch)
             else:
-                _measure_rest(actuator, store, choose, watch, ended)
+                _Levels(actuator, store, choose, watch, ended).measure()
     return mode
 
 
@@ -274,8 +274,8 @@ def answer_time(actuator: Actuator) -> float:
 
 def _reach_last_point(
     actuator: Actuator, store: Store, watch: Callable[[RunProgress], None]
-) -> tuple[ResumeMode, float | None]:
-    """Bring the actuator to the last point; return how, and when the last hold ended if known."""
+) -> tuple[ResumeMode, float]:
+    """Bring the actuator to the last point; return how, and when the last hold ended, or NaN."""
     last = store.last()
     if isinstance(actuator, Restorable):
         if last is None:
@@ -283,45 +283,109 @@ def _reach_last_point(
         state = store.origin() if last is None else last.checkpoint
         if state is not None:
             actuator.restore(state)
-            return ("fresh" if last is None else "restored"), None
+            return ("fresh" if last is None else "restored"), math.nan
     plan, record = store.plan, None
     if last is None or plan.sines:
-        return "fresh", None
+        return "fresh", math.nan
     for point in store.points():
         record = actuator.apply(point.input, point.held, min(plan.sample_interval, point.held))
-        watch(RunProgress(point.index, len(plan), point.input, float("nan"), point.held))
-    return "replayed", record.timing.ended if record and record.timing else None
+        watch(RunProgress(point.index, len(plan), point.input, math.nan, point.held))
+    return "replayed", record.timing.ended if record and record.timing else math.nan
 
 
-def _measure_rest(
-    actuator: Actuator,
-    store: Store,
-    choose: Choose | None,
-    watch: Callable[[RunProgress], None],
-    ended: float | None,
-) -> None:
-    """Measure level after level; ``ended`` is when the last hold ended, if known."""
-    points = [] if choose is None else store.points()
-    last, totals = store.last(), store.totals()
-    seen = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
-    repeated = RepeatedReadings.of_plan(store.plan.inputs)
-    while not store.finished:
-        index = 0 if last is None else last.index + 1
-        level = _level(actuator, store.plan, index, points, choose)
-        if level is None:
-            store.set_enough()
-            continue
-        hold, tolerance = _hold(actuator, store.plan, level, index, seen, repeated, watch)
-        # A clock that begins anew with each call does not say how long that took.
-        gap = max(hold.began - ended, 0.0) if hold.timed and ended is not None else 0.0
-        ended = hold.ended if hold.timed else None
-        last = _stored_point(actuator, store, level, hold, tolerance, last, gap)
-        if choose is not None:
-            points.append(last)
-        seen = _seen(seen, last.value)
-        before, repeated = repeated, repeated.after(level, hold.trace[1])
-        warning = _warning(before, repeated, actuator, index)
-        watch(RunProgress(index, len(store.plan), level, last.value, last.held, last, warning))
+class _Levels:
+    """The levels of a plan while they are measured.
+
+    ``ended`` is when the last hold ended, in seconds, NaN if it is not known; the others are as of
+    `run`.
+    """
+
+    def __init__(
+        self,
+        actuator: Actuator,
+        store: Store,
+        choose: Choose | None,
+        watch: Callable[[RunProgress], None],
+        ended: float,
+    ) -> None:
+        self._actuator, self._store, self._choose, self._watch = actuator, store, choose, watch
+        self._points = [] if choose is None else store.points()
+        self._last, self._ended, totals = store.last(), ended, store.totals()
+        self._ends = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
+        self._repeated = RepeatedReadings.of_plan(store.plan.inputs)
+
+    def measure(self) -> None:
+        """Measure level after level."""
+        while not self._store.finished:
+            index = 0 if self._last is None else self._last.index + 1
+            level = self._level(index)
+            if level is None:
+                self._store.set_enough()
+                continue
+            point, readings = self._held(index, level)
+            self._last = point
+            if self._choose is not None:
+                self._points.append(point)
+            self._ends = _seen(self._ends, point.value)
+            before, self._repeated = self._repeated, self._repeated.after(level, readings)
+            warning = _warning(before, self._repeated, self._actuator, index)
+            said = point.value, point.held, point, warning
+            self._watch(RunProgress(index, len(self._store.plan), level, *said))
+
+    def _level(self, index: int) -> float | None:
+        """Return the level to hold next; None where the points are enough."""
+        level = float(self._store.plan.inputs[index])
+        if self._choose is None or not math.isnan(level):
+            return level
+        chosen = self._choose(self._points)
+        if chosen is not None:
+            check_input(self._actuator.inputs, chosen)
+        return chosen
+
+    def _held(self, index: int, level: float) -> tuple[Point, FloatArray]:
+        """Hold one level until it has settled; return its stored point, and its readings (T,).
+
+        An output that should move and does not is given the longest hold.
+        """
+        plan, tolerance = self._store.plan, 0.0
+        hold = Hold(plan, index, answer_time(self._actuator))
+        for length in hold.stretches():
+            hold.add(self._actuator.apply(level, length, plan.sample_interval), length)
+            self._watch(RunProgress(index, len(plan), level, hold.latest, hold.held))
+            t, y = hold.trace
+            tolerance = _tolerance(plan, index, _seen(self._ends, y))
+            line = trend(t, y, plan.window)
+            settled = line is not None and line.is_below(tolerance)
+            if settled and not self._repeated.after(level, y).verdict:
+                break
+        # A clock that begins anew with each call does not say how long the time between holds was.
+        gap, self._ended = hold.began - self._ended, hold.ended
+        end = judge(t, np.where(spikes(y), np.nan, y), tolerance=tolerance, window=plan.window)
+        point = Point(
+            index=index,
+            input=level,
+            value=end.value,
+            sd=end.sd,
+            verdict=end.verdict,
+            t=hold.held + (0.0 if self._last is None else self._last.t) + (gap if gap > 0 else 0.0),
+            held=hold.held,
+            checkpoint=_state(self._actuator),
+            sample_interval=hold.sample_interval,
+            time_uncertainty=hold.uncertainty,
+        )
+        self._store.add(point, t, y)
+        return point, y
+
+
+def _state(actuator: Actuator) -> dict[str, Any] | None:
+    """Return the state of a twin; None of instruments."""
+    return actuator.checkpoint() if isinstance(actuator, Restorable) else None
+
+
+def _seen(ends: FloatArray, outputs: npt.ArrayLike) -> FloatArray:
+    """Return the lowest and the highest output (2,) with some more; NaN does not count."""
+    values = np.append(ends, outputs)
+    return np.array([np.fmin.reduce(values), np.fmax.reduce(values)])
 
 
 def _warning(
@@ -348,81 +412,6 @@ def _warning(
     if before.verdict == now.verdict == "faulty" and far:
         raise InstrumentError(said)
     return "" if before.verdict else said
-
-
-def _seen(seen: FloatArray, outputs: npt.ArrayLike) -> FloatArray:
-    """Return the lowest and the highest output (2,) with some more; NaN does not count."""
-    values = np.append(seen, outputs)
-    return np.array([np.fmin.reduce(values), np.fmax.reduce(values)])
-
-
-def _level(
-    actuator: Actuator, plan: Plan, index: int, points: Sequence[Point], choose: Choose | None
-) -> float | None:
-    """Return the level to hold next; None where the points are enough."""
-    level = float(plan.inputs[index])
-    if choose is None or not math.isnan(level):
-        return level
-    chosen = choose(points)
-    if chosen is not None:
-        check_input(actuator.inputs, chosen)
-    return chosen
-
-
-def _hold(
-    actuator: Actuator,
-    plan: Plan,
-    level: float,
-    index: int,
-    seen: FloatArray,
-    repeated: RepeatedReadings,
-    watch: Callable[[RunProgress], None],
-) -> tuple[Hold, float]:
-    """Hold one level until it has settled; return the hold and the slope of a settled output.
-
-    ``seen`` (2,) are the lowest and the highest output before. An output that should move and does
-    not is given the longest hold.
-    """
-    hold, tolerance = Hold(plan, index, answer_time(actuator)), 0.0
-    for length in hold.stretches():
-        hold.add(actuator.apply(level, length, plan.sample_interval), length)
-        watch(RunProgress(index, len(plan), level, hold.latest, hold.held))
-        t, y = hold.trace
-        tolerance = _tolerance(plan, index, _seen(seen, y))
-        line = trend(t, y, plan.window)
-        settled = line is not None and line.is_below(tolerance)
-        if settled and not repeated.after(level, y).verdict:
-            break
-    return hold, tolerance
-
-
-def _stored_point(
-    actuator: Actuator,
-    store: Store,
-    level: float,
-    hold: Hold,
-    tolerance: float,
-    before: Point | None,
-    gap: float,
-) -> Point:
-    """Judge a finished hold, and write its point to the store."""
-    t, y = hold.trace
-    sound = np.where(spikes(y), np.nan, y)
-    end = judge(t, sound, tolerance=tolerance, window=store.plan.window)
-    point = Point(
-        index=0 if before is None else before.index + 1,
-        input=level,
-        value=end.value,
-        sd=end.sd,
-        verdict=end.verdict,
-        t=hold.held + (0.0 if before is None else before.t) + gap,
-        held=hold.held,
-        checkpoint=actuator.checkpoint() if isinstance(actuator, Restorable) else None,
-        sample_interval=hold.sample_interval,
-        time_uncertainty=hold.uncertainty,
-    )
-    store.add(point, t, y)
-    return point
 
 
 def _measure_sine(
@@ -457,7 +446,7 @@ def _measure_sine(
         verdict="settled",
         t=before + took + (0.0 if last is None else last.t),
         held=before + took,
-        checkpoint=actuator.checkpoint() if isinstance(actuator, Restorable) else None,
+        checkpoint=_state(actuator),
         sample_interval=took / sine.count,
         time_uncertainty=0.0 if driven else sine.interval,
     )
