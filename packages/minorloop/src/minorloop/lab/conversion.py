@@ -19,7 +19,6 @@ from minorloop.arrays import FloatArray, as_finite, frozen
 from minorloop.errors import ParameterError, RecordError, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import opened
-from minorloop.lab.curvature import curvature_from_displacement, curvature_uncertainty
 from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity
 from minorloop.values import called, numbers, parsed
@@ -264,29 +263,24 @@ class LaserCurvature:
 
     def convert(self, readings: npt.ArrayLike) -> FloatArray:
         """Return the curvature for each distance; NaN past a quarter circle."""
-        distances = np.asarray(readings, dtype=np.float64)
-        covered = np.abs(distances - self.d0) <= self.h0
-        metres = LENGTHS[self.unit]
-        inside = np.where(covered, distances, self.d0) * metres
-        return np.where(
-            covered,
-            curvature_from_displacement(inside, self.d0 * metres, self.h0 * metres),
-            np.nan,
-        )
+        x, h0 = self._bent(readings)
+        return np.asarray(2 * x / (x**2 + h0**2))
 
     def sd(self, readings: npt.ArrayLike) -> FloatArray:
-        """Return the standard deviation of the curvature because of the geometry."""
-        distances = np.asarray(readings, dtype=np.float64)
-        covered = np.abs(distances - self.d0) <= self.h0
+        """Return the standard deviation of the curvature because of the geometry, to first order.
+
+        The errors of ``d0`` and ``h0`` are the same for every sample of a run.
+        """
+        x, h0 = self._bent(readings)
+        square, metres = (x**2 + h0**2) ** 2, LENGTHS[self.unit]
+        by_d0, by_h0 = 2 * (h0**2 - x**2) / square, 4 * x * h0 / square
+        return np.asarray(np.hypot(by_d0 * self.sd_d0 * metres, by_h0 * self.sd_h0 * metres))
+
+    def _bent(self, readings: npt.ArrayLike) -> tuple[FloatArray, float]:
+        """Return how far the strip is bent at the laser, and the height of the laser, in metres."""
         metres = LENGTHS[self.unit]
-        inside = np.where(covered, distances, self.d0) * metres
-        return curvature_uncertainty(
-            inside,
-            self.d0 * metres,
-            self.h0 * metres,
-            sd_d0=self.sd_d0 * metres,
-            sd_h0=self.sd_h0 * metres,
-        )
+        x = self.d0 * metres - np.asarray(readings, dtype=np.float64) * metres
+        return np.where(np.abs(x) <= self.h0 * metres, x, np.nan), self.h0 * metres
 
     def quantity(self, reading: Quantity) -> Quantity:
         """Return ``curvature [1/m]``."""

@@ -43,7 +43,14 @@ def curvature_from_displacement(d: npt.ArrayLike, d0: float, h0: float) -> Float
     ParameterError
         If ``d0`` or ``h0`` is not a length.
     """
-    x = _towards_sensor(d, d0, h0)
+    _check_geometry(d0, h0)
+    distance = _numbers(d, "d")
+    x = d0 - distance
+    _refuse(
+        np.abs(x) > h0,
+        distance,
+        f"distance {{}} m is over h0 = {h0:g} m away from d0 = {d0:g} m: past a quarter circle",
+    )
     return np.asarray(2 * x / (x**2 + h0**2))[()]
 
 
@@ -92,56 +99,6 @@ def displacement_from_curvature(
     # (1 - sqrt(1 - (kappa h0)^2)) / kappa, rid of the cancellation at small curvature.
     x = curvature * h0**2 / (1 + np.sqrt(1 - (curvature * h0) ** 2))
     return np.asarray(d0 - x)[()]
-
-
-def curvature_uncertainty(
-    d: npt.ArrayLike,
-    d0: float,
-    h0: float,
-    *,
-    sd_d: float = 0.0,
-    sd_d0: float = 0.0,
-    sd_h0: float = 0.0,
-) -> FloatArray:
-    """Standard deviation of the curvature, from those of the three lengths, to first order.
-
-    Parameters
-    ----------
-    d, d0, h0
-        As in ``curvature_from_displacement``.
-    sd_d, sd_d0, sd_h0 : float
-        Standard deviations of ``d``, ``d0`` and ``h0``, independent, in metres. The errors of
-        ``d0`` and ``h0`` are the same for every sample of a run; that of ``d`` is not.
-
-    Returns
-    -------
-    array like d
-        Standard deviation in 1/m.
-
-    Raises
-    ------
-    SignalError, ParameterError
-        As in ``curvature_from_displacement``, or if a standard deviation is negative.
-    """
-    for name, sd in (("sd_d", sd_d), ("sd_d0", sd_d0), ("sd_h0", sd_h0)):
-        if not (np.isfinite(sd) and sd >= 0):
-            raise ParameterError(f"{name} is {sd}; give a finite standard deviation >= 0, in m")
-    x = _towards_sensor(d, d0, h0)
-    square = (x**2 + h0**2) ** 2
-    to_x = 2 * (h0**2 - x**2) / square
-    to_h0 = -4 * x * h0 / square
-    return np.asarray(np.sqrt(to_x**2 * (sd_d**2 + sd_d0**2) + (to_h0 * sd_h0) ** 2))[()]
-
-
-def _towards_sensor(d: npt.ArrayLike, d0: float, h0: float) -> FloatArray:
-    _check_geometry(d0, h0)
-    distance = _numbers(d, "d")
-    _refuse(
-        np.abs(d0 - distance) > h0,
-        distance,
-        f"distance {{}} m is over h0 = {h0:g} m away from d0 = {d0:g} m: past a quarter circle",
-    )
-    return d0 - distance
 
 
 def _check_geometry(d0: float, h0: float) -> None:
