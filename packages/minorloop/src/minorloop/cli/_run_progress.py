@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import shlex
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import typer
 
+from minorloop.cli._common import Progress, working
 from minorloop.errors import InstrumentError
 from minorloop.values import as_duration
 
@@ -37,17 +37,11 @@ def carry_out_levels(
     from minorloop.drive import MismatchError
     from minorloop.lab.run import run
 
-    warnings = []
-
+    warnings: list[str] = []
     try:
-        with watching(store) as watch:
-
-            def noted(progress: RunProgress) -> None:
-                watch(progress)
-                if progress.warning:
-                    warnings.append(progress.warning)
-
-            return run(plant, store.plan, store, choose=choose, watch=noted), warnings
+        with working("measuring") as now:
+            watch = _shown(store, now, warnings)
+            return run(plant, store.plan, store, choose=choose, watch=watch), warnings
     except KeyboardInterrupt:
         if not store.finished:
             safe = "the actuator has confirmed that it is safe"  # or another error comes here
@@ -68,27 +62,27 @@ def _kept(store: Store) -> str:
     return f"{len(store)} of {len(store.plan)} {what} are kept"
 
 
-@contextmanager
-def watching(store: Store) -> Iterator[Callable[[RunProgress], None]]:
-    """Yield a function that shows each `RunProgress` of a run on stderr.
+def _shown(store: Store, now: Progress, warnings: list[str]) -> Callable[[RunProgress], None]:
+    """Return what shows the progress of a run: a line is kept for each settled point and warning.
 
-    On a terminal it shows a bar and the time left. Elsewhere it prints one line for each
-    settled point.
+    On a terminal the present level and the time left are shown too.
     """
-    begun = len(store)
-    if sys.stderr.isatty():
-        with _live(store, begun) as show:
-            yield show
-        return
+    begun, began, left = len(store), time.monotonic(), ""
 
-    def log(progress: RunProgress) -> None:
-        if progress.point is not None or _repeats(progress, begun):
-            with suppress(OSError):  # the reader of the log may end; the run continues
-                print(_line(progress, store, begun), file=sys.stderr, flush=True)
-                if progress.warning:
-                    print(f"! {progress.warning}", file=sys.stderr, flush=True)
+    def watch(progress: RunProgress) -> None:
+        nonlocal left
+        if progress.point is not None:
+            seconds = time.monotonic() - began
+            left = said_left(time_left(store.plan, begun, progress.index + 1, seconds))
+        kept = progress.point is not None or _repeats(progress, begun)
+        with suppress(OSError):  # the reader of the log may end; the run continues
+            now(_line(progress, store, begun, "" if kept else left), kept=kept)
+            if progress.warning:
+                now(f"! {progress.warning}", kept=True)
+        if progress.warning:
+            warnings.append(progress.warning)
 
-    yield log
+    return watch
 
 
 def _repeats(progress: RunProgress, begun: int) -> bool:
@@ -96,53 +90,25 @@ def _repeats(progress: RunProgress, begun: int) -> bool:
     return progress.point is None and progress.index < begun
 
 
-def _applied(progress: RunProgress, store: Store, digits: int) -> str:
-    """Return what a segment of the plan is: its sine, or its level with some digits."""
+def _applied(progress: RunProgress, store: Store) -> str:
+    """Return what a segment of the plan is: its sine, or its level."""
     unit = store.outputs[0].unit
     if not store.plan.sines:
-        return f"{progress.input:.{digits}g} {unit}"
+        return f"{progress.input:.6g} {unit}"
     sine = store.plan.sines[progress.index]
     return f"{sine.frequency:.6g} Hz, {sine.amplitude:.6g} {unit}"
 
 
-def _line(progress: RunProgress, store: Store, begun: int) -> str:
-    verdict = progress.point.verdict if progress.point else ""
-    level = _applied(progress, store, 6)
+def _line(progress: RunProgress, store: Store, begun: int, left: str) -> str:
+    place = f"{progress.index + 1}/{progress.total}  {_applied(progress, store)}  "
     if _repeats(progress, begun):
         return (
-            f"{progress.index + 1}/{progress.total}  {level}  repeated for {progress.held:.6g} s, "
-            "as it was measured before the run was stopped"
+            f"{place}repeated for {progress.held:.6g} s, as it was measured before the run was "
+            "stopped"
         )
-    return (
-        f"{progress.index + 1}/{progress.total}  {level}  "
-        f"{progress.output:.6g} {store.outputs[1].unit}  {verdict} after {progress.held:.6g} s"
-    )
-
-
-@contextmanager
-def _live(store: Store, begun: int) -> Iterator[Callable[[RunProgress], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    began = time.monotonic()
-
-    def show(progress: RunProgress) -> None:
-        doing = f"{_applied(progress, store, 5)} for {progress.held:.0f} s"
-        if _repeats(progress, begun):
-            doing = f"repeating what was measured: {doing}"
-        bar.update(task, description=doing, completed=max(progress.index, begun))
-        if progress.point is not None:
-            done, seconds = progress.index + 1, time.monotonic() - began
-            left = said_left(time_left(store.plan, begun, done, seconds))
-            bar.update(task, completed=done, left=left)
-        if progress.warning:
-            bar.console.print(f"! {progress.warning}", markup=False, highlight=False)
-
-    fields = TextColumn("{task.fields[left]}")
-    with Progress(*columns, fields, console=Console(stderr=True), refresh_per_second=8) as bar:
-        task = bar.add_task("measuring", total=len(store.plan), completed=begun, left="")
-        yield show
+    verdict = f"{progress.point.verdict} " if progress.point else ""
+    read = f"{progress.output:.6g} {store.outputs[1].unit}  {verdict}after {progress.held:.6g} s"
+    return "  ".join(filter(None, [f"{place}{read}", left]))
 
 
 def time_left(plan: Plan, first: int, count: int, seconds: float) -> float:
