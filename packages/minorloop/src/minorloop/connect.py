@@ -129,12 +129,8 @@ def open_twin(
 
     Raises a `ParameterError` if there is no such actuator, or it has no such option.
 
-    Parameters
-    ----------
-    name : str
-        Name of an entry point of the group ``minorloop.twins``.
-    specimen, noise, seed, **options
-        As in `connect`.
+    ``name``: name of an entry point of the group ``minorloop.twins``; ``specimen``, ``noise``,
+    ``seed``, ``**options`` are as in `connect`.
     """
     twins = registered(TWINS)
     if name not in twins:

@@ -57,10 +57,7 @@ def present() -> Iterator[DeviceRow]:
 def probed(address: str) -> Iterator[DeviceRow]:
     """Yield the channels of an actuator, made safe and read, another device, or why there are none.
 
-    Parameters
-    ----------
-    address : str
-        As of `minorloop.connect`, a bench file, or the address of another device.
+    ``address`` is as of `minorloop.connect`, a bench file, or the address of another device.
     """
     if Path(address).suffix in _FILES and ":" not in address:
         address = f"bench:{address}"

@@ -201,10 +201,7 @@ class AdaptivePlan:
 class Approach:
     """How an actuator is brought to targets.
 
-    Raises
-    ------
-    ParameterError
-        If targets that are delivered in time are corrected too.
+    Raises a `ParameterError` if targets that are delivered in time are corrected too.
     """
 
     corrections: int = 0

@@ -12,10 +12,7 @@ _before = ""
 def one_of(names: Iterable[str] | Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """Return the completion of an option that takes one of some names.
 
-    Parameters
-    ----------
-    names : iterable of str, or callable
-        The names, or what returns them and is called only when a shell asks for completions.
+    ``names``: the names, or what returns them and is called only when a shell asks for completions.
     """
 
     def complete(incomplete: str) -> list[str]:

@@ -160,12 +160,8 @@ def loop_points(
 
     A line through them does not join what was not measured one after the other.
 
-    Parameters
-    ----------
-    result : Fit or ModelScore
-        What the outputs belong to.
-    outputs : (T,) array
-        The measured outputs, or those of the model.
+    ``result``: what the outputs belong to; ``outputs`` (T,): the measured outputs, or those of the
+    model.
     """
     y = np.where(result.scored, outputs, np.nan)[result.lag :]
     u = result.u[: y.size]

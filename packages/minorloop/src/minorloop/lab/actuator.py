@@ -174,6 +174,9 @@ def check_input(
 
     An input that exceeds a limit by rounding only, 1e-12 of the range, counts as at the limit.
 
+    Raises a `LimitError` if a number is not finite, or beyond a limit or a rate limit; a
+    `ParameterError` if there is not one real number for each channel.
+
     Parameters
     ----------
     channels : tuple of Channel
@@ -189,13 +192,6 @@ def check_input(
     -------
     (channels,) array
         The input as it was given; it is not clipped.
-
-    Raises
-    ------
-    LimitError
-        If a number is not finite, or beyond a limit or a rate limit.
-    ParameterError
-        If there is not one real number for each channel.
     """
     values = _one_each(channels, u)
     for channel, value in zip(channels, values, strict=True):
@@ -218,10 +214,7 @@ def one_or_all(values: FloatArray) -> Value:
 def rounded_up(seconds: float) -> float:
     """Return a time rounded up to two digits.
 
-    Parameters
-    ----------
-    seconds : float
-        A positive time.
+    ``seconds``: a positive time.
     """
     step = 10.0 ** (math.floor(math.log10(seconds)) - 1)
     return float(f"{step * math.ceil(seconds / step - 1e-9):.2g}")

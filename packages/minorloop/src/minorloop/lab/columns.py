@@ -63,12 +63,8 @@ def read_columns(
 def row_number(path: PathLike, index: int) -> int:
     """Return the number in the file of a row of data, as in the messages of `OpenTable.read`.
 
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    index : int
-        Row of data, counted from 0; its values are elements ``index`` of the columns.
+    ``path``: the file; ``index``: row of data, counted from 0, its values are elements ``index`` of
+    the columns.
     """
     with opened(path) as table:
         for block in table.blocks:

@@ -50,10 +50,8 @@ _COUNTS = range(2, 21)
 def unit_factor(found: str, wanted: str) -> float | None:
     """Return by what numbers in one unit are multiplied in another; None if it is not a prefix.
 
-    Parameters
-    ----------
-    found, wanted : str
-        Units that may have a prefix of the SI, such as ``mV`` and ``V``, or ``kA/m`` and ``A/m``.
+    ``found`` and ``wanted``: units that may have a prefix of the SI, such as ``mV`` and ``V``, or
+    ``kA/m`` and ``A/m``.
     """
     if found == wanted:
         return 1.0

@@ -22,6 +22,9 @@ from minorloop.errors import ParameterError, SignalError
 def curvature_from_displacement(d: npt.ArrayLike, d0: float, h0: float) -> FloatArray:
     """Curvature of a strip from the distance that a laser measures.
 
+    Raises a `SignalError` if a distance is not finite, or the strip would bend past a quarter
+    circle; a `ParameterError` if ``d0`` or ``h0`` is not a length.
+
     Parameters
     ----------
     d : array_like
@@ -35,13 +38,6 @@ def curvature_from_displacement(d: npt.ArrayLike, d0: float, h0: float) -> Float
     -------
     array like d
         Curvature in 1/m, positive where ``d`` is below ``d0``.
-
-    Raises
-    ------
-    SignalError
-        If a distance is not finite, or the strip would bend past a quarter circle.
-    ParameterError
-        If ``d0`` or ``h0`` is not a length.
     """
     _check_geometry(d0, h0)
     distance = _numbers(d, "d")
@@ -59,6 +55,9 @@ def displacement_from_curvature(
 ) -> FloatArray:
     """Distance that a laser measures to a strip of given curvature.
 
+    Raises a `SignalError` if a curvature is not finite, or so large that the laser spot misses the
+    strip; a `ParameterError` if ``d0``, ``h0`` or ``length`` is not a length.
+
     Parameters
     ----------
     kappa : array_like
@@ -72,13 +71,6 @@ def displacement_from_curvature(
     -------
     array like kappa
         Distance in metres.
-
-    Raises
-    ------
-    SignalError
-        If a curvature is not finite, or so large that the laser spot misses the strip.
-    ParameterError
-        If ``d0``, ``h0`` or ``length`` is not a length.
     """
     _check_geometry(d0, h0)
     _check_length("length", length)

@@ -156,12 +156,7 @@ share of readings that may be so far away; and readings from which this is check
 def codes(y: FloatArray, noun: str = "reading") -> tuple[Fault, ...]:
     """Find the readings that are overload codes or sentinels, or absurdly far from all others.
 
-    Parameters
-    ----------
-    y : (T,) array
-        Outputs; NaN where nothing was measured.
-    noun : str
-        What they are.
+    ``y`` (T,): outputs, NaN where nothing was measured; ``noun``: what they are.
     """
     suspect = np.abs(y) >= _OVERLOAD
     for sentinel in _SENTINELS if np.abs(y).max(initial=0.0, where=~np.isnan(y)) > 998 else ():
@@ -195,10 +190,7 @@ def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Fault
 
     Raises a `SignalError` if an input is an overload code, or hardly any output is none.
 
-    Parameters
-    ----------
-    u, y : (T,) array
-        Inputs, and outputs; NaN where nothing was measured.
+    ``u`` and ``y`` (T,): inputs, and outputs, NaN where nothing was measured.
     """
     over = np.flatnonzero(np.abs(u) >= _OVERLOAD)
     if over.size and codes(u):
@@ -315,10 +307,7 @@ _FEWEST_STEADY = 20
 def spikes(y: npt.ArrayLike) -> BoolArray:
     """Return which readings are spikes, as those of a disturbed line or a lost echo.
 
-    Parameters
-    ----------
-    y : (T,) array_like
-        Readings of a sensor while its input is constant; NaN where nothing was measured.
+    ``y`` (T,): readings of a sensor while its input is constant, NaN where nothing was measured.
 
     Returns
     -------

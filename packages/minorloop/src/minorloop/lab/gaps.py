@@ -81,12 +81,8 @@ def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
     up to its greatest value or beta down to its least. The memory is known while the others cover
     less than 0.5 % of the plane over the range of the whole input.
 
-    Parameters
-    ----------
-    u : (T,) array_like
-        Inputs.
-    breaks : (B,) array_like of int
-        Samples after which the input is unknown for a while.
+    ``u`` (T,): inputs; ``breaks`` (B,) of int: samples after which the input is unknown for a
+    while.
     """
     inputs, places = np.asarray(u, np.float64), np.asarray(breaks, np.int64)
     unknown = np.zeros(inputs.size)
@@ -142,12 +138,8 @@ def bridged(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> Bridges:
     beside the gap allow with a step back. If one row is missing between a rise and a fall, its
     input is where both of its changes are as those beside the gap.
 
-    Parameters
-    ----------
-    t, u : (T,) array_like
-        Times in seconds, never decreasing, and inputs.
-    gaps : (G,) array_like of int
-        Samples after which a gap follows.
+    ``t`` and ``u`` (T,): times in seconds, never decreasing, and inputs; ``gaps`` (G,) of int:
+    samples after which a gap follows.
     """
     times, inputs = np.asarray(t, np.float64), np.asarray(u, np.float64)
     places: IntArray = np.asarray(gaps, np.int64)

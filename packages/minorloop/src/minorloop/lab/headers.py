@@ -78,12 +78,8 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
 def deviation_column(headers: Sequence[str], output: str) -> str | None:
     """Return the column ``sd`` in the unit of an output, as `reduce` writes it; None without one.
 
-    Parameters
-    ----------
-    headers : sequence of str
-        Headers of the columns.
-    output : str
-        Name and unit of the output, such as ``curvature [1/m]``.
+    ``headers``: headers of the columns; ``output``: name and unit of the output, such as
+    ``curvature [1/m]``.
     """
     wanted = ("sd", split_header(output)[1])
     return next((header for header in headers if split_header(header) == wanted), None)

@@ -69,12 +69,8 @@ class Hold:
     def add(self, record: Record, length: float) -> None:
         """Add a stretch that was carried out.
 
-        Parameters
-        ----------
-        record : Record
-            What the actuator returned.
-        length : float
-            How long it was asked to hold, in seconds.
+        ``record``: what the actuator returned; ``length``: how long it was asked to hold, in
+        seconds.
         """
         before, timing = self.held, record.timing
         if timing is None:

@@ -104,12 +104,8 @@ def _covered(holds: list[FoundHold]) -> int:
 def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLike) -> str:
     """Return a sentence if a record is a raw log with holds and transients, otherwise "".
 
-    Parameters
-    ----------
-    t : (T,) array_like or None
-        Times in seconds, if known; used for the sentence only.
-    u, y : (T,) array_like
-        Input and output; NaN where nothing was measured.
+    ``t`` (T,): times in seconds, if known, used for the sentence only; ``u`` and ``y`` (T,): input
+    and output, NaN where nothing was measured.
     """
     inputs, outputs = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
     width = max(-(-inputs.size // _MOST_SEARCHED), 1)
@@ -140,12 +136,7 @@ def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLi
 def turning_points(values: FloatArray, threshold: float) -> IntArray:
     """Return the samples at which a signal reverses by more than a threshold.
 
-    Parameters
-    ----------
-    values : (T,) array
-        The signal.
-    threshold : float
-        Smaller reversals are noise.
+    ``values`` (T,): the signal; ``threshold``: smaller reversals are noise.
     """
     way = np.sign(np.diff(values))
     moving = np.flatnonzero(way)

@@ -29,12 +29,8 @@ def noise_of(differences: FloatArray, order: int) -> float:
     The squares of the binomial coefficients of an order sum to that of twice the order over it.
     The median leaves out what moves now and then.
 
-    Parameters
-    ----------
-    differences : (N,) array
-        Differences of a signal of some order; at least one.
-    order : int
-        1 for differences of neighbours.
+    ``differences`` (N,): differences of a signal of some order, at least one; ``order``: 1 for
+    differences of neighbours.
     """
     scale = _MEDIAN * math.sqrt(math.comb(2 * order, order))
     return float(np.median(np.abs(differences))) / scale
@@ -80,10 +76,7 @@ def frozen(values: FloatArray) -> FrozenReadings:
     Nothing is found where the noise is less than the resolution of the readings: such a sensor
     repeats itself.
 
-    Parameters
-    ----------
-    values : (N,) array
-        Finite readings in order.
+    ``values`` (N,): finite readings in order.
     """
     none = FrozenReadings((), 0.0)
     if values.size < 2 * _FEWEST:
@@ -141,22 +134,14 @@ class RepeatedReadings:
     def of_plan(cls, levels: FloatArray) -> RepeatedReadings:
         """Return what is known before the first hold.
 
-        Parameters
-        ----------
-        levels : (N,) array
-            Inputs of the run; NaN where they are not known yet.
+        ``levels`` (N,): inputs of the run, NaN where they are not known yet.
         """
         return cls(_widened(_NONE, levels))
 
     def after(self, level: float, readings: FloatArray) -> RepeatedReadings:
         """Return what is known after one more hold.
 
-        Parameters
-        ----------
-        level : float
-            Its input.
-        readings : (T,) array
-            Its readings; NaN where nothing was measured.
+        ``level``: its input; ``readings`` (T,): its readings, NaN where nothing was measured.
         """
         known = readings[np.isfinite(readings)]
         reach = _widened(self.range, level)

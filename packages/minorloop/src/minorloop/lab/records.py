@@ -45,10 +45,7 @@ _MOST_NEW = 4
 class Quantity:
     """A name with its unit; the unit is empty for a pure number or where it is not known.
 
-    Raises
-    ------
-    ParameterError
-        If the name or the unit has characters that cannot be printed.
+    Raises a `ParameterError` if the name or the unit has characters that cannot be printed.
     """
 
     name: str

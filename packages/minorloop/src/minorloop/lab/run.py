@@ -264,10 +264,7 @@ def _check_written(actuator: Actuator, levels: FloatArray) -> None:
 def answer_time(actuator: Actuator) -> float:
     """Return how long a reading takes, in seconds; 0 where the actuator does not say.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        What is measured.
+    ``actuator``: what is measured.
     """
     return actuator.answer_time() if isinstance(actuator, Timed) else 0.0
 
@@ -505,10 +502,7 @@ def left_safe(actuator: Actuator) -> Iterator[None]:
 
     Signals are raised only inside the context, so that none comes between its end and safety.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        What is made safe.
+    ``actuator``: what is made safe.
     """
     with ended_by_signals(), Deferred():
         try:

@@ -52,12 +52,8 @@ def hold_each(
 def settled_value(hold: Record, span: float) -> float:
     """Return the settled output of a hold.
 
-    Parameters
-    ----------
-    hold : Record
-        The samples of one hold, evenly spaced, the first one interval after its beginning.
-    span : float
-        Range of the output in the experiment, in its unit.
+    ``hold``: the samples of one hold, evenly spaced, the first one interval after its beginning;
+    ``span``: range of the output in the experiment, in its unit.
     """
     if hold.t.size < FEWEST:
         return float(hold.y[-1])

@@ -303,12 +303,8 @@ def settled_after(t: npt.ArrayLike, y: npt.ArrayLike, *, change: float, window: 
     What remains at its end is taken to decay with the time constant that the slope there has. It is
     NaN if that is not known: too few samples, or the output goes away from its limit.
 
-    Parameters
-    ----------
-    t, y, window
-        As of `judge`.
-    change : float
-        By how much a settled output may move in another hold as long, in its unit.
+    ``t``, ``y``, ``window`` are as of `judge`; ``change``: by how much a settled output may move in
+    another hold as long, in its unit.
     """
     line, end = trend(t, y, window), extrapolate(t, y)
     if line is None or end is None or change <= 0 or not line.slope * end.remaining > 0:

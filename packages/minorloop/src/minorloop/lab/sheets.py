@@ -40,12 +40,8 @@ def read_sheet(file: Path, bounds: Bounds) -> OpenTable:
     Raises a `RecordError` if the file cannot be read, has no table, or one that is larger than the
     bounds; a `MissingExtraError` if a workbook is given and openpyxl is not installed.
 
-    Parameters
-    ----------
-    file : Path
-        The file.
-    bounds : Bounds
-        Of the table; they are checked before anything of its size is allocated.
+    ``file``: the file; ``bounds``: of the table, they are checked before anything of its size is
+    allocated.
     """
     check_file(file)
     found = (_mat if file.suffix.casefold() == ".mat" else _workbook)(file, bounds)

@@ -63,10 +63,7 @@ class Driven(Protocol):
 class Sine:
     """One sine with the inputs before it.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of range, or not whole where it must be.
+    Raises a `ParameterError` if a number is out of range, or not whole where it must be.
     """
 
     frequency: float
@@ -141,10 +138,7 @@ class Sine:
         Raises a `ParameterError` if the tick is too slow, or a sample does not take a whole number
         of ticks.
 
-        Parameters
-        ----------
-        tick : float
-            How long an exchange of the actuator takes, in seconds.
+        ``tick``: how long an exchange of the actuator takes, in seconds.
         """
         exact = self.interval / tick
         if exact < 1 - _WHOLE:

@@ -141,12 +141,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     Raises a `RecordError` if the times are not finite, or the clock stands still or is set back at
     more than one step in ten.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Times in seconds.
-    name, unit : str
-        Of the column, for messages.
+    ``t`` (T,): times in seconds; ``name`` and ``unit``: of the column, for messages.
     """
     times = np.array(t, dtype=np.float64)
     if times.ndim != 1 or times.size < 2:

@@ -39,13 +39,8 @@ __all__ = [
 class WrappedActuator:
     """The base of actuators that change what another one takes or gives.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        The other one.
-    restorable : bool
-        Whether it has ``checkpoint`` and ``restore`` where the other one has them, so that a run
-        restores it and does not replay it.
+    ``actuator``: the other one; ``restorable``: whether it has ``checkpoint`` and ``restore`` where
+    the other one has them, so that a run restores it and does not replay it.
     """
 
     checkpoint: Callable[[], dict[str, Any]]
@@ -91,6 +86,8 @@ class WrappedActuator:
 class ConvertedActuator(WrappedActuator):
     """An actuator that shows its converted output.
 
+    Raises a `ParameterError` if the actuator has several outputs.
+
     Parameters
     ----------
     actuator : Actuator
@@ -99,11 +96,6 @@ class ConvertedActuator(WrappedActuator):
         From its readings to the output wanted.
     begun : bool
         Whether readings were converted in this run before: then a hold without one is no error.
-
-    Raises
-    ------
-    ParameterError
-        If the actuator has several outputs.
     """
 
     def __init__(self, actuator: Actuator, conversion: Conversion, *, begun: bool = False) -> None:
@@ -150,15 +142,8 @@ class ConvertedActuator(WrappedActuator):
 class LimitedActuator(WrappedActuator):
     """An actuator that is sent no input beyond its limits, and made safe after any error.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        Its inputs have finite limits.
-
-    Raises
-    ------
-    ParameterError
-        If a channel, a method or a limit is missing.
+    ``actuator``: its inputs have finite limits. Raises a `ParameterError` if a channel, a method or
+    a limit is missing.
     """
 
     def __init__(self, actuator: Any) -> None:
@@ -229,11 +214,7 @@ class LimitedActuator(WrappedActuator):
 class SingleChannel(WrappedActuator):
     """One input of an actuator, with the others at rest, and one of the outputs.
 
-    Parameters
-    ----------
-    actuator : Actuator
-    input, output : int
-        Which input, and which output.
+    ``input`` and ``output``: which input, and which output.
     """
 
     def __init__(self, actuator: Actuator, input: int, output: int) -> None:

@@ -123,10 +123,7 @@ class Uploads:
     async def add(self, name: str, size: int) -> Upload:
         """Register a file of a size.
 
-        Raises
-        ------
-        FullError
-            If there is no room, and no unused file can be removed.
+        Raises a `FullError` if there is no room, and no unused file can be removed.
         """
         while not self._has_room(size):
             before = time.monotonic() - self.quota.spared
@@ -150,10 +147,7 @@ class Uploads:
     async def write(self, upload: Upload, chunks: AsyncIterator[bytes]) -> None:
         """Write the content of a file in blocks.
 
-        Raises
-        ------
-        FullError
-            If the disk has no room for it.
+        Raises a `FullError` if the disk has no room for it.
         """
         file: BinaryIO | None = None
         held = bytearray()

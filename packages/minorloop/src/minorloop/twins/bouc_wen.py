@@ -60,10 +60,7 @@ class BenchmarkRecord:
 def training_record(seed: int) -> BenchmarkRecord:
     """Return five periods of the settled response to a multisine, with noise.
 
-    Parameters
-    ----------
-    seed : int
-        Draws the phases of the multisine and the noise.
+    ``seed``: draws the phases of the multisine and the noise.
     """
     rng = np.random.default_rng([seed, 0])
     u, y = _settled(rng, PERIODS)
@@ -73,10 +70,7 @@ def training_record(seed: int) -> BenchmarkRecord:
 def multisine_test(seed: int) -> BenchmarkRecord:
     """Return one period of the settled response to another multisine, without noise.
 
-    Parameters
-    ----------
-    seed : int
-        Draws its phases.
+    ``seed``: draws its phases.
     """
     u, y = _settled(np.random.default_rng([seed, 1]), 1)
     return BenchmarkRecord(_times(u), u, y, PERIOD)

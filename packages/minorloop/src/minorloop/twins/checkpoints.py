@@ -19,17 +19,9 @@ _MOST_SAMPLES = 2**62
 class Checkpoint:
     """Reads the parts of a checkpoint, and refuses impossible ones.
 
-    Parameters
-    ----------
-    parts : dict
-        The checkpoint, possibly read from JSON.
-    identity : dict
-        Options of the twin that must be equal, by name.
-
-    Raises
-    ------
-    ParameterError
-        If it is not a checkpoint, or belongs to a twin with other options.
+    ``parts``: the checkpoint, possibly read from JSON; ``identity``: options of the twin that must
+    be equal, by name. Raises a `ParameterError` if it is not a checkpoint, or belongs to a twin
+    with other options.
     """
 
     def __init__(self, parts: dict[str, Any], identity: dict[str, Any]) -> None:

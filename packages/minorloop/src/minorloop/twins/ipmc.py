@@ -88,12 +88,8 @@ class Ipmc(SimulatedActuator):
         Raises a `SignalError` if the shapes differ, a number is not finite, or time does not
         increase.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times, in seconds.
-        curvature : (T,) array_like
-            Imposed curvature in 1/m, linear between samples.
+        ``t`` (T,): strictly increasing times, in seconds; ``curvature`` (T,): imposed curvature in
+        1/m, linear between samples.
 
         Returns
         -------

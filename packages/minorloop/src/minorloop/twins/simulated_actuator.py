@@ -93,6 +93,9 @@ class SimulatedPlant(ABC):
     def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
         """Apply a sampled waveform, linear between samples, and record it and the output.
 
+        Raises a `LimitError` if an input is beyond the limits, and nothing is applied then; a
+        `SignalError` if the shapes differ, a number is not finite, or time does not increase.
+
         Parameters
         ----------
         t : (T,) array_like
@@ -107,13 +110,6 @@ class SimulatedPlant(ABC):
         -------
         Record
             T samples on the clock of the twin, the first of them before any motion.
-
-        Raises
-        ------
-        LimitError
-            If an input is beyond the limits; nothing is applied then.
-        SignalError
-            If the shapes differ, a number is not finite, or time does not increase.
         """
         times, given = as_waveform(t, u, channels=len(self.inputs))
         values = np.ascontiguousarray(given.reshape(-1, times.size).T)
@@ -138,11 +134,8 @@ class SimulatedPlant(ABC):
     def restore(self, checkpoint: dict[str, Any]) -> None:
         """Return to a checkpoint; further outputs are repeated exactly.
 
-        Raises
-        ------
-        ParameterError
-            If the checkpoint is damaged or impossible, or was taken from a twin with other
-            options; the twin does not change then.
+        Raises a `ParameterError` if the checkpoint is damaged or impossible, or was taken from a
+        twin with other options, and the twin does not change then.
         """
         self._take_up(Checkpoint(checkpoint, self._identity()))
 
@@ -190,6 +183,8 @@ class SimulatedPlant(ABC):
 class SimulatedActuator(SimulatedPlant):
     """A plant with one input and one output, whose sensor does not fail.
 
+    Raises a `ParameterError` if an option is out of its range.
+
     Parameters
     ----------
     specimen, noise, seed, substeps
@@ -198,11 +193,6 @@ class SimulatedActuator(SimulatedPlant):
         How long one ``exchange`` takes, in seconds; the default belongs to the actuator.
     drift : float
         Relative change of the coupling gain per hour, compounding: -0.05 loses 5 % an hour.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
     """
 
     _nominal: dict[str, float]

@@ -118,12 +118,9 @@ class LimitedSource:
     def set(self, value: Value) -> None:
         """Apply inputs.
 
-        Raises
-        ------
-        LimitError
-            If a number is not finite, or beyond a limit or a rate limit; nothing is sent then.
-        InstrumentError
-            If the source fails, or has failed and was not made safe since.
+        Raises a `LimitError` if a number is not finite, or beyond a limit or a rate limit, and
+        nothing is sent then; an `InstrumentError` if the source fails, or has failed and was not
+        made safe since.
         """
         values = check_input(self._channels, value, before=self.present, interval=self._gone())
         if not self._known:
@@ -153,6 +150,9 @@ class Bench:
 
     The clock determines how long a hold lasts. Each reading has the time of the middle of its
     exchange. Sensors that take longer than the sample interval are read as often as they answer.
+
+    Raises a `ParameterError` if an input has no limits, rest is beyond them, or a time is not
+    positive.
 
     Parameters
     ----------
@@ -185,11 +185,6 @@ class Bench:
         Digital lines; the source switches them as it needs when it is made safe.
     serial : str, optional
         Serial number of the plant.
-
-    Raises
-    ------
-    ParameterError
-        If an input has no limits, rest is beyond them, or a time is not positive.
     """
 
     def __init__(
@@ -244,12 +239,8 @@ class Bench:
 
         Times are the middles of the exchanges; ``timing`` says when the hold began and ended.
 
-        Raises
-        ------
-        ParameterError
-            If a time is not positive, or there would be more than twenty million samples.
-        InstrumentError
-            If an instrument fails; the source is safe then.
+        Raises a `ParameterError` if a time is not positive, or there would be more than twenty
+        million samples; an `InstrumentError` if an instrument fails, and the source is safe then.
         """
         wanted = check_input(self.inputs, u)
         count = _count(duration, sample_interval)
@@ -280,12 +271,8 @@ class Bench:
     def exchange(self, u: Value) -> Value:
         """Hold inputs for one tick, and return the outputs at its end.
 
-        Raises
-        ------
-        ParameterError
-            If the meter takes longer than a tick; nothing is applied then.
-        InstrumentError
-            If an instrument fails; the source is safe then.
+        Raises a `ParameterError` if the meter takes longer than a tick, and nothing is applied
+        then; an `InstrumentError` if an instrument fails, and the source is safe then.
         """
         wanted = check_input(self.inputs, u)
         if self._found > self.tick:
@@ -306,12 +293,8 @@ class Bench:
 
         The inputs change as far as their rate limits allow since the last call.
 
-        Raises
-        ------
-        LimitError
-            If an input is beyond a limit; nothing is applied then.
-        InstrumentError
-            If an instrument fails; the source is safe then.
+        Raises a `LimitError` if an input is beyond a limit, and nothing is applied then; an
+        `InstrumentError` if an instrument fails, and the source is safe then.
         """
         wanted = check_input(self.inputs, u)
         with self._safe_after_errors():
@@ -322,17 +305,9 @@ class Bench:
     def switch(self, values: Mapping[str, bool]) -> None:
         """Switch digital lines on or off.
 
-        Parameters
-        ----------
-        values : mapping of str to bool
-            The lines by their names; others stay as they are.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such line.
-        InstrumentError
-            If the instrument fails; the source is safe then.
+        ``values``: the lines by their names, others stay as they are. Raises a `ParameterError` if
+        there is no such line; an `InstrumentError` if the instrument fails, and the source is safe
+        then.
         """
         for name in values:
             if name not in self.lines:
@@ -355,10 +330,7 @@ class Bench:
     def written(self, u: float) -> float:
         """Return the input that the source writes for ``u``; nothing is applied.
 
-        Parameters
-        ----------
-        u : float
-            The input, in its unit.
+        ``u``: the input, in its unit.
         """
         written = getattr(self._source.source, "written", None)
         with _driver_errors():

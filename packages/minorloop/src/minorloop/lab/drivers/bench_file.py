@@ -212,22 +212,10 @@ class _Rows:
 def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
     """Return the actuator that a file describes; make it safe and read it first.
 
-    Parameters
-    ----------
-    path : str or path
-        The file, TOML or JSON.
-    clock : Clock, optional
-        The clock of the machine if not given.
-
-    Raises
-    ------
-    ParameterError
-        If the file cannot be read, or does not describe a bench.
-    MissingExtraError
-        If the library of a driver is not installed.
-    InstrumentError
-        If a device is missing, busy, or does not answer; a `SafetyError` if it does not confirm
-        that it is safe.
+    ``path``: the file, TOML or JSON; ``clock``: the clock of the machine if not given. Raises a
+    `ParameterError` if the file cannot be read, or does not describe a bench; a `MissingExtraError`
+    if the library of a driver is not installed; an `InstrumentError` if a device is missing, busy,
+    or does not answer; a `SafetyError` if it does not confirm that it is safe.
     """
     path = Path(path)
     content = read_description(path)

@@ -209,19 +209,9 @@ class PlannedDevice:
 
     A driver states its structures, and defines the methods of a `Device` other than ``safe``.
 
-    Parameters
-    ----------
-    plan : DevicePlan
-
-    Raises
-    ------
-    ParameterError
-        If a key is missing, unknown, or of another type.
-    MissingExtraError
-        If the library of the driver is not installed.
-    InstrumentError
-        If there is no such device, it does not answer, or its library lacks that of the
-        manufacturer.
+    Raises a `ParameterError` if a key is missing, unknown, or of another type; a
+    `MissingExtraError` if the library of the driver is not installed; an `InstrumentError` if there
+    is no such device, it does not answer, or its library lacks that of the manufacturer.
     """
 
     settings: ClassVar[type[Section]] = Section
@@ -297,12 +287,8 @@ class Wiring:
     def set(self, value: Any) -> None:
         """Set all sources.
 
-        Raises
-        ------
-        LimitError
-            If a conversion does not cover an input; nothing is sent then.
-        InstrumentError
-            If a device fails.
+        Raises a `LimitError` if a conversion does not cover an input, and nothing is sent then; an
+        `InstrumentError` if a device fails.
         """
         values = np.atleast_1d(np.asarray(value, dtype=np.float64))
         raw = np.array([converted(each, v) for each, v in zip(self.commands, values, strict=True)])

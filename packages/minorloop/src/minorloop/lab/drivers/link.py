@@ -70,6 +70,9 @@ class LinkSettings(Section, kw_only=True):
 class VisaLink:
     """A connection through PyVISA: GPIB, USB, LAN, or a serial port.
 
+    Raises a `MissingExtraError` if PyVISA is not installed; an `InstrumentError` if there is no
+    such instrument.
+
     Parameters
     ----------
     resource : str
@@ -87,13 +90,6 @@ class VisaLink:
         Most answers that may still arrive after their deadline.
     last_lines : tuple of str
         Lines that are sent last on a network connection in an unknown state, before it is closed.
-
-    Raises
-    ------
-    MissingExtraError
-        If PyVISA is not installed.
-    InstrumentError
-        If there is no such instrument.
     """
 
     def __init__(

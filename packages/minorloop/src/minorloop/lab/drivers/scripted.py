@@ -13,17 +13,14 @@ SILENCE = "\0silence"
 class Script:
     """A link that checks what a driver sends and gives prepared answers.
 
+    Raises an `AssertionError` when the driver sends something else.
+
     Parameters
     ----------
     lines : iterable of (str, str or None)
         Each line that the driver must send, in order, and the answer: None if there is none,
         `SILENCE` for an answer that never comes. Several answers to one line are separated by
         newlines.
-
-    Raises
-    ------
-    AssertionError
-        When the driver sends something else.
     """
 
     def __init__(self, lines: Iterable[tuple[str, str | None]]) -> None:
@@ -49,10 +46,7 @@ class Script:
     def read(self) -> str:
         """Return the next answer.
 
-        Raises
-        ------
-        InstrumentError
-            If there is none.
+        Raises an `InstrumentError` if there is none.
         """
         if not self._answers:
             raise InstrumentError(f"{self.name} gave no answer")

@@ -54,17 +54,8 @@ class _BoardChannel(Section, kw_only=True):
 class SerialBoard(BoardLine):
     """A board as a device with several channels.
 
-    Parameters
-    ----------
-    link : Link
-    plan : DevicePlan
-
-    Raises
-    ------
-    ParameterError
-        If a channel, unit, limit or rest of the plan is not that of the board.
-    InstrumentError
-        If the answers are not those of such a board.
+    Raises a `ParameterError` if a channel, unit, limit or rest of the plan is not that of the
+    board; an `InstrumentError` if the answers are not those of such a board.
     """
 
     def __init__(self, link: Link, plan: DevicePlan) -> None:

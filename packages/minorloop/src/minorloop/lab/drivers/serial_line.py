@@ -68,10 +68,7 @@ def parse(line: str, sequence: int) -> tuple[bool, list[str]] | None:
 class BoardLine:
     """The line to a board: questions, answers, and keeping the board alive.
 
-    Parameters
-    ----------
-    link : Link
-        The connection to the board.
+    ``link``: the connection to the board.
 
     Attributes
     ----------
@@ -177,10 +174,8 @@ class BoardLine:
 class Board(BoardLine):
     """A board with the firmware of the C export: a source and a meter in one.
 
-    Parameters
-    ----------
-    link : Link
-        The connection to the board.
+    ``link``: the connection to the board. Raises an `InstrumentError` if the answer is not that of
+    such a board.
 
     Attributes
     ----------
@@ -188,11 +183,6 @@ class Board(BoardLine):
         Lower limit of the input in the firmware, in its unit.
     high : float
         Upper limit.
-
-    Raises
-    ------
-    InstrumentError
-        If the answer is not that of such a board.
     """
 
     def __init__(self, link: Link) -> None:

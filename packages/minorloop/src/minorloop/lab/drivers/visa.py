@@ -53,6 +53,9 @@ _NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 class Commands(Section, kw_only=True):
     """Lines of text that a source understands.
 
+    Raises a `ValueError` if there is no command that makes it safe, or ``set`` does not contain the
+    number.
+
     Parameters
     ----------
     safe : list of str
@@ -77,11 +80,6 @@ class Commands(Section, kw_only=True):
     done : str or None
         Query if neither ``confirm`` nor ``errors`` is given; any answer shows that the lines before
         are done. None if the instrument does not answer it.
-
-    Raises
-    ------
-    ValueError
-        If there is no command that makes it safe, or ``set`` does not contain the number.
     """
 
     safe: list[str]
@@ -173,12 +171,8 @@ class ScpiSource:
     def set(self, value: float) -> None:
         """Apply an input.
 
-        Raises
-        ------
-        InstrumentError
-            If the instrument does not take it, or answers another input.
-        ParameterError
-            If the command would contain another number; nothing is sent then.
+        Raises an `InstrumentError` if the instrument does not take it, or answers another input; a
+        `ParameterError` if the command would contain another number, and nothing is sent then.
         """
         if not math.isfinite(value):
             raise InstrumentError(f"{value} is not a valid input; nothing was sent")
@@ -278,12 +272,7 @@ class ScpiSource:
 class ScpiMeter:
     """Reads an output by a query.
 
-    Parameters
-    ----------
-    link : Link
-        The line to the instrument.
-    query : str
-        Query for a reading.
+    ``link``: the line to the instrument; ``query``: query for a reading.
     """
 
     def __init__(self, link: Link, query: str = "READ?") -> None:
