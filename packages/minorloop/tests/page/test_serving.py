@@ -12,16 +12,16 @@ from websockets.exceptions import ConnectionClosed
 from websockets.protocol import State
 
 from minorloop.page.admission import Admission
-from minorloop.page.connections import admitted
+from minorloop.page.connections import admit
 from minorloop.page.serving import LONGEST_HEADER, RateLimitedLog, Sockets, _Marking
 from page_rig import Running
 
 
 async def echo(socket):
-    with admitted(socket.scope):
-        await socket.accept()
-        async for said in socket.iter_text():
-            await socket.send_text(said)
+    admit(socket.scope)
+    await socket.accept()
+    async for said in socket.iter_text():
+        await socket.send_text(said)
 
 
 def application(authentication):

@@ -26,7 +26,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from minorloop.errors import MinorloopError, SignalError, counted
 from minorloop.page.admission import Admission
 from minorloop.page.auth import Authentication
-from minorloop.page.connections import admitted
+from minorloop.page.connections import admit
 from minorloop.page.lab import LabPage, files_of, page_of
 from minorloop.page.workers import Workers
 from minorloop_head.console import messages, recording
@@ -279,12 +279,12 @@ class _Server:
         if not self._authentication.has_token(headers.get("cookie")):
             await _refuse(socket, "the key is missing; open the address that the console printed")
             return
-        with admitted(socket.scope):
-            await socket.accept()
-            if "replay" in socket.query_params:
-                await self._replay(socket, socket.query_params["replay"])
-            else:
-                await self._view(socket)
+        admit(socket.scope)
+        await socket.accept()
+        if "replay" in socket.query_params:
+            await self._replay(socket, socket.query_params["replay"])
+        else:
+            await self._view(socket)
 
     async def _view(self, socket: WebSocket) -> None:
         """Send to a page and receive from it until it closes."""

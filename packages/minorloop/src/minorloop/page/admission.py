@@ -9,7 +9,7 @@ from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from minorloop.page.auth import Authentication
-from minorloop.page.connections import admitted
+from minorloop.page.connections import admit
 
 _POLICY = (
     "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; "
@@ -47,8 +47,8 @@ class Admission:
         if response is not None:
             await response(scope, receive, secured)
             return
-        with admitted(scope):
-            await self._app(scope, receive, secured)
+        admit(scope)
+        await self._app(scope, receive, secured)
 
     def _has_token(self, request: Request) -> bool:
         return self._authentication.has_token("; ".join(request.headers.getlist("cookie")))

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from minorloop.errors import ParameterError
 
-_WAITING = 128
-"""Connections that wait before the server accepts them."""
+WAITING = 128
+"""Connections that wait before the server accepts them, and that it accepts in a turn."""
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::[0-9]{1,5})?", re.I)
 """A Host header that is safe to repeat in an answer: an address or a name, and a port."""
@@ -151,7 +151,7 @@ def _listening(host: str, port: int) -> socket.socket:
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((host, port))
-        found.listen(_WAITING)  # clients that connect before the server has started wait
+        found.listen(WAITING)  # clients that connect before the server has started wait
     except OSError as error:
         found.close()
         other = "--host" if isinstance(error, socket.gaierror) else "--port"

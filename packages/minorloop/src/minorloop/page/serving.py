@@ -20,8 +20,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.exceptions import InvalidState
 
-from minorloop.page.auth import Serving
-from minorloop.page.connections import Limits, Listener, Selector, mark
+from minorloop.page.auth import WAITING, Serving
+from minorloop.page.connections import Limits, Listener, mark
 
 LONGEST_HEADER = 8000
 """Bytes of the address of a request, and of each header; the websocket library allows no more."""
@@ -67,14 +67,11 @@ def serve(
         ssl_keyfile=how.private_key,
         timeout_graceful_shutdown=2,
         server_header=False,
+        backlog=WAITING,
     )
     for name in ("uvicorn.error", "asyncio"):
         logging.getLogger(name).addFilter(RateLimitedLog())
-
-    def events() -> asyncio.AbstractEventLoop:
-        return asyncio.SelectorEventLoop(Selector(listener))
-
-    with asyncio.Runner(loop_factory=events) as runner:
+    with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
         runner.run(_served(server(config), listener))
 
 
