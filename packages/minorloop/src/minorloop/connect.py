@@ -21,7 +21,7 @@ from minorloop.lab.wrapped_actuator import LimitedActuator
 from minorloop.registry import loaded, registered
 from minorloop.values import parsed, plain
 
-SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
+_SCHEMES, _TWINS = "minorloop.actuators", "minorloop.twins"
 
 
 def connect(
@@ -76,7 +76,7 @@ def connect(
     address, written = split_address(address)
     given |= written
     scheme, _, name = address.partition(":")
-    schemes = registered(SCHEMES)
+    schemes = registered(_SCHEMES)
     if scheme not in schemes or not name:
         raise ParameterError(_nothing_at(address))
     opener = loaded(schemes[scheme], address)
@@ -114,7 +114,7 @@ def split_address(text: str) -> tuple[str, dict[str, Any]]:
 
 def is_simulated(address: str) -> bool:
     """Return whether the actuator at an address takes a specimen, noise and seed."""
-    schemes, scheme = registered(SCHEMES), address.partition(":")[0]
+    schemes, scheme = registered(_SCHEMES), address.partition(":")[0]
     return scheme in schemes and _simulates(loaded(schemes[scheme], address))
 
 
@@ -132,7 +132,7 @@ def open_twin(
     ``name``: name of an entry point of the group ``minorloop.twins``; ``specimen``, ``noise``,
     ``seed``, ``**options`` are as in `connect`.
     """
-    twins = registered(TWINS)
+    twins = registered(_TWINS)
     if name not in twins:
         raise ParameterError(_nothing_at(f"twin:{name}"))
     kind = loaded(twins[name], f"twin:{name}")
@@ -217,8 +217,8 @@ def addresses() -> list[str]:
 
     Those of installed packages are among them.
     """
-    twins = [f"twin:{name}" for name in registered(TWINS)]
-    return [*twins, *(f"{name}:NAME" for name in registered(SCHEMES) if name != "twin")]
+    twins = [f"twin:{name}" for name in registered(_TWINS)]
+    return [*twins, *(f"{name}:NAME" for name in registered(_SCHEMES) if name != "twin")]
 
 
 def _nothing_at(address: object) -> str:

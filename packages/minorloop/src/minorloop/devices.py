@@ -19,7 +19,7 @@ __all__ = ["DeviceRow", "present", "probed"]
 
 _FILES = ".toml", ".json"
 """Endings of bench files, which may be given without ``bench:``."""
-OTHERS = "minorloop.devices"
+_OTHERS = "minorloop.devices"
 """Entry points of devices that are no actuators: modules with ``found()``, which yields rows, and
 ``probed(address)``, which returns a row, or None for an address of another kind."""
 
@@ -50,7 +50,7 @@ def present() -> Iterator[DeviceRow]:
         yield DeviceRow(name, "driver", "installed")
         for device in getattr(driver, "found", list)():
             yield DeviceRow(device, f"device for {name}", "there; not opened")
-    for name, point in registered(OTHERS).items():
+    for name, point in registered(_OTHERS).items():
         yield from loaded(point, name).found()
 
 
@@ -61,7 +61,7 @@ def probed(address: str) -> Iterator[DeviceRow]:
     """
     if Path(address).suffix in _FILES and ":" not in address:
         address = f"bench:{address}"
-    for name, point in registered(OTHERS).items():
+    for name, point in registered(_OTHERS).items():
         if (row := loaded(point, name).probed(address)) is not None:
             yield row
             return

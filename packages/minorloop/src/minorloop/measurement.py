@@ -36,7 +36,6 @@ from minorloop.lab.wrapped_actuator import ConvertedActuator, single_channel
 from minorloop.modelfile import ModelFile
 
 __all__ = [
-    "HOLD",
     "AdaptivePlan",
     "Apparatus",
     "Approach",
@@ -48,9 +47,9 @@ __all__ = [
     "resume",
 ]
 
-HOLD = 200.0
+_HOLD = 200.0
 """Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
-SLOW = 1.2
+_SLOW = 1.2
 """A warning is given from this ratio of the sample interval of a hold to that of the plan."""
 
 
@@ -162,7 +161,7 @@ class AdaptivePlan:
     """Holds of the design, 12 if not given."""
     hours: float | None = None
     """Hours at most, validation and repetitions included, instead of holds."""
-    hold: float = HOLD
+    hold: float = _HOLD
     """Longest hold in seconds."""
     low: float | None = None
     high: float | None = None
@@ -208,7 +207,7 @@ class Approach:
     within: float = 0.0
     absolute: bool = False
     """``corrections``, ``within`` and ``absolute``: as of `TargetDrive`."""
-    hold: float = HOLD
+    hold: float = _HOLD
     """Longest hold of a target, in seconds."""
     every: float | None = None
     """For a model with after-effect: seconds between inputs, as of `Delivery`. A target is met
@@ -549,7 +548,7 @@ def _unsettled(figures: Mapping[str, Any]) -> list[str]:
 def _slow(figures: Mapping[str, Any]) -> list[str]:
     """Return a warning if the meter was slower than the plan."""
     planned, most = figures["sample_interval_s"], figures["longest_interval_s"]
-    if most is None or most <= SLOW * planned:
+    if most is None or most <= _SLOW * planned:
         return []
     return [
         f"the meter was slow at times: samples were up to {most:.3g} s apart, not {planned:g} "

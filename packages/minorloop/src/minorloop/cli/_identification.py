@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from minorloop.identification.result import Scored
     from minorloop.lab.records import Record
 
-DISTRUSTED = 1
+_DISTRUSTED = 1
 """Exit status after warnings: the result is written, but the model is not to be trusted."""
 _LAWS, _PRIORS = ("plane", "dynamics", "viscosity", "vibration"), ("auto", "gaussian", "smooth")
 _TIMED = ("viscosity", "vibration")
@@ -271,7 +271,7 @@ def show_scored(
         which = "the first of these says" if count == 1 else f"the first {count} of these say"
         typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
     if count:
-        raise typer.Exit(DISTRUSTED)
+        raise typer.Exit(_DISTRUSTED)
 
 
 def _print(

@@ -14,7 +14,7 @@ from pathlib import Path
 from minorloop.errors import OutputError, StoreError
 from minorloop.files import PathLike, check_writable, lock_path, write_atomically
 
-APPLICATION = 0x6D6C6F70
+_APPLICATION = 0x6D6C6F70
 """The application id in the header of the file: 'mlop'."""
 VERSION = 2
 LOCK_WAIT = 1.0
@@ -25,7 +25,7 @@ READ_WAIT = 30.0
 """Seconds that a writer waits, before its first point only, for others that are just reading."""
 MAGIC = b"SQLite format 3\0"
 _IN_USE = "another process has it open; wait until that one has ended"
-TABLES = {
+_TABLES = {
     "about": "name TEXT PRIMARY KEY, value TEXT NOT NULL",
     "sitting": "id INTEGER PRIMARY KEY, began TEXT NOT NULL, ended TEXT, first INTEGER NOT NULL, "
     "way TEXT NOT NULL, end TEXT",
@@ -93,7 +93,7 @@ def prepare(connection: sqlite3.Connection, write: bool) -> None:
     """Check the database, and make it durable if it is to be written."""
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
-    if application != APPLICATION:
+    if application != _APPLICATION:
         raise sqlite3.DatabaseError("it is a database, but not an experiment store")
     if version != VERSION:
         raise sqlite3.DatabaseError(
@@ -126,9 +126,9 @@ def create_file(path: PathLike, about: Mapping[str, str]) -> Path:
         ) from None
     connection = sqlite3.connect(":memory:", isolation_level=None)
     try:
-        connection.execute(f"PRAGMA application_id = {APPLICATION}")
+        connection.execute(f"PRAGMA application_id = {_APPLICATION}")
         connection.execute(f"PRAGMA user_version = {VERSION}")
-        for name, columns in TABLES.items():
+        for name, columns in _TABLES.items():
             connection.execute(f"CREATE TABLE {name} ({columns}, digest TEXT NOT NULL)")
         rows = [(*text, digest(text)) for text in about.items()]
         connection.executemany("INSERT INTO about VALUES (?, ?, ?)", rows)

@@ -24,7 +24,6 @@ from minorloop.lab.records import Quantity
 from minorloop.values import called, numbers, parsed
 
 __all__ = [
-    "LENGTHS",
     "CalibrationPolynomial",
     "CalibrationTable",
     "Conversion",
@@ -37,7 +36,7 @@ __all__ = [
     "unit_factor",
 ]
 
-LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "cm": 1e-2}
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "cm": 1e-2}
 """Units of length that a laser may have, in metres."""
 _POWERS = {"n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "": 0, "k": 3, "M": 6, "G": 9}
 """Powers of ten of the prefixes of the SI."""
@@ -245,10 +244,10 @@ class LaserCurvature:
     """Unit of the reading: m, cm, mm, um or nm."""
 
     def __post_init__(self) -> None:
-        if self.unit not in LENGTHS:
+        if self.unit not in _LENGTHS:
             raise ParameterError(
                 f"the laser reads in {self.unit or 'a pure number'}; a distance must be in one of "
-                f"{', '.join(LENGTHS)}: write it in the header, such as distance [mm]"
+                f"{', '.join(_LENGTHS)}: write it in the header, such as distance [mm]"
             )
         as_finite("d0", self.d0)
         if as_finite("h0", self.h0) <= 0:
@@ -270,13 +269,13 @@ class LaserCurvature:
         The errors of ``d0`` and ``h0`` are the same for every sample of a run.
         """
         x, h0 = self._bent(readings)
-        square, metres = (x**2 + h0**2) ** 2, LENGTHS[self.unit]
+        square, metres = (x**2 + h0**2) ** 2, _LENGTHS[self.unit]
         by_d0, by_h0 = 2 * (h0**2 - x**2) / square, 4 * x * h0 / square
         return np.asarray(np.hypot(by_d0 * self.sd_d0 * metres, by_h0 * self.sd_h0 * metres))
 
     def _bent(self, readings: npt.ArrayLike) -> tuple[FloatArray, float]:
         """Return how far the strip is bent at the laser, and the height of the laser, in metres."""
-        metres = LENGTHS[self.unit]
+        metres = _LENGTHS[self.unit]
         x = self.d0 * metres - np.asarray(readings, dtype=np.float64) * metres
         return np.where(np.abs(x) <= self.h0 * metres, x, np.nan), self.h0 * metres
 

@@ -225,7 +225,7 @@ def _absurd(y: FloatArray) -> BoolArray:
     return found
 
 
-Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
+_Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
 """Finds faults of one kind in readings (T,), NaN where there is none."""
 
 _STUCK = 4
@@ -237,7 +237,7 @@ def usable(
 ) -> tuple[FloatArray, tuple[Fault, ...]]:
     """Return the readings (T,) with NaN in place of those that cannot be used; and the faults."""
     found: tuple[Fault, ...] = ()
-    detectors: tuple[Detector, ...] = (partial(_beyond, limits), *DETECTORS)
+    detectors: tuple[_Detector, ...] = (partial(_beyond, limits), *DETECTORS)
     for detect in detectors:
         faults = tuple(detect(y))
         y, found = without(y, faults), (*found, *faults)
@@ -281,7 +281,7 @@ def _stuck(y: FloatArray) -> Iterator[Fault]:
         yield stuck(y, stretches, f"others scatter with a standard deviation of {found.noise:.2g}")
 
 
-DETECTORS: tuple[Detector, ...] = (codes, _clipped, _stuck)
+DETECTORS: tuple[_Detector, ...] = (codes, _clipped, _stuck)
 """Each looks at the readings that those before have left."""
 
 

@@ -20,7 +20,7 @@ from minorloop.lab.timebase import GAP, UNEVEN, TimeCheck
 
 __all__ = ["Bridges", "bridged", "known_memory", "with_lost_rows"]
 
-UNKNOWN = 0.005
+_UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
 
 _FEWEST = 3
@@ -90,7 +90,7 @@ def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
         above = np.maximum.accumulate(inputs[begin:end])
         below = np.minimum.accumulate(inputs[begin:end])
         unknown[begin:end] = (inputs.max() - above) * (below - inputs.min())
-    return np.asarray(2 * unknown <= UNKNOWN * np.ptp(inputs) ** 2)
+    return np.asarray(2 * unknown <= _UNKNOWN * np.ptp(inputs) ** 2)
 
 
 def with_lost_rows(check: TimeCheck, u: npt.ArrayLike) -> TimeCheck:
@@ -154,7 +154,7 @@ def bridged(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> Bridges:
             found = _stepped(times, inputs, places, place)
             known[k] = found is not None
             when[k], extreme[k] = found or (np.nan, np.nan)
-        elif least**2 <= UNKNOWN * span**2:
+        elif least**2 <= _UNKNOWN * span**2:
             known[k] = _one_way(times, inputs, place, least)
     return Bridges(places, known, when, extreme)
 
@@ -166,7 +166,7 @@ def _in_steps(u: FloatArray) -> bool:
     span, changes = float(np.ptp(u)), np.abs(np.diff(u))
     usual = float(np.median(changes))
     alike = np.quantile(changes, 0.1) >= _CORNERS * usual or usual >= _LARGE * span
-    if 2 * usual <= UNKNOWN * span or not alike:
+    if 2 * usual <= _UNKNOWN * span or not alike:
         return False
     turns = turning_points(u, 1e-9 * span)
     turns = turns[(turns > 0) & (turns < u.size - 1)]
@@ -196,7 +196,7 @@ def _stepped(t: FloatArray, u: FloatArray, gaps: IntArray, last: int) -> tuple[f
         return None
     low, high = max(way * u[last : last + 2]) + least, min(way * u[last : last + 2]) + most
     # The relays between both ends may be switched or not.
-    if not -slack <= high - low <= UNKNOWN / 2 * float(np.ptp(u)):
+    if not -slack <= high - low <= _UNKNOWN / 2 * float(np.ptp(u)):
         return None
     return float(t[last] + t[last + 1]) / 2, float(way * (low + high) / 2)
 

@@ -25,17 +25,17 @@ from minorloop.lab.sines import Sine, read_sines, sine_columns
 from minorloop.lab.timebase import SECONDS
 from minorloop.values import as_duration
 
-LONGEST = Quantity("hold", "s")
+_LONGEST = Quantity("hold", "s")
 """Header of the column of longest holds."""
-SHORTEST = Quantity("shortest hold", "s")
+_SHORTEST = Quantity("shortest hold", "s")
 """Header of the column of shortest holds."""
 FEWEST = 4
 """Least samples of a window: a slope and its uncertainty need that many."""
-ENOUGH = 8
+_ENOUGH = 8
 """Least readings of a slow meter in a hold: fewer cannot distinguish movement from noise."""
-MAX_POINTS = 1_000_000
+_MAX_POINTS = 1_000_000
 """Most levels of a plan."""
-MAX_SAMPLES = 2_000_000
+_MAX_SAMPLES = 2_000_000
 """Most samples of a hold."""
 
 
@@ -187,9 +187,11 @@ class Plan:
                 for name in settings:
                     raise ParameterError(f"{name} is for plans of holds, and {path} has sines")
                 return cls.of_sines(*found)
-            hold, least = (_time_column(str(name), headers) for name in (LONGEST, SHORTEST))
+            hold, least = (_time_column(str(name), headers) for name in (_LONGEST, _SHORTEST))
             if hold is None:
-                raise RecordError(f"{path} has no column '{LONGEST}'; a plan says how long to hold")
+                raise RecordError(
+                    f"{path} has no column '{_LONGEST}'; a plan says how long to hold"
+                )
             if input is None:
                 others = [header for header in headers if header not in (hold, least)]
                 if len(others) != 1:
@@ -212,8 +214,8 @@ class Plan:
         check_writable(path, force=force)
         columns: dict[str, list[Any]] = {
             str(self.input): self.inputs.tolist(),
-            str(LONGEST): self.longest.tolist(),
-            str(SHORTEST): self.shortest.tolist(),
+            str(_LONGEST): self.longest.tolist(),
+            str(_SHORTEST): self.shortest.tolist(),
         }
         if self.sines:
             columns = sine_columns(self.sines, self.input)
@@ -279,7 +281,7 @@ class Plan:
             This plan if the meter is fast enough, or too slow for any interval.
         """
         brief = float(self.longest.min())
-        if self.sines or not self.sample_interval < seconds <= brief / (1.1 * ENOUGH):
+        if self.sines or not self.sample_interval < seconds <= brief / (1.1 * _ENOUGH):
             return self
         interval = rounded_up(seconds)
         window = max(self.window, min(10 * interval, brief))
@@ -307,15 +309,15 @@ class Plan:
             If a hold or the window is too short for the readings that a verdict needs.
         """
         hold = float(self.longest.min())
-        if min(self.window / FEWEST, hold / ENOUGH) >= seconds * (1 - 1e-9):
+        if min(self.window / FEWEST, hold / _ENOUGH) >= seconds * (1 - 1e-9):
             return
         interval = rounded_up(max(seconds, self.sample_interval))
         asked = ", as the plan asks (interval)" if self.sample_interval > seconds else ""
         raise ParameterError(
-            f"the meter takes {seconds:.3g} s for an answer, and a verdict needs {ENOUGH} of them "
+            f"the meter takes {seconds:.3g} s for an answer, and a verdict needs {_ENOUGH} of them "
             f"in a hold and {FEWEST} in the window: the plan has a hold of {hold:g} s and a window "
             f"of {self.window:g} s; the shortest hold possible is "
-            f"{rounded_up(ENOUGH * interval):g} s, with {interval:g} s between samples{asked}"
+            f"{rounded_up(_ENOUGH * interval):g} s, with {interval:g} s between samples{asked}"
         )
 
     def _check(self) -> None:
@@ -336,9 +338,9 @@ class Plan:
                 f"a window of {self.window:g} s holds fewer than {FEWEST} samples "
                 f"{self.sample_interval:g} s apart; widen it or sample more often"
             )
-        if self.longest.max() > MAX_SAMPLES * self.sample_interval:
+        if self.longest.max() > _MAX_SAMPLES * self.sample_interval:
             raise ParameterError(
-                f"a hold of {self.longest.max():g} s takes more than {MAX_SAMPLES} samples "
+                f"a hold of {self.longest.max():g} s takes more than {_MAX_SAMPLES} samples "
                 f"{self.sample_interval:g} s apart; sample less often"
             )
 
@@ -348,10 +350,10 @@ def _levels(inputs: npt.ArrayLike) -> FloatArray:
         levels = as_samples(inputs, name="inputs", gaps=True)
     except SignalError as error:
         raise ParameterError(str(error)) from None
-    if levels.ndim != 1 or not 0 < levels.size <= MAX_POINTS:
+    if levels.ndim != 1 or not 0 < levels.size <= _MAX_POINTS:
         raise ParameterError(
             f"inputs have shape {levels.shape}; a plan has (N,) levels of one input, "
-            f"1 to {MAX_POINTS} of them"
+            f"1 to {_MAX_POINTS} of them"
         )
     return levels + 0.0  # without negative zeros, which SQLite cannot store
 

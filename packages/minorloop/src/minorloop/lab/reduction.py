@@ -32,10 +32,10 @@ from minorloop.lab.timebase import GAP
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
 
-Flip: TypeAlias = Literal["output", "input", "both"]
+_Flip: TypeAlias = Literal["output", "input", "both"]
 """Whose sign is changed."""
 
-WINDOW = 10
+_WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
 _SHORT_GAP = 0.5
 """Share of a usual hold up to which a gap hides none."""
@@ -195,7 +195,7 @@ def reduce(
     record: Record,
     *,
     conversion: Conversion | None = None,
-    flip: Flip | None = None,
+    flip: _Flip | None = None,
     limits: tuple[float, float] | None = None,
     tolerance: float | None = None,
     input_tolerance: float | None = None,
@@ -244,7 +244,7 @@ def reduce(
     """
     check_kind("record", record, Record)
     if flip is not None:
-        check_option("flip", flip, get_args(Flip))
+        check_option("flip", flip, get_args(_Flip))
     _check(record, tolerance, shortest)
     u = -record.u if flip in ("input", "both") else record.u
     for fault in codes(u, "input"):
@@ -264,7 +264,7 @@ def reduce(
             "sensor; sd contains it: averaging does not reduce it where the noise is less"
         )
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
-    drift = find_drift(log.t, log.y, holds, 1 / WINDOW)
+    drift = find_drift(log.t, log.y, holds, 1 / _WINDOW)
     if drift is not None:
         faults.append(_drifting(drift, log, subtract_drift))
         if subtract_drift:
@@ -465,10 +465,10 @@ def _judged(
     t, y = log.t[part] - log.t[hold.begin] + interval, log.y[part]
     held = _duration(log.t, hold, interval)
     # Where the end was not measured, the output is not known to have settled by then.
-    read = bool((np.isfinite(y) & (t > (1 - 1 / WINDOW) * held)).any())
+    read = bool((np.isfinite(y) & (t > (1 - 1 / _WINDOW) * held)).any())
     y = y if read else np.full(y.size, np.nan)
-    found = judge(t, y, tolerance=slope, window=held / WINDOW)
-    line = trend(t, y, held / WINDOW)
+    found = judge(t, y, tolerance=slope, window=held / _WINDOW)
+    line = trend(t, y, held / _WINDOW)
     usual = common[part][np.isfinite(y) & np.isfinite(common[part])]
     return ReducedPoint(
         t=float(log.t[hold.end - 1]),
@@ -527,7 +527,7 @@ def _span(log: Record, holds: list[FoundHold]) -> float:
     """Return the span of the outputs at the ends of the holds."""
     ends = []
     for hold in holds:
-        last = log.y[hold.begin + (hold.end - hold.begin) * (WINDOW - 1) // WINDOW : hold.end]
+        last = log.y[hold.begin + (hold.end - hold.begin) * (_WINDOW - 1) // _WINDOW : hold.end]
         if np.isfinite(last).any():
             ends.append(float(np.nanmedian(last)))
     return float(np.ptp(ends)) if ends else 0.0

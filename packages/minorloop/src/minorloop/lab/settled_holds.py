@@ -8,11 +8,11 @@ from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.lab.settling import SPAN_SHARE, judge
 
-WINDOWS = 10
+_WINDOWS = 10
 """Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise."""
 FURTHER = 1_000_003
 """Distance between the noise seeds of experiments on one specimen."""
-FEWEST = 12
+_FEWEST = 12
 """Least samples of a hold that are judged; of fewer the last one counts."""
 
 
@@ -55,9 +55,9 @@ def settled_value(hold: Record, span: float) -> float:
     ``hold``: the samples of one hold, evenly spaced, the first one interval after its beginning;
     ``span``: range of the output in the experiment, in its unit.
     """
-    if hold.t.size < FEWEST:
+    if hold.t.size < _FEWEST:
         return float(hold.y[-1])
     times = hold.t - hold.t[0] + (hold.t[1] - hold.t[0])
     length = float(times[-1])
     tolerance = SPAN_SHARE * span / length
-    return judge(times, hold.y, tolerance=tolerance, window=length / WINDOWS).value
+    return judge(times, hold.y, tolerance=tolerance, window=length / _WINDOWS).value

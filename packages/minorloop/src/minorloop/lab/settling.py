@@ -24,37 +24,37 @@ Verdict: TypeAlias = Literal["settled", "extrapolated", "unsettled"]
 
 SPAN_SHARE = 0.002
 """A settled output moves by less than this share of the span of the outputs in another hold."""
-SURE = 2.0
+_SURE = 2.0
 """Standard deviations of the slope that are added to it before it is compared."""
-TAIL = 0.7
+_TAIL = 0.7
 """Share of a hold, at its end, that the exponentials are fitted to: the faster decays of the first
 third are often nonlinear."""
-TIME_CONSTANTS = tuple(np.geomspace(1 / 20, 1 / 2.5, 7).tolist())
+_TIME_CONSTANTS = tuple(np.geomspace(1 / 20, 1 / 2.5, 7).tolist())
 """Time constants to choose from, as shares of the hold."""
-SLOWER = 1.0
+_SLOWER = 1.0
 """Time constant of a decay that is too slow to be extrapolated, as a share of the hold."""
-DOUBT = 0.3
+_DOUBT = 0.3
 """Share of the extrapolated change that counts as uncertain: decays need not be exponential."""
-TRUST = 0.1
+_TRUST = 0.1
 """A limit is trusted up to an uncertainty of this share of the change of the fitted tail. A ramp,
 which has no limit, exceeds it."""
-FADING = 0.5
+_FADING = 0.5
 """Assumed time constant of the slope at the end of a hold, as a share of the hold."""
-LIKELY = 0.6
+_LIKELY = 0.6
 """Least probability that no more remains, where noise hides whether the output still moves."""
 STRETCH = 2.5
 """Windows over which a noisy output has to be constant."""
-CHANCE = 1e-4
+_CHANCE = 1e-4
 """Probability that the noise of a constant counts as movement, in each of two tests."""
 FEWEST_STILL = 8
 """Least samples that distinguish movement from noise."""
-_SLOW = 1 + len(TIME_CONSTANTS)
+_SLOW = 1 + len(_TIME_CONSTANTS)
 """Choices with the slower time constant: alone, and with each of the others."""
 _FEWEST = 4
 """Least samples of a straight line: it leaves two degrees of freedom for the noise."""
 _FEWEST_TAIL = 12
 """Least samples of a tail, by trial: four for each unknown of two decays with a limit."""
-ENOUGH = math.ceil(_FEWEST_TAIL / TAIL)
+ENOUGH = math.ceil(_FEWEST_TAIL / _TAIL)
 """Readings of a hold, evenly in time, that have such a tail: fewer noisy ones do not show whether
 the output has settled."""
 _MOST = 2000
@@ -80,7 +80,7 @@ class Trend:
 
     def is_below(self, tolerance: float) -> bool:
         """Whether the slope is known to be no steeper than this."""
-        return abs(self.slope) + SURE * self.slope_sd <= tolerance
+        return abs(self.slope) + _SURE * self.slope_sd <= tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,13 +206,13 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     ratio = float(steps @ steps) / (2 * squares)
     shape = ((count**2 - 1) / (count - 2) - 1) / 2
     alike = betainc(shape, shape, min(ratio / 2, 1.0))
-    return bool(min(2 * stdtr(count - 2, -surprise), alike) >= CHANCE)
+    return bool(min(2 * stdtr(count - 2, -surprise), alike) >= _CHANCE)
 
 
 def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     """Extrapolate a hold by y_inf + sum a_i exp(-t / tau_i), with signed a_i.
 
-    Each choice of one or two ``TIME_CONSTANTS`` is fitted by least squares. The choices are
+    Each choice of one or two ``_TIME_CONSTANTS`` is fitted by least squares. The choices are
     averaged by their likelihood with the penalty of Schwarz (Estimating the dimension of a model,
     1978). The spread between choices is part of the uncertainty. t and y are as of `judge`.
 
@@ -222,11 +222,11 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
         None if the tail of the hold has fewer than twelve samples.
     """
     times, values = _measured(t, y)
-    tail = times >= times[-1] - TAIL * (times[-1] - times[0]) if times.size else slice(0)
+    tail = times >= times[-1] - _TAIL * (times[-1] - times[0]) if times.size else slice(0)
     times, values = _thinned(times[tail], values[tail])
     if times.size < _FEWEST_TAIL or times[-1] == times[0]:
         return None
-    x = TAIL * (times - times[0]) / (times[-1] - times[0])
+    x = _TAIL * (times - times[0]) / (times[-1] - times[0])
     last = float(values[-1])
     choices = _decays(x.tobytes())
     every = [_least_squares(choice.basis, values - last) for choice in choices]
@@ -237,7 +237,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     best = fits[int(np.argmax(weight))]
     doubts = [(fit.sd * fit.spread[0]) ** 2 for fit in fits] + (goals - value) ** 2
     remaining = value - float(weight @ [fit.fitted[-1] for fit in fits])
-    sd = math.sqrt(float(weight @ doubts) + (DOUBT * remaining) ** 2)
+    sd = math.sqrt(float(weight @ doubts) + (_DOUBT * remaining) ** 2)
     moved = float(weight @ [np.ptp(fit.fitted) for fit in fits])
     likelihoods = _likelihoods(every, times.size)
     # The longest of the time constants also fits a slower decay, of which more remains.
@@ -248,7 +248,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
         sd=math.hypot(sd, float(likelihoods[-_SLOW:] @ away)),
         least_sd=sd,
         remaining=remaining,
-        trusted=sd <= max(best.noise, TRUST * moved),
+        trusted=sd <= max(best.noise, _TRUST * moved),
         noise=best.noise,
         changes=np.array([choice.ahead @ fit.weights for choice, fit in pairs]),
         change_sds=np.array([choice.ahead_spread * fit.sd for choice, fit in pairs]),
@@ -283,14 +283,14 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
         allowed = tolerance * float(np.ptp(_measured(t, y)[0]))
         left = abs(end.remaining)
         near = left <= allowed and end.least_sd <= allowed
-        hidden = still and end.probability(allowed) >= LIKELY
+        hidden = still and end.probability(allowed) >= _LIKELY
         if near or end.trusted or (still and not hidden):
             settled = near or (hidden and left <= allowed)
             verdict: Verdict = "settled" if settled else "extrapolated"
             return Settling(end.value, end.sd, verdict, *slopes)
     if still:
         line = trend(t, y, STRETCH * window) or line
-    way = FADING * float(np.ptp(t)) * abs(line.slope)
+    way = _FADING * float(np.ptp(t)) * abs(line.slope)
     if end is not None:
         way = max(way, abs(end.value - line.value))
     sd = math.hypot(line.sd, way)
@@ -381,16 +381,16 @@ def _decays(grid: bytes) -> list[_DecayChoice]:
 
     The holds of a plan have the same times, so that the factors serve for all of them.
     """
-    pairs = itertools.combinations(TIME_CONSTANTS, 2)
-    usual = [*((share,) for share in TIME_CONSTANTS), *pairs]
-    slower = [(SLOWER,), *((share, SLOWER) for share in TIME_CONSTANTS)]
+    pairs = itertools.combinations(_TIME_CONSTANTS, 2)
+    usual = [*((share,) for share in _TIME_CONSTANTS), *pairs]
+    slower = [(_SLOWER,), *((share, _SLOWER) for share in _TIME_CONSTANTS)]
     return [_choice(np.frombuffer(grid), shares) for shares in [*usual, *slower]]
 
 
 def _choice(x: FloatArray, shares: tuple[float, ...]) -> _DecayChoice:
     columns = [np.exp(-x / share) for share in shares]
     basis = _Basis.of(np.column_stack([np.ones_like(x), *columns]))
-    ahead = [math.exp(-(TAIL + 1) / share) - math.exp(-TAIL / share) for share in shares]
+    ahead = [math.exp(-(_TAIL + 1) / share) - math.exp(-_TAIL / share) for share in shares]
     change = np.array([0.0, *ahead])
     return _DecayChoice(basis, change, float(np.linalg.norm(change @ basis.inverse)))
 

@@ -41,9 +41,9 @@ HELD = "input held"
 """Column that is 1 where the input of a row was held since the row before; 0 where it is linear."""
 FEWEST_SAMPLES = 20
 """Least samples of a period: the correction for held inputs is then below 10 degrees."""
-FEWEST_PERIODS = 3
+_FEWEST_PERIODS = 3
 """Periods that are discarded at least in a new plan."""
-MAX_SAMPLES = 2_000_000
+_MAX_SAMPLES = 2_000_000
 """Most samples of a sine."""
 SLOW = 1.01
 """The bench was too slow if a sine took longer than planned by more than this factor."""
@@ -99,10 +99,10 @@ class Sine:
                     f"{what} are {value:g}; give a whole number of at least {fewest}"
                 )
             object.__setattr__(self, name, int(value))
-        if self.count > MAX_SAMPLES:
+        if self.count > _MAX_SAMPLES:
             raise ParameterError(
                 f"a sine of {self.frequency:g} Hz has {self.count} samples, more than "
-                f"{MAX_SAMPLES}; discard fewer periods or sample less often"
+                f"{_MAX_SAMPLES}; discard fewer periods or sample less often"
             )
 
     @property
@@ -213,7 +213,7 @@ def grid(
         raise ParameterError(f"tick is {tick:g} s; give a positive time")
     found = []
     for frequency in _all_positive("frequencies", frequencies):
-        discarded = max(FEWEST_PERIODS, int(np.ceil(min(settling * frequency, MAX_SAMPLES))))
+        discarded = max(_FEWEST_PERIODS, int(np.ceil(min(settling * frequency, _MAX_SAMPLES))))
         for amplitude in _all_positive("amplitudes", amplitudes):
             sine = Sine(
                 frequency=float(frequency),

@@ -36,9 +36,9 @@ from minorloop.lab.tables import (
 
 __all__ = ["opened_text"]
 
-MAX_LINE = 1024**2
+_MAX_LINE = 1024**2
 """Longest line that is read, in characters."""
-CHUNK, BLOCK = 50_000, 8 * 1024**2
+_CHUNK, BLOCK = 50_000, 8 * 1024**2
 """Rows and characters that are converted to numbers at once."""
 _LATIN = "cp1252"
 """Encoding of a file that is not UTF-8: that of Windows, which contains Latin-1."""
@@ -127,17 +127,17 @@ def _encoding_of(file: Path) -> str:
 def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], None]) -> OpenTable:
     """Read up to the first row of data."""
     comment, number, place = "", 1, text.tell()
-    line = text.readline(MAX_LINE)
+    line = text.readline(_MAX_LINE)
     while line.lstrip().startswith(_COMMENTS) or (comment and line and not line.strip()):
         if number > _MOST_COMMENTS:
             raise RecordError(f"{file} begins with {number - 1} comments; remove them")
         comment = line if line.strip() else comment
         number, place = number + 1, text.tell()
-        line = text.readline(MAX_LINE)
+        line = text.readline(_MAX_LINE)
     if not line.strip():
         raise RecordError(f"{file} is empty or begins with an empty line; it needs a header line")
     delimiter = max(_DELIMITERS, key=line.count)
-    if "\0" in line or (len(line) == MAX_LINE and line.count(delimiter) < LARGEST.columns):
+    if "\0" in line or (len(line) == _MAX_LINE and line.count(delimiter) < LARGEST.columns):
         raise RecordError(f"{file} looks like a binary file; give a CSV file")
     bounds.check(file, columns=line.count(delimiter) + 1)
     headers = _cells(line, delimiter)
@@ -152,7 +152,7 @@ def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], N
         first = number
     check_headers(headers, file)
     place = text.tell()
-    following = [text.readline(MAX_LINE) for _ in range(_LOOKED_AT)]
+    following = [text.readline(_MAX_LINE) for _ in range(_LOOKED_AT)]
     text.seek(place)
     units = None
     if following[0].strip() and '"' not in following[0]:
@@ -160,7 +160,7 @@ def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], N
     if units:
         headers, first = units, first + 1
         check_headers(headers, file)
-        text.readline(MAX_LINE)
+        text.readline(_MAX_LINE)
     decimal = _decimal(following, delimiter)
     rows = _TextRows(file, len(headers), delimiter, decimal)
     return OpenTable(file, headers, rows.blocks(text, first, bounds, progress), decimal)
@@ -207,11 +207,11 @@ class _TextRows:
         while True:
             place = text.tell()
             part = text.read(BLOCK)
-            part += text.readline(MAX_LINE) if part and not part.endswith("\n") else ""
+            part += text.readline(_MAX_LINE) if part and not part.endswith("\n") else ""
             if not part:
                 return
             numbers = self._numbers(part)
-            quoted = '"' in part or (len(part) > MAX_LINE and not part.endswith("\n"))
+            quoted = '"' in part or (len(part) > _MAX_LINE and not part.endswith("\n"))
             if numbers is not None:
                 rows = range(row, row + numbers.shape[0])
                 found = iter([Block(partial(_column, numbers), rows)])
@@ -249,7 +249,7 @@ class _TextRows:
         for row in csv.reader(self._lines(text, first), delimiter=self.delimiter, strict=True):
             chunk.append(row)
             size += len(row) + sum(map(len, row))
-            if size >= BLOCK or len(chunk) == CHUNK:
+            if size >= BLOCK or len(chunk) == _CHUNK:
                 yield self._full(chunk, first)
                 first, chunk, size = first + len(chunk), [], 0
         if chunk:
@@ -258,7 +258,7 @@ class _TextRows:
     def _lines(self, text: TextIO, first: int) -> Iterator[str]:
         """Yield the lines of a table; refuse endless rows."""
         quoted, running, most = 0, 0, self.width + _SLACK
-        for number, line in enumerate(iter(partial(text.readline, MAX_LINE), ""), first):
+        for number, line in enumerate(iter(partial(text.readline, _MAX_LINE), ""), first):
             if len(line) > most and line.count(self.delimiter) > most:
                 raise RecordError(
                     f"line {number} of {self.file} has more than {most} cells; repair it"

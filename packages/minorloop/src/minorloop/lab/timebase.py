@@ -35,13 +35,13 @@ SECONDS = {
     "d": 86400.0,
 }
 """Units of time that a record may have, in seconds."""
-NAMES = (
+_NAMES = (
     *("t", "time", "timestamp", "date", "datetime", "date/time", "date time", "clock"),
     *("zeit", "zeitstempel", "datum", "datum/uhrzeit", "uhrzeit"),
     *("temps", "horodatage", "tiempo", "fecha", "tempo"),
 )
 """Names of a column of time, in small letters."""
-DATES = ("date", "datum", "fecha")
+_DATES = ("date", "datum", "fecha")
 """Those of a column with the day, if another one has the time."""
 GAP = 5.0
 """A step of more sample intervals than this is a gap."""
@@ -110,10 +110,10 @@ def time_column(
     """
     split = {header: split_time(header) for header in headers}
     split = {h: parts for h, parts in split.items() if h not in but and parts[0] not in but}
-    named = [header for header, (name, _) in split.items() if name.casefold() in NAMES]
+    named = [header for header, (name, _) in split.items() if name.casefold() in _NAMES]
     timed = [header for header, (_, unit) in split.items() if unit and unit in SECONDS]
     both = [header for header in named if header in timed]
-    of_day = [header for header in named if split[header][0].casefold() not in DATES]
+    of_day = [header for header in named if split[header][0].casefold() not in _DATES]
     found = both or of_day or named or timed
     if len(found) > 1:
         shown = " and ".join(f"'{header}'" for header in found[:4])
@@ -130,7 +130,7 @@ def split_time(header: str) -> tuple[str, str]:
     if re.fullmatch(r"[dmyhsfjt:.,/ -]{4,}", unit.casefold()):
         return name, ""
     stem, _, last = name.rpartition("_")
-    if not unit and last in SECONDS and stem.casefold() in NAMES:
+    if not unit and last in SECONDS and stem.casefold() in _NAMES:
         return stem, last
     return name, unit
 

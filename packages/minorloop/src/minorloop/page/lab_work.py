@@ -43,7 +43,7 @@ _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
 # Limits that keep a task within the time and memory of a worker.
 _MOST_LEVELS, _MOST_TARGETS = 100, 10_000
-BOUNDS = Bounds(
+_BOUNDS = Bounds(
     rows=500_000,
     columns=100,
     advice=" here, or use 'minorloop identify' on the command line",
@@ -64,7 +64,7 @@ def look(folder: str, name: str) -> Reports:
     """Describe the columns of a CSV file: unit, rows, range, and whether it looks like time."""
     os.chdir(folder)
     columns: list[dict[str, Any]] = []
-    found = read_each(name, BOUNDS)
+    found = read_each(name, _BOUNDS)
     for index, (header, values) in enumerate(found):
         if isinstance(values, RecordError):
             columns.append({"header": header, "trouble": str(values)})

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, TypeVar
 
 from minorloop.errors import OutputError
 
-PREFIX = "minorloop-lab-"
+_PREFIX = "minorloop-lab-"
 MODEL, REPORT, INPUTS = RESULTS = "model.json", "report.html", "inputs.csv"
 """Results in the folder of a file."""
 _BLOCK = 1 << 18
@@ -101,7 +101,7 @@ class Uploads:
 
     async def start(self) -> None:
         """Make the folder."""
-        self.root = Path(await self._on_disk(tempfile.mkdtemp, None, PREFIX, self._folder))
+        self.root = Path(await self._on_disk(tempfile.mkdtemp, None, _PREFIX, self._folder))
 
     async def stop(self) -> None:
         """Remove the folder."""

@@ -19,15 +19,15 @@ _STAGES = (2, 2, 5)
 """Factors of the decimation, in order."""
 _TAPS = 31
 """Taps of each filter: order 30."""
-PERIOD = 8192
+_PERIOD = 8192
 """Samples of one period of a multisine."""
-PERIODS = 5
+_PERIODS = 5
 """Periods of the training record."""
-NOISE = 8e-6
+_NOISE = 8e-6
 """Standard deviation of the noise of the training record in m, white up to 375 Hz."""
-BAND = (5.0, 150.0)
+_BAND = (5.0, 150.0)
 """Lowest and highest frequency of a multisine in Hz; every line between them is excited."""
-FORCE = 50.0
+_FORCE = 50.0
 """Root-mean-square of a multisine in N."""
 SWEEP = (18.0, 52.0, 204.0, 40.0)
 """First and last frequency of the sweep in Hz, its duration in s and its amplitude in N."""
@@ -63,8 +63,8 @@ def training_record(seed: int) -> BenchmarkRecord:
     ``seed``: draws the phases of the multisine and the noise.
     """
     rng = np.random.default_rng([seed, 0])
-    u, y = _settled(rng, PERIODS)
-    return BenchmarkRecord(_times(u), u, y + rng.normal(0, NOISE, y.size), PERIOD)
+    u, y = _settled(rng, _PERIODS)
+    return BenchmarkRecord(_times(u), u, y + rng.normal(0, _NOISE, y.size), _PERIOD)
 
 
 def multisine_test(seed: int) -> BenchmarkRecord:
@@ -73,7 +73,7 @@ def multisine_test(seed: int) -> BenchmarkRecord:
     ``seed``: draws its phases.
     """
     u, y = _settled(np.random.default_rng([seed, 1]), 1)
-    return BenchmarkRecord(_times(u), u, y, PERIOD)
+    return BenchmarkRecord(_times(u), u, y, _PERIOD)
 
 
 def sweep_test() -> BenchmarkRecord:
@@ -114,16 +114,16 @@ def _settled(rng: np.random.Generator, periods: int) -> tuple[FloatArray, FloatA
 
     One more is simulated behind, so that the filters see the periods around.
     """
-    frequencies = np.arange(PERIOD // 2 + 1) * RATE / PERIOD
-    excited = (frequencies >= BAND[0]) & (frequencies <= BAND[1])
+    frequencies = np.arange(_PERIOD // 2 + 1) * RATE / _PERIOD
+    excited = (frequencies >= _BAND[0]) & (frequencies <= _BAND[1])
     spectrum = np.zeros(frequencies.size, dtype=complex)
     spectrum[excited] = np.exp(2j * np.pi * rng.random(int(excited.sum())))
     factor = int(np.prod(_STAGES))
-    coarse = np.fft.irfft(spectrum, PERIOD)
-    scale = FORCE / float(np.std(coarse))
-    fine = scale * factor * np.fft.irfft(spectrum, PERIOD * factor)
+    coarse = np.fft.irfft(spectrum, _PERIOD)
+    scale = _FORCE / float(np.std(coarse))
+    fine = scale * factor * np.fft.irfft(spectrum, _PERIOD * factor)
     y = decimate(_integrated(np.tile(fine, periods + 2)))
-    return np.tile(scale * coarse, periods), y[PERIOD : (periods + 1) * PERIOD]
+    return np.tile(scale * coarse, periods), y[_PERIOD : (periods + 1) * _PERIOD]
 
 
 def _integrated(force: FloatArray) -> FloatArray:

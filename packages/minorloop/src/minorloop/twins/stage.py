@@ -15,17 +15,17 @@ from minorloop.twins import _kernels
 
 RATE = 10_000.0
 """Samples a second."""
-SUBSTEPS = 8
+_SUBSTEPS = 8
 """Steps of the integration for each sample."""
 VOLTAGE = 100.0
 """Greatest voltage; the least one is 0."""
 TRAVEL = 40.0
 """Change of the position in um from 0 to that voltage, without creep."""
-NOISE = 0.01
+_NOISE = 0.01
 """Standard deviation of a reading in um, white: that of a capacitive sensor of this range."""
 _RESONANCE = 300.0
 """Natural frequency in Hz, in the middle of the specimens."""
-RADII = np.linspace(0.0, 48.0, 97)
+_RADII = np.linspace(0.0, 48.0, 97)
 """Radii of the plays in V."""
 _SWEEP = 2000
 """Steps of the sweep to the greatest voltage and of that back, before a record."""
@@ -41,7 +41,7 @@ class Stage:
     @cached_property
     def _drawn(self) -> dict[str, FloatArray]:
         rng = np.random.default_rng([self.seed, 0])
-        plays = np.exp(-RADII / rng.uniform(12, 20))
+        plays = np.exp(-_RADII / rng.uniform(12, 20))
         plays[0] = rng.uniform(4, 8) * plays[1:].sum() / 2.5
         return {
             "plays": plays / plays.sum(),
@@ -60,7 +60,7 @@ class Stage:
         """Natural frequency in Hz."""
         return float(self._drawn["omega"][0]) / (2 * np.pi)
 
-    def positions(self, u: FloatArray, noise: float = NOISE, experiment: int = 0) -> FloatArray:
+    def positions(self, u: FloatArray, noise: float = _NOISE, experiment: int = 0) -> FloatArray:
         """Return the positions (T,) in um, read at the end of each sample.
 
         Before the first sample, the stage was moved to the greatest voltage and back to 0, and
@@ -79,7 +79,7 @@ class Stage:
         up = np.linspace(0.0, VOLTAGE, _SWEEP + 1)
         before = np.concatenate([up, up[-2::-1]])
         w = _kernels.hysteretic(
-            np.concatenate([before, u]), RADII, drawn["plays"], drawn["strength"], drawn["rate"]
+            np.concatenate([before, u]), _RADII, drawn["plays"], drawn["strength"], drawn["rate"]
         )
         low, high = w[before.size - 1], w[_SWEEP]
         z = (w[before.size :] - low) / (high - low)
@@ -87,7 +87,7 @@ class Stage:
         y = _kernels.creeping_resonance(
             pushed,
             1 / RATE,
-            SUBSTEPS,
+            _SUBSTEPS,
             float(drawn["omega"][0]),
             float(drawn["damping"][0]),
             drawn["times"],

@@ -23,9 +23,9 @@ from minorloop.lab.signals import Deferred, ended_by_signals
 
 __all__ = ["Bench", "Clock", "LimitedSource", "WallClock", "check_rest"]
 
-OVERLOAD = 9e37
+_OVERLOAD = 9e37
 """Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)."""
-MAX_SAMPLES = 20_000_000
+_MAX_SAMPLES = 20_000_000
 """Most samples of a hold."""
 _READINGS = 3
 """Readings after which the answer time of the meter is known."""
@@ -492,7 +492,7 @@ def check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
 
 def _check_reading(channel: Channel, value: float) -> None:
     """Refuse a reading that cannot be."""
-    if not math.isfinite(value) or abs(value) >= OVERLOAD:
+    if not math.isfinite(value) or abs(value) >= _OVERLOAD:
         raise InstrumentError(
             f"the meter reads {value} for {channel.name}: overloaded, or not connected"
         )
@@ -509,6 +509,6 @@ def _count(duration: float, interval: float) -> int:
         if not 0 < value < math.inf:
             raise ParameterError(f"{name} is {value!r} s; give a positive time")
     count = max(1, math.ceil(duration / interval - _ROUNDING))
-    if count > MAX_SAMPLES:
-        raise ParameterError(f"{count} samples are more than {MAX_SAMPLES}; sample more slowly")
+    if count > _MAX_SAMPLES:
+        raise ParameterError(f"{count} samples are more than {_MAX_SAMPLES}; sample more slowly")
     return count

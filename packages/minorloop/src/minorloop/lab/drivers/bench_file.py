@@ -90,9 +90,9 @@ __all__ = ["DRIVERS", "open_bench"]
 
 DRIVERS = "minorloop.drivers"
 """Group of the entry points of drivers."""
-UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
+_UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
 """Keys on which no reading depends; they may change before a run is resumed."""
-LARGEST = 1_000_000
+_LARGEST = 1_000_000
 """Bytes of the largest file."""
 _ROUNDING = 1e-9
 """Share of the largest number sent that a conversion may go back: rounding, far below the
@@ -236,8 +236,8 @@ def read_description(path: Path) -> dict[str, Any]:
     Raises a `ParameterError` if it cannot be read, or is not a table.
     """
     try:
-        if path.stat().st_size > LARGEST:
-            raise ParameterError(f"{path} is larger than {LARGEST} bytes; give a bench file")
+        if path.stat().st_size > _LARGEST:
+            raise ParameterError(f"{path} is larger than {_LARGEST} bytes; give a bench file")
         content = path.read_bytes()
         kind = kind_of_file(path, content)
         if kind not in ("", "a JSON file", "a TOML file"):
@@ -260,7 +260,7 @@ def read_description(path: Path) -> dict[str, Any]:
 def relevant(values: Any) -> Any:
     """Return all values on which a reading depends; timeouts are not among them."""
     if isinstance(values, Mapping):
-        kept = {key: value for key, value in values.items() if key not in UNRELATED}
+        kept = {key: value for key, value in values.items() if key not in _UNRELATED}
         return {key: relevant(value) for key, value in kept.items()}
     return [relevant(value) for value in values] if isinstance(values, list) else values
 
@@ -270,7 +270,7 @@ def _without_defaults(described: msgspec.Struct) -> dict[str, Any]:
     kept = {
         each.name: value
         for each in msgspec.structs.fields(described)
-        if (value := getattr(described, each.name)) != each.default and each.name not in UNRELATED
+        if (value := getattr(described, each.name)) != each.default and each.name not in _UNRELATED
     }
     return {
         name: _without_defaults(value) if isinstance(value, msgspec.Struct) else relevant(value)

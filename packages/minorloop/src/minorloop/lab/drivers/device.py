@@ -102,16 +102,16 @@ class Section(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
                 raise ValueError(f"{name} is nan; give a number")
 
 
-Parsed = TypeVar("Parsed", bound=Section)
+_Parsed = TypeVar("_Parsed", bound=Section)
 
 
 def parsed(
-    kind: type[Parsed],
+    kind: type[_Parsed],
     values: Mapping[str, Any],
     where: object,
     what: str = "bench",
     also: Sequence[str] = (),
-) -> Parsed:
+) -> _Parsed:
     """Return part of a file as its structure.
 
     Raises a `ParameterError` if a key is missing, unknown, or of another type.
@@ -173,7 +173,7 @@ class DeviceChannel:
     bench_keys: tuple[str, ...] = ()
     """What the file may say of it to the bench."""
 
-    def parsed(self, kind: type[Parsed]) -> Parsed:
+    def parsed(self, kind: type[_Parsed]) -> _Parsed:
         """Return what the file says of it to the driver, as `parsed` does."""
         where = f"{self.what} {self.name!r}"
         return parsed(kind, self.keys, where, self.what, self.bench_keys)

@@ -16,7 +16,7 @@ from minorloop.lab.signals import Deferred
 
 __all__ = ["Link", "LinkSettings", "VisaLink", "number", "opened"]
 
-LONGEST = 4096
+_LONGEST = 4096
 """Most characters of an answer."""
 _ADVICE = "; connect it, or correct its address (minorloop devices lists what is there)"
 _SHOWN = 40
@@ -329,15 +329,15 @@ class VisaLink:
         deadline = time.monotonic() + self._timeout
         found = b""
         while not found.endswith(b"\n"):
-            if len(found) > LONGEST or time.monotonic() > deadline:
+            if len(found) > _LONGEST or time.monotonic() > deadline:
                 raise _unended(found)
             try:
-                found += self._some(1 if self._streams else LONGEST + 1)
+                found += self._some(1 if self._streams else _LONGEST + 1)
             except Exception:
                 if not found:
                     raise
                 raise _unended(found) from None
-            if not self._streams and len(found) <= LONGEST:
+            if not self._streams and len(found) <= _LONGEST:
                 break  # a message has an end of its own
         return found
 

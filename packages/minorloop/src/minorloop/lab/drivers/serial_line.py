@@ -38,7 +38,7 @@ from minorloop.lab.signals import Deferred
 
 __all__ = ["Board", "BoardLine", "parse", "write"]
 
-VERSION = 2
+_VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
 _WRONG_ANSWERS = 8
 """Wrong answers that are discarded before the question fails."""
@@ -188,10 +188,10 @@ class Board(BoardLine):
     def __init__(self, link: Link) -> None:
         super().__init__(link)
         words = self.hello
-        if len(words) != 5 or words[:2] != ["minorloop", str(VERSION)]:
+        if len(words) != 5 or words[:2] != ["minorloop", str(_VERSION)]:
             raise InstrumentError(
                 f"{link.name} answers {' '.join(words)!r}; its firmware has another protocol "
-                f"than minorloop {VERSION}: export it again"
+                f"than minorloop {_VERSION}: export it again"
             )
         self.low, self.high = (number(word, link.name) for word in words[2:4])
         self._wait_at_most(words[4])

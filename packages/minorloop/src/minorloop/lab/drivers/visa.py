@@ -41,7 +41,7 @@ __all__ = [
 NEEDS = "pyvisa", "instruments"
 """Library of the driver, and the extra that installs it."""
 
-UNANSWERED = (
+_UNANSWERED = (
     "{} answers nothing, so it cannot confirm that it is safe; check it at the end of the run, or "
     "give confirm, errors, safe_query or done"
 )
@@ -302,7 +302,7 @@ class VisaDevice(PlannedDevice):
         ]
         self._meters = [ScpiMeter(self._link, each.read) for each in self._sensors]
         silent = [each for each in self._sources if not each.answers]
-        self.warnings = [UNANSWERED.format(self.name)] if silent else []
+        self.warnings = [_UNANSWERED.format(self.name)] if silent else []
 
     def set(self, values: FloatArray) -> None:
         """Set all sources, one after the other."""
