@@ -29,8 +29,6 @@ from minorloop.lab.plan import FEWEST, Plan
 from minorloop.lab.store import Point
 from minorloop.operators.after_effect import AfterEffect, TimedTracker
 
-__all__ = ["SETTLING_TIMES", "Delivery"]
-
 SETTLING_TIMES = 5.0
 """Time constants in saturation: less than 1 % of the slowest creep is left."""
 MOST_INTERVALS = 10_000

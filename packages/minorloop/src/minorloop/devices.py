@@ -15,8 +15,6 @@ from minorloop.lab.actuator import Actuator
 from minorloop.lab.drivers.bench_file import DRIVERS
 from minorloop.registry import loaded, registered
 
-__all__ = ["DeviceRow", "present", "probed"]
-
 _FILES = ".toml", ".json"
 """Endings of bench files, which may be given without ``bench:``."""
 _OTHERS = "minorloop.devices"

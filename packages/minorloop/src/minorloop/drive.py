@@ -32,8 +32,6 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point
 from minorloop.operators.relays import RelayModel
 
-__all__ = ["Arrival", "DriveResult", "MismatchError", "TargetDrive"]
-
 SURE = 2.0
 """An error below this many standard deviations of the measured value is not corrected."""
 

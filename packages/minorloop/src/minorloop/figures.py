@@ -11,8 +11,6 @@ from typing import Any
 from minorloop.errors import ParameterError
 from minorloop.registry import loaded, registered
 
-__all__ = ["Drawn", "plot"]
-
 _GROUP = "minorloop.drawing"
 
 

@@ -35,18 +35,6 @@ from minorloop.lab.store import Point, Setup, Store
 from minorloop.lab.wrapped_actuator import ConvertedActuator, single_channel
 from minorloop.modelfile import ModelFile
 
-__all__ = [
-    "AdaptivePlan",
-    "Apparatus",
-    "Approach",
-    "Carry",
-    "HoldEnds",
-    "RunResult",
-    "drive_to",
-    "measure",
-    "resume",
-]
-
 _HOLD = 200.0
 """Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
 _SLOW = 1.2

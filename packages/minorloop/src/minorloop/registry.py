@@ -7,8 +7,6 @@ from typing import Any
 
 from minorloop.errors import ParameterError
 
-__all__ = ["loaded", "registered"]
-
 
 def registered(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group, by name."""

@@ -51,8 +51,6 @@ from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
 from minorloop.report import Picture, Report, Table
 
-__all__ = ["ModelScore", "Simulation", "read_inputs", "score", "simulate"]
-
 AnyModel: TypeAlias = str | PathLike[str] | ModelFile | Identified | Model
 """A model file, its content, the result of an identification, or a model."""
 _WRONG = 0.1

@@ -10,7 +10,8 @@ from minorloop.errors import InstrumentError, LimitError, ParameterError, Safety
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
-from minorloop.lab.run import Stopped, long_enough, run
+from minorloop.lab.run import long_enough, run
+from minorloop.lab.signals import Stopped
 from minorloop.lab.store import Setup, Store
 
 LEVELS = [-1.2, 0.3, -0.6, 1.2, 0.0, 0.7]

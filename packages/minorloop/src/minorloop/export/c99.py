@@ -20,8 +20,6 @@ from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM
 from minorloop.operators.preisach import Preisach
 from minorloop.version import __version__
 
-__all__ = ["CSource", "export_c", "source"]
-
 _LONGEST_NAME = 40
 """Characters of the name, so that public names have fewer than 63, as many as C99 distinguishes."""
 _COMMENT = 96

@@ -29,8 +29,6 @@ from minorloop.operators.memory import ROOM
 from minorloop.operators.preisach import Preisach
 from minorloop.version import __version__
 
-__all__ = ["export_fmu"]
-
 _PATIENCE = 120
 """Seconds after which a compiler counts as hanging."""
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-Wall", "-Wextra")

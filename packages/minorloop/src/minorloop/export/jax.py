@@ -39,7 +39,6 @@ try:
 except ImportError:
     raise MissingExtraError("jax", "jax") from None
 
-__all__ = ["Parameters", "as_function", "as_model"]
 
 Parameters: TypeAlias = dict[str, Any]
 """Arrays of JAX by name: the parameters of a model."""

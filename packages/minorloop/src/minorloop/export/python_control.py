@@ -15,8 +15,6 @@ from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Star
 from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 
-__all__ = ["as_memory", "as_state", "as_system"]
-
 Operator: TypeAlias = Preisach | PrandtlIshlinskii
 Step = Callable[[FloatArray, float], tuple[float, FloatArray]]
 Update = Callable[[float, FloatArray, FloatArray, Mapping[str, Any]], Any]

@@ -24,7 +24,6 @@ try:
 except ImportError:
     raise MissingExtraError("scikit-learn", "sklearn") from None
 
-__all__ = ["EXPECTED_FAILURES", "PreisachRegressor"]
 
 _REMEMBERS = "the output depends on the rows before, so {}"
 EXPECTED_FAILURES: dict[str, str] = {

@@ -32,8 +32,6 @@ from minorloop.fleet.results import (
 )
 from minorloop.fleet.summary import Outcome, Summary
 
-__all__ = ["identify_fleet"]
-
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
 ) | {"lag", "start", "offset", "holdout", "mean", "skip", "start_of_curve"}

@@ -16,8 +16,6 @@ from minorloop.files import PathLike, check_name, unquoted
 from minorloop.fleet.summary import Outcome
 from minorloop.lab.tables import MAX_BYTES
 
-__all__ = ["Specimen", "read_manifest"]
-
 COLUMNS = ("specimen", "file", "input", "output")
 OPTIONAL = ("time", "curves", "groups", "sd")
 """Columns of a record, as `minorloop.read` takes them, that a manifest may name too."""

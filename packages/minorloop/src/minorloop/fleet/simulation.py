@@ -15,8 +15,6 @@ from minorloop.operators._parallel import in_parallel
 from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Start
 from minorloop.operators.preisach import Preisach
 
-__all__ = ["FleetState", "simulate_fleet"]
-
 MOST_OPERATORS = 2**31
 """A choice: with the least room, their memory takes 412 GB."""
 _CHUNK = 16_384

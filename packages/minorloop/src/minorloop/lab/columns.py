@@ -11,8 +11,6 @@ from minorloop.lab.sheets import is_sheet, read_sheet
 from minorloop.lab.tables import LARGEST, Bounds, Labels, OpenTable
 from minorloop.lab.text_tables import opened_text
 
-__all__ = ["opened", "read_columns", "read_each", "read_headers", "read_labels", "row_number"]
-
 
 @contextmanager
 def opened(

@@ -23,19 +23,6 @@ from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity
 from minorloop.values import called, numbers, parsed
 
-__all__ = [
-    "CalibrationPolynomial",
-    "CalibrationTable",
-    "Conversion",
-    "LaserCurvature",
-    "as_json",
-    "from_json",
-    "from_text",
-    "linear",
-    "read_column",
-    "unit_factor",
-]
-
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "cm": 1e-2}
 """Units of length that a laser may have, in metres."""
 _POWERS = {"n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "": 0, "k": 3, "M": 6, "G": 9}

@@ -20,23 +20,6 @@ from minorloop.errors import ParameterError, SignalError, are, counted
 from minorloop.lab.holds import FoundHold
 from minorloop.lab.noise import frozen, noise_above_resolution, noise_of
 
-__all__ = [
-    "DETECTORS",
-    "FEWEST",
-    "Fault",
-    "clipped",
-    "codes",
-    "far_from_others",
-    "input_without_spikes",
-    "listed",
-    "spikes",
-    "stuck",
-    "usable",
-    "without",
-    "without_codes",
-    "without_spikes",
-]
-
 Kind: TypeAlias = Literal["code", "range", "clipped", "stuck", "outlier", "drift", "lag"]
 _SHOWN = 6
 """Samples that are listed at most."""

@@ -18,8 +18,6 @@ from minorloop.lab.holds import turning_points
 from minorloop.lab.noise import noise_of
 from minorloop.lab.timebase import GAP, UNEVEN, TimeCheck
 
-__all__ = ["Bridges", "bridged", "known_memory", "with_lost_rows"]
-
 _UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
 

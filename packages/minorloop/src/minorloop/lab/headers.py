@@ -8,15 +8,6 @@ from pathlib import Path
 from minorloop.errors import RecordError
 from minorloop.files import check_name
 
-__all__ = [
-    "check_headers",
-    "deviation_column",
-    "find_column",
-    "split_header",
-    "with_unit",
-    "with_units",
-]
-
 _UNITS = """
 s ms us µs μs ns min h d V mV uV µV kV A mA uA µA nA m cm mm um µm nm 1/m Hz kHz MHz N mN uN µN kN
 Pa kPa MPa bar mbar T mT uT µT G Oe kOe A/m kA/m emu Am2 K mK C °C degC F deg ° rad mrad W mW

@@ -9,8 +9,6 @@ from minorloop.arrays import FloatArray
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 
-__all__ = ["Hold"]
-
 _JUDGEMENTS = 2
 """Judgements of the output in each window."""
 

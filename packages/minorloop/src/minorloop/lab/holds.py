@@ -16,8 +16,6 @@ from minorloop.errors import ParameterError
 from minorloop.lab.noise import noise_of
 from minorloop.lab.settling import FEWEST_STILL
 
-__all__ = ["FoundHold", "find_holds", "looks_like_raw_log", "turning_points"]
-
 _SURE = 6.0
 """Standard deviations of noise from which a change of the mean is a change of the input, and up to
 which the means of pieces with an outlier between them are equal."""

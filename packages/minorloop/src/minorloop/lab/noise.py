@@ -10,15 +10,6 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 
-__all__ = [
-    "FrozenReadings",
-    "RepeatedReadings",
-    "frozen",
-    "noise_above_resolution",
-    "noise_of",
-    "spread",
-]
-
 _MEDIAN = 0.6745
 """Median of the magnitude of a normal variable over its standard deviation."""
 

@@ -30,8 +30,6 @@ from minorloop.lab.sensor_drift import SensorDrift, find_drift
 from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
 from minorloop.lab.timebase import GAP
 
-__all__ = ["ReducedPoint", "Reduction", "reduce"]
-
 _Flip: TypeAlias = Literal["output", "input", "both"]
 """Whose sign is changed."""
 

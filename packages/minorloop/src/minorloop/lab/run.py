@@ -29,24 +29,9 @@ from minorloop.lab.holding import Hold
 from minorloop.lab.noise import RepeatedReadings
 from minorloop.lab.plan import Plan
 from minorloop.lab.settling import SPAN_SHARE, judge, settled_after, trend
-from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
+from minorloop.lab.signals import Allowed, Deferred, ended_by_signals
 from minorloop.lab.sines import Driven, MeasuredSine, Sine, apply_sine
 from minorloop.lab.store import Point, Store, reason_of
-
-__all__ = [
-    "Choose",
-    "Described",
-    "Restorable",
-    "ResumeMode",
-    "RunProgress",
-    "Stopped",
-    "answer_time",
-    "check_plan",
-    "left_safe",
-    "long_enough",
-    "measured_sines",
-    "run",
-]
 
 ResumeMode: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 

@@ -14,8 +14,6 @@ from minorloop.arrays import FloatArray
 from minorloop.lab.holds import FoundHold
 from minorloop.lab.settling import STRETCH, trend
 
-__all__ = ["SensorDrift", "find_drift"]
-
 _FEWEST = 4
 """Least holds after a rise and after a fall: fewer may agree by chance."""
 _SURE = 6.0

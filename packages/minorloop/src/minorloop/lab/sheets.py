@@ -17,8 +17,6 @@ from minorloop.files import PathLike
 from minorloop.lab.headers import check_headers, with_units
 from minorloop.lab.tables import NUMBER, Block, Bounds, Cells, OpenTable, check_file
 
-__all__ = ["is_sheet", "read_sheet"]
-
 _FEWEST_NUMBERS = 2
 """Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
 _MOST_ROWS = 2**20

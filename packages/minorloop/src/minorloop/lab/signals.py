@@ -14,8 +14,6 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
-__all__ = ["Allowed", "Deferred", "Stopped", "ended_by_signals"]
-
 # SIGINT is restored last: its usual handler raises, and then all others are already restored.
 _NAMES = ("SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK", "SIGINT")
 

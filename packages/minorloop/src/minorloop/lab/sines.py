@@ -24,19 +24,6 @@ from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.tables import OpenTable
 
-__all__ = [
-    "FEWEST_SAMPLES",
-    "SLOW",
-    "Driven",
-    "MeasuredSine",
-    "Sine",
-    "apply_sine",
-    "grid",
-    "read_sines",
-    "sine_columns",
-    "sines_as_log",
-]
-
 HELD = "input held"
 """Column that is 1 where the input of a row was held since the row before; 0 where it is linear."""
 FEWEST_SAMPLES = 20

@@ -54,8 +54,6 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.signals import Deferred
 
-__all__ = ["Point", "RunSession", "Setup", "Store", "is_store", "reason_of"]
-
 _COUNTS = (
     "SELECT (SELECT coalesce(max(id) + 1, 0) FROM point WHERE id < ?1), "
     "(SELECT coalesce(max(id) + 1, 0) FROM trace WHERE id < ?1)"

@@ -23,17 +23,6 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError, counted
 from minorloop.lab.headers import find_column
 
-__all__ = [
-    "Block",
-    "Bounds",
-    "Cells",
-    "Labels",
-    "OpenTable",
-    "SparseColumnError",
-    "check_file",
-    "is_number",
-]
-
 MAX_BYTES = 4 * 1024**3
 """Largest file that is read: 4 GiB."""
 NUMBER = 8

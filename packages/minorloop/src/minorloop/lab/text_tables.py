@@ -34,8 +34,6 @@ from minorloop.lab.tables import (
     is_number,
 )
 
-__all__ = ["opened_text"]
-
 _MAX_LINE = 1024**2
 """Longest line that is read, in characters."""
 _CHUNK, BLOCK = 50_000, 8 * 1024**2

@@ -11,17 +11,6 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.lab.headers import split_header
 
-__all__ = [
-    "SECONDS",
-    "TimeCheck",
-    "check_times",
-    "delayed",
-    "parse_lag",
-    "resample",
-    "split_time",
-    "time_column",
-]
-
 SECONDS = {
     "": 1.0,
     "s": 1.0,

@@ -27,14 +27,6 @@ from minorloop.lab.actuator import (
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.records import Quantity, Record
 
-__all__ = [
-    "ConvertedActuator",
-    "LimitedActuator",
-    "SingleChannel",
-    "WrappedActuator",
-    "single_channel",
-]
-
 
 class WrappedActuator:
     """The base of actuators that change what another one takes or gives.

@@ -21,8 +21,6 @@ from minorloop.lab.drivers.device import Closable, Lines, Meter, Source
 from minorloop.lab.records import Quantity, Record, Timing
 from minorloop.lab.signals import Deferred, ended_by_signals
 
-__all__ = ["Bench", "Clock", "LimitedSource", "WallClock", "check_rest"]
-
 _OVERLOAD = 9e37
 """Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)."""
 _MAX_SAMPLES = 20_000_000

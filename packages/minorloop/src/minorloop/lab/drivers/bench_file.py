@@ -86,8 +86,6 @@ from minorloop.lab.drivers.device import (
 )
 from minorloop.registry import loaded, registered
 
-__all__ = ["DRIVERS", "open_bench"]
-
 DRIVERS = "minorloop.drivers"
 """Group of the entry points of drivers."""
 _UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"

@@ -18,8 +18,6 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError
 from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section
 
-__all__ = ["NEEDS", "DaqDevice", "found", "open_device"]
-
 NEEDS = "nidaqmx", "daqmx"
 """Library of the driver, and the extra that installs it."""
 

@@ -22,21 +22,6 @@ from minorloop.errors import InstrumentError, LimitError, ParameterError, all_do
 from minorloop.lab.actuator import Value
 from minorloop.lab.conversion import Conversion
 
-__all__ = [
-    "Closable",
-    "Device",
-    "DeviceChannel",
-    "DevicePlan",
-    "Lines",
-    "Meter",
-    "PlannedDevice",
-    "Section",
-    "Source",
-    "Wired",
-    "Wiring",
-    "parsed",
-]
-
 
 class Source(Protocol):
     """Sets the inputs of a plant."""

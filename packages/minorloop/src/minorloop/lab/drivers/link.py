@@ -14,8 +14,6 @@ from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
 from minorloop.lab.drivers.device import Section
 from minorloop.lab.signals import Deferred
 
-__all__ = ["Link", "LinkSettings", "VisaLink", "number", "opened"]
-
 _LONGEST = 4096
 """Most characters of an answer."""
 _ADVICE = "; connect it, or correct its address (minorloop devices lists what is there)"

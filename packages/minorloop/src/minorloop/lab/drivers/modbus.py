@@ -18,8 +18,6 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MissingExtraError
 from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section
 
-__all__ = ["NEEDS", "ModbusDevice", "open_device"]
-
 NEEDS = "pymodbus", "modbus"
 """Library of the driver, and the extra that installs it."""
 

@@ -4,8 +4,6 @@ from collections.abc import Iterable
 
 from minorloop.errors import InstrumentError
 
-__all__ = ["SILENCE", "Script"]
-
 SILENCE = "\0silence"
 """An answer that does not come."""
 

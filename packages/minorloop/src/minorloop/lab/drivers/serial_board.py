@@ -31,8 +31,6 @@ from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, Section, par
 from minorloop.lab.drivers.link import Link, LinkSettings, number, opened
 from minorloop.lab.drivers.serial_line import BoardLine
 
-__all__ = ["NEEDS", "SerialBoard", "found", "open_device"]
-
 NEEDS = "pyvisa", "instruments"
 """Library of the driver, and the extra that installs it."""
 

@@ -36,8 +36,6 @@ from minorloop.errors import InstrumentError, counted
 from minorloop.lab.drivers.link import Link, number
 from minorloop.lab.signals import Deferred
 
-__all__ = ["Board", "BoardLine", "parse", "write"]
-
 _VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
 _WRONG_ANSWERS = 8

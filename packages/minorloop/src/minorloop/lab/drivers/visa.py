@@ -23,20 +23,9 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError, all_done
 from minorloop.lab.actuator import SIX_DIGITS
-from minorloop.lab.drivers.bench_file import open_bench
+from minorloop.lab.drivers.bench_file import open_bench as open_bench
 from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section
 from minorloop.lab.drivers.link import Link, LinkSettings, number, opened
-
-__all__ = [
-    "NEEDS",
-    "Commands",
-    "ScpiMeter",
-    "ScpiSource",
-    "VisaDevice",
-    "found",
-    "open_bench",
-    "open_device",
-]
 
 NEEDS = "pyvisa", "instruments"
 """Library of the driver, and the extra that installs it."""
