@@ -177,6 +177,8 @@ def check_input(
     Raises a `LimitError` if a number is not finite, or beyond a limit or a rate limit; a
     `ParameterError` if there is not one real number for each channel.
 
+    The input is returned as it was given, (channels,); it is not clipped.
+
     Parameters
     ----------
     channels : tuple of Channel
@@ -187,11 +189,6 @@ def check_input(
         The input that is on now; rate limits are checked against it.
     interval : float
         Time over which the input changes from ``before`` to ``u``, in seconds.
-
-    Returns
-    -------
-    (channels,) array
-        The input as it was given; it is not clipped.
     """
     values = _one_each(channels, u)
     for channel, value in zip(channels, values, strict=True):

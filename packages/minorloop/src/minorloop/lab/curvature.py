@@ -25,6 +25,8 @@ def curvature_from_displacement(d: npt.ArrayLike, d0: float, h0: float) -> Float
     Raises a `SignalError` if a distance is not finite, or the strip would bend past a quarter
     circle; a `ParameterError` if ``d0`` or ``h0`` is not a length.
 
+    The curvature has the shape of ``d``, in 1/m, positive where ``d`` is below ``d0``.
+
     Parameters
     ----------
     d : array_like
@@ -33,11 +35,6 @@ def curvature_from_displacement(d: npt.ArrayLike, d0: float, h0: float) -> Float
         Distance to the straight strip, in metres.
     h0 : float
         Height of the laser above the clamp, in metres, positive.
-
-    Returns
-    -------
-    array like d
-        Curvature in 1/m, positive where ``d`` is below ``d0``.
     """
     _check_geometry(d0, h0)
     distance = _numbers(d, "d")
@@ -58,6 +55,8 @@ def displacement_from_curvature(
     Raises a `SignalError` if a curvature is not finite, or so large that the laser spot misses the
     strip; a `ParameterError` if ``d0``, ``h0`` or ``length`` is not a length.
 
+    The distance has the shape of ``kappa``, in metres.
+
     Parameters
     ----------
     kappa : array_like
@@ -66,11 +65,6 @@ def displacement_from_curvature(
         As in ``curvature_from_displacement``.
     length : float
         Free length of the strip, in metres.
-
-    Returns
-    -------
-    array like kappa
-        Distance in metres.
     """
     _check_geometry(d0, h0)
     _check_length("length", length)

@@ -292,10 +292,8 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
 
     ``y`` (T,): readings of a sensor while its input is constant, NaN where nothing was measured.
 
-    Returns
-    -------
-    (T,) array of bool
-        All False for fewer than twenty readings, and where more than a tenth would be spikes.
+    It is (T,), all False for fewer than twenty readings, and where more than a tenth would be
+    spikes.
     """
     values = np.asarray(y, dtype=np.float64)
     known = np.flatnonzero(np.isfinite(values))

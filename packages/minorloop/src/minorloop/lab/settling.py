@@ -150,6 +150,8 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
 
     The uncertainty follows from the residuals; correlated neighbours count as fewer samples.
 
+    It is None if there are fewer than four samples.
+
     Parameters
     ----------
     t : (T,) array_like
@@ -158,11 +160,6 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
         Outputs; NaN where nothing was measured.
     window : float
         How far to look back from the last sample, in seconds.
-
-    Returns
-    -------
-    Trend or None
-        None if there are fewer than four samples.
     """
     times, values = _trailing(*_measured(t, y), window)
     if times.size < _FEWEST or times[-1] == times[0]:
@@ -183,11 +180,8 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     whose distribution is approximated by a beta distribution of the same variance. An output that
     moves smoothly has similar neighbours. Parameters are as of `trend`.
 
-    Returns
-    -------
-    bool
-        False if there are fewer than eight samples: seven samples of noise rise from first to last
-        too often.
+    It is False if there are fewer than eight samples: seven samples of noise rise from first to
+    last too often.
     """
     times, values = _trailing(*_measured(t, y), STRETCH * window)
     if times.size < FEWEST_STILL or times[-1] == times[0]:
@@ -216,10 +210,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     averaged by their likelihood with the penalty of Schwarz (Estimating the dimension of a model,
     1978). The spread between choices is part of the uncertainty. t and y are as of `judge`.
 
-    Returns
-    -------
-    Extrapolation or None
-        None if the tail of the hold has fewer than twelve samples.
+    It is None if the tail of the hold has fewer than twelve samples.
     """
     times, values = _measured(t, y)
     tail = times >= times[-1] - _TAIL * (times[-1] - times[0]) if times.size else slice(0)

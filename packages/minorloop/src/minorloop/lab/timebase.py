@@ -258,6 +258,8 @@ def parse_lag(text: str) -> float | None:
 def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.inf) -> FloatArray:
     """Return the output ``lag`` seconds after each sample, between samples on a straight line.
 
+    It is (T,), NaN where it is not known.
+
     Parameters
     ----------
     t, y : (T,) array_like
@@ -266,11 +268,6 @@ def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.i
         In seconds, >= 0.
     gap : float
         Between samples further apart than this, the output is not known.
-
-    Returns
-    -------
-    (T,) array
-        NaN where it is not known.
     """
     times, values = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if as_finite("lag", lag) < 0:

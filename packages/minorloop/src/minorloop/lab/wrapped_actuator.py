@@ -244,17 +244,14 @@ def single_channel(
 
     Raises a `ParameterError` if there is no such channel, or there are several to choose from.
 
+    It is the actuator itself if it has one of each.
+
     Parameters
     ----------
     actuator : Actuator
     input, output : str, optional
         Name, or name with unit, of a channel. The only input, and the output that belongs to the
         input, without them.
-
-    Returns
-    -------
-    Actuator
-        The actuator itself if it has one of each.
     """
     place = _named(actuator.inputs, input, "input")
     own = getattr(actuator, "measures", range(len(actuator.outputs)))
