@@ -235,7 +235,7 @@ def uploaded(server: Server, root: Path, count: int, megabytes: int) -> list[Row
         peaks = np.maximum(peaks, (server.serving(), server.memory(), on_disk(root)))
         time.sleep(0.1)
     statuses["not answered yet"] = sum(each.is_alive() for each in threads)
-    answers = ", ".join(f"{number} x {status}" for status, number in statuses.items() if number)
+    said = ", ".join(f"{number} x {status}" for status, number in statuses.items() if number)
     shape = f"{count} uploads of {megabytes} MB"
     worst = max(answers, default=float("inf"))
     return [
@@ -244,7 +244,7 @@ def uploaded(server: Server, root: Path, count: int, megabytes: int) -> list[Row
             worst,
             required="<= 5 s",
             met=worst <= 5.0,
-            accuracy=f"answers to the large ones: {answers}",
+            accuracy=f"answers to the large ones: {said}",
         ),
         Row(
             f"{shape}: memory",
