@@ -76,7 +76,7 @@ def test_text_among_the_numbers_is_named(table, text):
 
 
 def test_rows_are_counted_across_chunks_and_blank_lines(table, monkeypatch):
-    monkeypatch.setattr(text_tables, "CHUNK", 4)
+    monkeypatch.setattr(text_tables, "_CHUNK", 4)
     rows = ["u", *map(str, range(10)), "", "x", "3"]
     with pytest.raises(RecordError, match="the text 'x' in row 13"):
         read_columns(table("\n".join(rows)), ["u"])

@@ -19,11 +19,11 @@ _STAGES = (2, 2, 5)
 """Factors of the decimation, in order."""
 _TAPS = 31
 """Taps of each filter: order 30."""
-_PERIOD = 8192
+PERIOD = 8192
 """Samples of one period of a multisine."""
 _PERIODS = 5
 """Periods of the training record."""
-_NOISE = 8e-6
+NOISE = 8e-6
 """Standard deviation of the noise of the training record in m, white up to 375 Hz."""
 _BAND = (5.0, 150.0)
 """Lowest and highest frequency of a multisine in Hz; every line between them is excited."""
@@ -64,7 +64,7 @@ def training_record(seed: int) -> BenchmarkRecord:
     """
     rng = np.random.default_rng([seed, 0])
     u, y = _settled(rng, _PERIODS)
-    return BenchmarkRecord(_times(u), u, y + rng.normal(0, _NOISE, y.size), _PERIOD)
+    return BenchmarkRecord(_times(u), u, y + rng.normal(0, NOISE, y.size), PERIOD)
 
 
 def multisine_test(seed: int) -> BenchmarkRecord:
@@ -73,7 +73,7 @@ def multisine_test(seed: int) -> BenchmarkRecord:
     ``seed``: draws its phases.
     """
     u, y = _settled(np.random.default_rng([seed, 1]), 1)
-    return BenchmarkRecord(_times(u), u, y, _PERIOD)
+    return BenchmarkRecord(_times(u), u, y, PERIOD)
 
 
 def sweep_test() -> BenchmarkRecord:
@@ -114,16 +114,16 @@ def _settled(rng: np.random.Generator, periods: int) -> tuple[FloatArray, FloatA
 
     One more is simulated behind, so that the filters see the periods around.
     """
-    frequencies = np.arange(_PERIOD // 2 + 1) * RATE / _PERIOD
+    frequencies = np.arange(PERIOD // 2 + 1) * RATE / PERIOD
     excited = (frequencies >= _BAND[0]) & (frequencies <= _BAND[1])
     spectrum = np.zeros(frequencies.size, dtype=complex)
     spectrum[excited] = np.exp(2j * np.pi * rng.random(int(excited.sum())))
     factor = int(np.prod(_STAGES))
-    coarse = np.fft.irfft(spectrum, _PERIOD)
+    coarse = np.fft.irfft(spectrum, PERIOD)
     scale = _FORCE / float(np.std(coarse))
-    fine = scale * factor * np.fft.irfft(spectrum, _PERIOD * factor)
+    fine = scale * factor * np.fft.irfft(spectrum, PERIOD * factor)
     y = decimate(_integrated(np.tile(fine, periods + 2)))
-    return np.tile(scale * coarse, periods), y[_PERIOD : (periods + 1) * _PERIOD]
+    return np.tile(scale * coarse, periods), y[PERIOD : (periods + 1) * PERIOD]
 
 
 def _integrated(force: FloatArray) -> FloatArray:
