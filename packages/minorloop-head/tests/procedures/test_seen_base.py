@@ -50,6 +50,16 @@ def test_what_the_joints_do_not_explain_is_the_turn_of_the_base_while_the_cathet
         assert np.degrees(base.at(t)) == pytest.approx(np.degrees(turned), abs=0.05)
 
 
+def test_a_roll_beyond_what_the_first_picture_shows_is_followed(tip, base):
+    begun(tip, base)
+    for n in range(1, 19):
+        t, place = float(n), PLACE + np.radians([0.0, 10.0 * n])
+        turned = np.radians([0.7 * (-1.0) ** n, 0.5])
+        base.read(t, AIM, place)
+        base.see(picture(tip, AIM, turned, place), t)
+    assert np.degrees(base.at(18.0)) == pytest.approx(np.degrees(turned), abs=0.3)
+
+
 def test_the_turn_is_that_of_the_time_of_the_burst(tip, base):
     begun(tip, base)
     for t, turned in ((1.0, 0.0), (1.2, 0.01)):

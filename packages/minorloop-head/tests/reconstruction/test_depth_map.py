@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.reconstruction.depth_map import (
     CAMERA,
     ECHOES,
@@ -50,11 +51,24 @@ def test_the_camera_knows_the_wall_but_not_the_depth_of_a_defect():
 
 @given(st.floats(-8e-3, 8e-3))
 def test_the_water_line_is_found_within_its_gap(height):
-    phi = np.radians(np.arange(-180, 180, 5.0))
+    phi = np.radians(np.arange(-178.7, 180, 5.0))
     line = find_water(phi, 10e-3 * np.sin(phi) > height, 10e-3)
     assert abs(line.height - height) <= line.sd * np.sqrt(12)
     assert line.wrong == 0
     assert (line.wet(phi, 10e-3) == (10e-3 * np.sin(phi) > height)).all()
+
+
+@pytest.mark.parametrize("place_sd", [0.0, 0.1e-3, 0.3e-3])
+def test_nine_in_ten_levels_are_in_their_band(place_sd):
+    rng, inside = np.random.default_rng(1), []
+    for height in rng.uniform(-9e-3, 5e-3, 400):
+        phi = rng.uniform(-np.pi, np.pi) + 2 * np.pi * np.arange(24) / 24
+        heard = 10e-3 * np.sin(phi) + rng.normal(0.0, place_sd) > height
+        heard &= rng.random(24) > 0.02  # some are lost on dents
+        line = find_water(phi, heard, 10e-3, place_sd=place_sd)
+        inside += [abs(line.height - height) < PER_DEVIATION * line.sd] if line.seen else []
+    assert len(inside) > 300
+    assert 0.86 < np.mean(inside) < 0.94
 
 
 def test_below_the_axis_the_face_of_the_probe_gives_the_water_line():
@@ -126,3 +140,6 @@ def test_where_no_surface_was_seen_the_pipe_is_full_or_without_an_echo():
     assert not dry.full
     assert "no echo at any place: the probe is above the water; let in more" in dry.words
     assert find_water([], [], 10e-3).words == "not seen"
+    lost = np.ones(24, bool)
+    lost[np.argmin(np.sin(turns))] = False  # by a dent at the top
+    assert find_water(turns, lost, 10e-3).full

@@ -31,6 +31,8 @@ _FARTHEST = math.radians(3.0)
 _TRIES = 16
 """Angles that are tried if the view is not found at the expected ones: all that are near, 2 degrees
 apart."""
+_ROLLED = math.radians(5.0)
+"""Roll of the catheter after which what is newly in view is remembered: a tenth of a picture."""
 _NEAR, _BETWEEN = 0.02, 0.25
 """Seconds from a picture within which the turn is that of the picture, and between two pictures
 between which it is interpolated: either is off by less than 0.04 degrees in a sway of 1 degree at
@@ -55,6 +57,7 @@ class SeenBase:
         self._read: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=_KEPT)
         self._seen: deque[tuple[float, FloatArray]] = deque(maxlen=_KEPT)
         self._state: WallState | None = None
+        self._rolls: list[float] = []
         self.why = "no picture was taken while the base was at rest"
 
     @property
@@ -89,6 +92,7 @@ class SeenBase:
         rested = np.mean(before or [self._read[0][1]], axis=0)
         self._state = None
         self._seen.clear()
+        self._rolls = [self._place(t)[1]]
         try:
             _, self._state = self._estimator(t).begin(image, rested, t)
         except SignalError as error:
@@ -115,6 +119,10 @@ class SeenBase:
         if sight.verdict == SEEN:
             # After a turn of a degree, some tenths remain; from there, a hundredth does.
             sight, state = estimator.step(replace(before, angles=sight.angles, missed=0), image, t)
+        roll = self._place(t)[1]
+        if sight.verdict == SEEN and min(abs(roll - one) for one in self._rolls) > _ROLLED:
+            state = estimator.rolled(state, image, sight.sd)
+            self._rolls.append(roll)
         self._state, self.why = state, sight.reason
         if sight.verdict == SEEN:
             self._seen.append((t, sight.angles - angles))
@@ -137,8 +145,11 @@ class SeenBase:
 
     def _estimator(self, t: float) -> WallAngles:
         """Return the estimator where the catheter was at a time."""
-        place = min(self._read, key=lambda each: abs(each[0] - t))[2]
-        return WallAngles(self._view.camera_at(place))
+        return WallAngles(self._view.camera_at(self._place(t)))
+
+    def _place(self, t: float) -> FloatArray:
+        """Return advance and roll (2,) of the catheter at a time."""
+        return min(self._read, key=lambda each: abs(each[0] - t))[2]
 
     def _angles(self, t: float) -> FloatArray:
         """Return what the joints read at a time, between two readings if need be."""

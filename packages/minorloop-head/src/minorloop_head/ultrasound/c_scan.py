@@ -159,8 +159,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     face, offset, phi = probe.transducer.face, probe.mount.offset[1], echoes.spots[:, 0]
     # Where there is no wall at all, the usual echo is one of noise.
     answers = np.isfinite(echoes.depth) & (echoes.strongest > _WET)
-    water = find_water(phi, answers, probe.radius, face=face, offset=offset)
-    water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
+    water = find_water(phi, answers, probe.radius, face=face, offset=offset, place_sd=_PLACE_SD)
     coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
     used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
     noise = _spread(echoes.texture[used]), _spread(echoes.lost[used])

@@ -208,6 +208,25 @@ class WallAngles:
         moved = self._moved_on(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
         return replace(sight, trial=doubt is not None), moved
 
+    def rolled(self, state: WallState, image: Image, sd: FloatArray) -> WallState:
+        """Return the state after a roll of the camera: new patches that agree after it are wall.
+
+        Others are on trial until the next roll. A turn of the head does this by itself.
+
+        Parameters
+        ----------
+        state : WallState
+            After the step of this picture, which was seen.
+        image : (height, width) array of uint8
+        sd : (2,) array
+            Standard deviations of its angles, in radians.
+        """
+        pyramid, still = self.pictures.pyramid(image), np.zeros(2)
+        scores = self.pictures.compared(pyramid, 0, state.trial, state.angles, still)[0]
+        patches = state.patches.with_more(state.trial.of(np.flatnonzero(scores >= LEAST)))
+        trial = self.pictures.new(pyramid, state.angles, patches, sd, still)
+        return replace(state, patches=patches, trial=trial)
+
     def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Doubt | None:
         """Return the trial of a view, None if it is known to be the wall.
 
