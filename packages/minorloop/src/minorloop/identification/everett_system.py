@@ -8,25 +8,20 @@ are equations, each with a multiplier.
 
 The sparse matrix is quasi-definite (Vanderbei, SIAM J. Optim. 5, 1995): its unknowns have signs,
 and it is positive definite on those of one sign and negative definite on the others. Then each
-order of elimination is possible. The order is by least degree (Liu, ACM Trans. Math. Softw. 11,
-1985), computed by SuperLU. Columns with nearly the same rows are eliminated together (Ng and
+order of elimination is possible. Columns with nearly the same rows are eliminated together (Ng and
 Peyton, SIAM J. Sci. Comput. 14, 1993).
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _sparse_kernels as _kernels
 from minorloop.identification.design_matrix import DesignMatrix, corners
+from minorloop.identification.elimination_order import Elimination, permuted, quick_elimination
 from minorloop.identification.linear_algebra import conjugate_gradients
 from minorloop.identification.prior import FieldPrecision, Mesh
-
-if TYPE_CHECKING:
-    from scipy.sparse import csc_array
 
 _SOFT = 1e-8
 """Negative diagonal of the multipliers, over the mean weight of a sample."""
@@ -34,9 +29,6 @@ _TINY = 1e-14
 """Diagonal of unknowns that no sample determines, likewise."""
 _TOGETHER = 64
 """Outputs whose variances are computed at once."""
-_DOMINANT = 1e3
-"""Added to the diagonal where only the order of elimination is wanted, so that no pivot is zero;
-its size does not matter."""
 _ROUNDING = 1e-15
 """Size of a pivot, over that of its column before elimination, that counts as zero: a few times the
 precision of float64."""
@@ -133,8 +125,16 @@ class EverettSystem:
         entries.add(np.flatnonzero(sign > 0), np.flatnonzero(sign > 0), _TINY * weight.mean())
         rows, columns, self._values = entries.all()
         added = self._added_places(mesh)
+        places = np.zeros((self._size - self._values_of_field, 2))
+        places[: spec.cells] = np.column_stack(np.tril_indices(spec.bands))
+        corner = index[inner, :4].max(axis=1, initial=0)
+        places[spec.cells : self._root] = np.tile(places[corner], (2, 1))
         self._factor = SparseFactor(
-            np.append(rows, added[0]), np.append(columns, added[1]), sign, self._values_of_field
+            np.append(rows, added[0]),
+            np.append(columns, added[1]),
+            sign,
+            self._values_of_field,
+            places,
         )
         self._ridge = np.zeros(spec.unknowns)
 
@@ -161,7 +161,7 @@ class EverettSystem:
     @property
     def operations(self) -> float:
         """Multiplications of a factorisation."""
-        return float(np.sum(self._factor.counts.astype(np.float64) ** 2))
+        return self._factor.elimination.operations
 
     def condition(self, precision: FieldPrecision, scale: FloatArray) -> None:
         """Set the precision of the prior and the factor of each column."""
@@ -354,10 +354,18 @@ class SparseFactor:
 
     ``rows`` and ``columns`` (E,) are the places of its entries, in one triangle; entries in the
     same place are added. ``sign`` (n,) is 1 or -1 for each unknown. The ``last`` unknowns are
-    eliminated last, because they are linked to most others.
+    eliminated last, because they are linked to most others; ``places`` (n - last, 2) are those of
+    the others in the plane.
     """
 
-    def __init__(self, rows: IntArray, columns: IntArray, sign: FloatArray, last: int = 0) -> None:
+    def __init__(
+        self,
+        rows: IntArray,
+        columns: IntArray,
+        sign: FloatArray,
+        last: int = 0,
+        places: FloatArray | None = None,
+    ) -> None:
         from scipy.sparse import coo_array
 
         n = sign.size
@@ -365,18 +373,16 @@ class SparseFactor:
         others = np.concatenate([columns, rows, np.arange(n)])
         self._entries, self._sign = (rows, columns), sign
         self._pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
-        least = _least_degree(self._pattern[: n - last, : n - last])
-        self._order = np.append(least, np.arange(n - last, n))
-        tree = _elimination_tree(*_permuted(self._pattern, self._order))
-        self._parent, self.counts = tree
+        self.elimination = quick_elimination(self._pattern, last, places)
         self._data: FloatArray | None = None
 
     def _lay_out(self) -> FloatArray:
         """Find the panels and the places of the entries; many systems are only counted."""
         n = self._sign.size
-        self._order = self._order[_kernels.postorder(self._parent)]
-        first, below = _permuted(self._pattern, self._order)
-        parent, counts = _elimination_tree(first, below)
+        order, parent, _ = self.elimination
+        self._order = order[_kernels.postorder(parent)]
+        first, below = permuted(self._pattern, self._order)
+        _, parent, counts = Elimination.of(self._pattern, self._order)
         start, height = _kernels.panels(parent, counts)
         width = np.diff(start)
         at, offset = np.append(0, np.cumsum(height)), np.append(0, np.cumsum(height * width))
@@ -438,35 +444,3 @@ class SparseFactor:
         x = np.ascontiguousarray(b[self._order])
         _kernels.solve_half(*self._panels, self._data, x)
         return x
-
-
-def _least_degree(pattern: csc_array[Any]) -> IntArray:
-    """Order of elimination with little fill."""
-    from scipy.sparse import csc_array, diags_array
-    from scipy.sparse.linalg import spilu
-
-    count = pattern.shape[0]
-    dominant = csc_array(pattern + diags_array(np.full(count, _DOMINANT)))
-    incomplete = spilu(  # drops all entries, so that it costs little more than the order
-        dominant,
-        drop_tol=1.0,
-        fill_factor=1,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return np.argsort(incomplete.perm_c)
-
-
-def _permuted(pattern: csc_array[Any], order: IntArray) -> tuple[IntArray, IntArray]:
-    """Columns of a permuted pattern: where each begins, and its rows."""
-    moved = pattern[order][:, order]
-    return moved.indptr.astype(np.int64), moved.indices.astype(np.int64)
-
-
-def _elimination_tree(first: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-    """Parent of each column in the elimination tree, -1 for a root, and the size of each column."""
-    n = first.size - 1
-    parent, count = np.full(n, -1), np.ones(n, dtype=np.int64)
-    _kernels.elimination_tree(first, rows, parent, np.full(n, -1), count)
-    return parent, count
