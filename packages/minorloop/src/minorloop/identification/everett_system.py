@@ -211,13 +211,13 @@ class EverettSystem:
         left = np.where(free, r, 0.0)
         return conjugate_gradients(
             lambda z: np.where(free, self.product(z) + self._ridge * z, 0.0),
-            lambda z: np.where(free, self._rough(z), 0.0),
+            lambda z: np.where(free, self.rough(z), 0.0),
             left,
             tolerance * float(np.linalg.norm(left)),
             most,
         )
 
-    def _rough(self, r: FloatArray) -> FloatArray:
+    def rough(self, r: FloatArray) -> FloatArray:
         """(n,) solution, to the accuracy of the factor."""
         spec, cells, out = self.matrix.spec, self.cells, np.empty_like(r)
         x = self._factor.solve(self._right(r / self.scale))

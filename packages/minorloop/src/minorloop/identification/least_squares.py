@@ -117,6 +117,12 @@ class Problem:
         best, guess = self._best_strength(part, strengths)
         return part.solve(best, guess if best else None).x
 
+    @cached_property
+    def differences(self) -> tuple[csr_array[Any], csr_array[Any]]:
+        """D of `neighbour_differences`, and D'D."""
+        apart = neighbour_differences(self.matrix.spec)
+        return apart, (apart.T @ apart).tocsr()
+
     def coarser(self) -> Problem:
         """Problem of the same samples with every other threshold."""
         return replace(self, matrix=self.matrix.coarser())
@@ -243,9 +249,10 @@ class _System:
         apart = penalty = None
         if strength:
             factor = np.sqrt(strength * self.weight.sum()) * spec.bands
-            apart = factor * neighbour_differences(spec)
-            scaled = apart.multiply(self.scale).tocsr()
-            penalty = (scaled.T @ scaled).tocsr()
+            differences, products = self.problem.differences
+            apart, penalty = factor * differences, products.copy()
+            along = np.repeat(self.scale, np.diff(penalty.indptr))
+            penalty.data *= factor**2 * along * self.scale[penalty.indices]
         rows = self._rows(apart)
         rough = self.problem.rough and spec.cells <= _LARGE
         if self.y.size > _MANY or rough:

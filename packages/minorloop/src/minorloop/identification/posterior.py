@@ -15,7 +15,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
-from minorloop.identification.active_set import polish
+from minorloop.identification.active_set import solve_with_prior
 from minorloop.identification.dense_solver import GramRows, Quadratic, solve
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.everett_system import EverettSystem, quick_system
@@ -433,7 +433,7 @@ class SparseSystem(PriorSystem):
         start = start + self.centre
         start = np.where(bounded, np.maximum(start, 0.0), start) / system.scale
         y = self.evidence.y
-        found = polish(system, y, bounded, start, size, centre=self.centre)
+        found = solve_with_prior(system, y, bounded, start, size, self.centre)
         return system.scale * found.z - self.centre, found.kkt
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
