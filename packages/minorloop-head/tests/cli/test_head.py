@@ -43,7 +43,7 @@ from wires import identified, made_up
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
 LATER = (datetime.now(UTC) + timedelta(hours=12)).replace(microsecond=0)
 """After every identification of a test."""
-IDENTIFY = "head identify --actuator twin:head --noise 0.05 --bands 2 --hold 12 --store runs"
+IDENTIFY = "head identify --actuator twin:head --noise 0.05 --inputs bands=2,hold=12 --store runs"
 
 
 class Swept:
@@ -111,7 +111,7 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
 @pytest.mark.parametrize(
     ("command", "sentence"),
     [
-        (f"{IDENTIFY} --head head.json --bands 1", "bands"),
+        (f"{IDENTIFY} --head head.json --inputs bands=1", "bands"),
         ("head identify --actuator twin:ipmc --store runs --head head.json", "two currents in A"),
         (
             "head identify --actuator twin:head --camera camera:0 --store runs --head head.json",
@@ -348,7 +348,7 @@ def test_a_camera_beside_sensors_says_that_they_are_not_used(capsys, monkeypatch
     )
 
 
-SMALL = "--squares 7x5 --side 4"
+SMALL = "--target squares=7x5,side=4"
 CALIBRATE = f"head calibrate {SMALL} --head head.json --serial H-07"
 
 
@@ -422,7 +422,10 @@ def test_a_head_is_calibrated_from_pictures(run, scene):
         ("--mount lens --angles angles.csv", "has no row for 00.png"),
         ("--pictures few", "few: 2 pictures with a target; give 8 or more; 1 is left out: "),
         ("--pictures sizes", "8 by 8 pixels"),
-        ("--pictures lens --squares 6x6", "show not a charuco of 6 by 6 squares but another"),
+        (
+            "--pictures lens --target squares=6x6",
+            "show not a charuco of 6 by 6 squares but another",
+        ),
         ("--pictures none", "there is no folder"),
     ],
 )
@@ -456,7 +459,7 @@ HALF = replace(VIEW, lens=Pinhole(320, 240, 260.0, (159.5, 119.5)))
         ("--leds 1,2,3 --head new.json", "the lens is not calibrated; give its pictures"),
         ("--leds 1,2,3 --angles a.csv --force", "those of the pictures of --mount"),
         ("--leds 1,2,3 --force --radius 0", "--radius is 0.0; give 0.1 to 1000 mm"),
-        ("--leds 1,2,3 --squares 9", "--squares is '9'; give columns and rows such as 9x7"),
+        ("--leds 1,2,3 --target squares=9", "squares of --target is '9'; give columns and rows"),
         ("--print-target target.doc", "let it end in .pdf, .svg, .png"),
     ],
 )

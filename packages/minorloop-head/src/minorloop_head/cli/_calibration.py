@@ -10,6 +10,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.errors import OutputError, ParameterError, counted
+from minorloop.values import called, parsed
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -30,12 +31,23 @@ _ENLARGED = 100
 """Length of a residual in the report, in its own length."""
 
 
-def squares(text: str) -> tuple[int, int]:
-    """Return columns and rows of ``9x7``."""
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
-        raise ParameterError(f"--squares is {text!r}; give columns and rows such as 9x7")
-    return int(parts[0]), int(parts[1])
+def target_of(text: str) -> Target:
+    """Return the target of ``charuco,squares=9x7,side=3``, whose side is in mm."""
+    from minorloop.arrays import as_finite
+    from minorloop_head.vision.targets import Target
+
+    given = parsed(text)
+
+    def made(squares: str = "9x7", side: float = 3.0) -> Target:
+        counts = squares.lower().split("x")
+        if len(counts) != 2 or not all(each.isascii() and each.isdigit() for each in counts):
+            raise ParameterError(
+                f"squares of --target is {squares!r}; give columns and rows such as 9x7"
+            )
+        size = 1e-3 * as_finite("side of --target", side)
+        return Target(given.kind or given.what or "charuco", int(counts[0]), int(counts[1]), size)
+
+    return called(made, "--target", given.options)
 
 
 def led_places(text: str) -> FloatArray:

@@ -148,13 +148,14 @@ def calibrate(
             help="Places of the LEDs in mm: right of the lens, below it, before it.",
         ),
     ] = None,
-    target: Annotated[str, typer.Option(help="Kind of the target: charuco or chessboard.")] = (
-        "charuco"
-    ),
-    squares: Annotated[str, typer.Option(help="Columns and rows of its squares.")] = "9x7",
-    side: Annotated[
-        float, _common.number_option("Side of a square of the target as measured, in mm.")
-    ] = 3.0,
+    target: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND,KEY=VALUE,...",
+            help="Kind of the target, charuco or chessboard; columns and rows of its squares; and "
+            "the side of a square as measured, in mm.",
+        ),
+    ] = "charuco,squares=9x7,side=3",
     radius: Annotated[
         float | None, _common.number_option("Radius of the pipe, in mm; 10 if never given.")
     ] = None,
@@ -178,10 +179,8 @@ def calibrate(
     from minorloop_head.cli import _calibration
     from minorloop_head.procedures import calibrate as steps
     from minorloop_head.procedures.head_file import save_head
-    from minorloop_head.vision.targets import Target
 
-    columns, rows = _calibration.squares(squares)
-    board = Target(target, columns, rows, _MM * side)
+    board = _calibration.target_of(target)
     if print_target is not None:
         _calibration.print_target(board, print_target, force=force)
         if as_json:

@@ -16,6 +16,7 @@ from minorloop.cli import _common
 from minorloop.cli._completion import addresses, one_of
 from minorloop.cli._run_progress import carry_out_levels
 from minorloop.errors import OutputError, ParameterError
+from minorloop.values import called, parsed
 from minorloop_head.cli import _water
 from minorloop_head.cli._board import board
 from minorloop_head.cli._head_calibration import calibrate, photograph
@@ -90,18 +91,17 @@ def identify(
         str | None,
         typer.Option(help="Serial number of the head; only if the actuator does not know it."),
     ] = None,
-    highest: Annotated[float, _common.number_option("Largest current, in A.")] = 0.4,
-    bands: Annotated[int, _common.whole_option("Bands of the model of each wire.")] = 12,
-    hold: Annotated[float, _common.seconds_option("Longest hold of a current, in s.")] = 40.0,
-    minor_loops: Annotated[
-        bool,
+    inputs: Annotated[
+        str,
         typer.Option(
-            "--minor-loops",
-            help="Measure a decaying staircase too, for inputs that turn back often: almost twice "
-            "the holds of the curves, and somewhat less error in wide loops; may be added later, "
-            "with --force.",
+            metavar="KEY=VALUE,...",
+            show_default=False,
+            help="highest: largest current in A, 0.4 if not given; bands of the model of each "
+            "wire, 12; hold: longest hold of a current in s, 40; minor-loops=yes: measure a "
+            "decaying staircase too, for inputs that turn back often: almost twice the holds of "
+            "the curves, and somewhat less error in wide loops; may be added later, with --force.",
         ),
-    ] = False,
+    ] = "",
     camera: _Seeing = None,
     specimen: _Specimen = None,
     noise: _Noise = 0.0,
@@ -132,6 +132,7 @@ def identify(
             "camera"
         )
     _common.check_outputs([head], force=True)
+    how = called(HeadExcitation, "--inputs", parsed(inputs).options)
     opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
     pipe = is_pipe(actuator)
     seen = _seen(actuator, camera, noise)
@@ -150,7 +151,7 @@ def identify(
     measurement = HeadMeasurement(
         store,
         {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
-        HeadExcitation(highest=highest, bands=bands, hold=hold, minor_loops=minor_loops),
+        how,
         lambda seed: opened(seed=seed),
         lambda plant, opened: carry_out_levels(plant, opened, None, again=_AGAIN)[0],
         pipe or is_simulated(actuator),
@@ -159,10 +160,10 @@ def identify(
     with _common.interruptible(lambda: kept_in(store, seen=seen)), opened(seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         number = checked(plant)
-        measurement = replace(measurement, told=RunsLeft(left, hold).told)
+        measurement = replace(measurement, told=RunsLeft(left, how.hold).told)
         store.mkdir(parents=True, exist_ok=True)
         if seen:
-            view = swept_view(store, plant, highest, number) or view
+            view = swept_view(store, plant, how.highest, number) or view
             opened = partial(seen_head, actuator, camera, view, specimen=specimen)
     found = replace(before or HeadFile(serial=number), identified=measurement.identified())
     if found.calibration is not None and not pipe:
@@ -485,6 +486,6 @@ app.command(
     "--actuator bench:head.toml --out mount"
 )(photograph)
 app.command(
-    epilog="Example: minorloop head calibrate --pictures lens --mount mount --target charuco "
-    "--squares 9x7 --side 3 --head head.json --serial H-07"
+    epilog="Example: minorloop head calibrate --pictures lens --mount mount "
+    "--target charuco,squares=9x7,side=3 --head head.json --serial H-07"
 )(calibrate)

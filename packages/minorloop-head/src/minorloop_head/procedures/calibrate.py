@@ -135,12 +135,12 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
     if others > len(called) / 2:
         raise RecordError(
             f"{counted(others, 'picture')} of {folder} {'shows' if others == 1 else 'show'} not "
-            f"{what} but another target; count its squares, and give --target and --squares"
+            f"{what} but another target; count its squares, and give them with --target"
         )
     if not seen:
         raise RecordError(
-            f"no picture of {folder} shows {what}{pictures.explained()}; check --target and "
-            "--squares, and that the whole picture is sharp and not too dark"
+            f"no picture of {folder} shows {what}{pictures.explained()}; check "
+            "--target, and that the whole picture is sharp and not too dark"
         )
     return pictures
 
