@@ -73,21 +73,6 @@ class Estimate:
 class PowerObserver(Loop):
     """Observer of the effective power and of the bias of the surroundings.
 
-    Parameters
-    ----------
-    wire : HeatedWire
-        The model.
-    correction : float
-        Rate at which the effective power follows the readings, in 1/s.
-    learning : float
-        Rate at which the bias changes, in 1/s.
-    smoothing : float
-        Time constant of the filter on the difference between reading and model, in seconds.
-    dead_band : float
-        Differences up to this many degrees count as noise.
-    interval, delay, highest
-        As in `Loop`.
-
     Raises
     ------
     ParameterError
@@ -102,10 +87,15 @@ class PowerObserver(Loop):
     """
 
     wire: HeatedWire
+    """The model."""
     correction: float = 3.75
+    """Rate at which the effective power follows the readings, in 1/s."""
     learning: float = 3.75
+    """Rate at which the bias changes, in 1/s."""
     smoothing: float = 0.044
+    """Time constant of the filter on the difference between reading and model, in seconds."""
     dead_band: float = 0.05
+    """Differences up to this many degrees count as noise."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -207,17 +197,6 @@ class ObserverState:
 class ObserverControl(PowerObserver):
     """Control by the inverse operator and the inverse lag, from the observed state.
 
-    Parameters
-    ----------
-    response : float
-        Time constant in seconds with which the effective power follows, within the limits of the
-        current.
-    steepness : float
-        Largest power for a small error, as the slope of the operator over its mean slope; it
-        keeps the loop calm where the operator is flat.
-    wire, correction, learning, smoothing, dead_band, interval, delay, highest
-        As in `PowerObserver`.
-
     Raises
     ------
     ParameterError
@@ -225,7 +204,11 @@ class ObserverControl(PowerObserver):
     """
 
     response: float = 0.4
+    """Time constant in seconds with which the effective power follows, within the limits of the
+    current."""
     steepness: float = 1.33
+    """Largest power for a small error, as the slope of the operator over its mean slope; it keeps
+    the loop calm where the operator is flat."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -137,32 +137,20 @@ class ReachState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReachWatch(Loop):
-    """Decides whether targets can be reached.
-
-    Parameters
-    ----------
-    wire : HeatedWire
-        The model.
-    rise : float
-        Steady rise of the temperature of a hot wire for a heating power, in K per A^2.
-    cold_resistance : float
-        Resistance of a cold wire over that of a hot one.
-    tolerance : float
-        Degrees beyond the reach from which a target is unreachable.
-    certainty : float
-        Weight of the hypotheses under which it must be.
-    retry : float
-        Seconds after which an unreachable target is tried again.
-    interval, delay, highest
-        As in `Loop`.
-    """
+    """Decides whether targets can be reached."""
 
     wire: HeatedWire
+    """The model."""
     rise: float = 676.0
+    """Steady rise of the temperature of a hot wire for a heating power, in K per A^2."""
     cold_resistance: float = 0.8
+    """Resistance of a cold wire over that of a hot one."""
     tolerance: float = 1.0
+    """Degrees beyond the reach from which a target is unreachable."""
     certainty: float = 0.995
+    """Weight of the hypotheses under which it must be."""
     retry: float = 60.0
+    """Seconds after which an unreachable target is tried again."""
 
     def step(
         self,
