@@ -99,20 +99,11 @@ def in_si(row: ReportedFinding) -> tables.Finding:
     def m(value: float | None) -> float:
         return math.nan if value is None else 1e-3 * value
 
+    size = m(row.diameter), m(row.diameter_sd)
     return tables.Finding(
-        row.kind,
-        row.verdict,
-        math.radians(row.phi),
-        math.radians(row.phi_sd),
-        m(row.z),
-        m(row.z_sd),
-        m(row.diameter),
-        m(row.diameter_sd),
-        m(row.diameter),
-        m(row.diameter_sd),
-        m(row.depth),
-        m(row.depth_sd),
-    )
+        row.kind, row.verdict, math.radians(row.phi), math.radians(row.phi_sd), m(row.z),
+        m(row.z_sd), *size, *size, m(row.depth), m(row.depth_sd),
+    )  # fmt: skip
 
 
 def introduction(

@@ -17,6 +17,7 @@ from minorloop_head.procedures.inspected_wall import SeenWall, draw_wall
 from minorloop_head.procedures.inspection import NOT_VISITED
 from minorloop_head.procedures.pictures import annotated
 from minorloop_head.procedures.sweep_map import draw_c_scan, draw_finding
+from minorloop_head.reconstruction.findings import DIGITS
 
 if TYPE_CHECKING:
     from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
@@ -58,14 +59,7 @@ _UNDONE_COLUMNS = ("step", "why")
 _MOST_ODDS = 1000
 _THROUGH = "hole"
 """Kind of a through-hole."""
-_DIGITS = {
-    "phi [deg]": 1,
-    "z [mm]": 2,
-    "width [mm]": 2,
-    "length [mm]": 2,
-    "depth [mm]": 3,
-    "wall [mm]": 2,
-}
+_DIGITS = DIGITS | {"wall [mm]": 2}
 _MEANING = {
     "not scanned": "not scanned: the head has no probe, or the inspection ended before",
     "no water": "the pipe was dry, and the probe needs water",

@@ -15,6 +15,7 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop_head.geometry import wrapped
 from minorloop_head.reconstruction.depth_map import UNSEEN, DepthMap, Patch
+from minorloop_head.reconstruction.findings import DIGITS
 from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT, CScan
 
 _NARROW = 0.55  # of its length is the width of a map that has two ticks across
@@ -30,14 +31,7 @@ _LOUD, _DEEP = (0.0, 1.1), (-0.1, 1.0)
 _MARGIN = 1e-3
 """Wall in metres that is drawn beyond a find outside the area."""
 _MARKS = {PIT: "o", CRACK: "s", NO_ECHO: "^"}
-_DIGITS = {
-    "phi [deg]": 1,
-    "z [mm]": 2,
-    "width [mm]": 2,
-    "length [mm]": 2,
-    "depth [mm]": 3,
-    "90 % band [mm]": 3,
-}
+_DIGITS = DIGITS | {"90 % band [mm]": 3}
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,6 +49,8 @@ class Finding:
 
 PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
 """Standard deviations by an outline: of the place in m, and of the diameter as a share of it."""
+DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
+"""Digits that tables show after the point."""
 _UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
 UNDECIDED = "hole or pit"
 _KINDS = {
@@ -73,32 +75,15 @@ def kind_of(verdict: str) -> str:
 
 
 def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
-    """Return the measurement of a pit as a finding.
-
-    Parameters
-    ----------
-    pit : PitDepth
-        As measured.
-    radius : float
-        Of the pipe, in metres.
-    """
+    """Return a pit as measured as a finding, in a pipe of a radius in metres."""
     verdict = pit.verdict
     if pit.bursts < pit.planned:
         verdict += f" ({pit.bursts} of {pit.planned} places)"
+    size, place_sd = (pit.diameter, pit.diameter_sd), pit.place_sd
     return Finding(
-        kind_of(pit.verdict),
-        verdict,
-        pit.phi,
-        pit.place_sd / radius,
-        pit.z,
-        pit.place_sd,
-        pit.diameter,
-        pit.diameter_sd,
-        pit.diameter,
-        pit.diameter_sd,
-        pit.depth,
-        pit.depth_sd,
-    )
+        kind_of(pit.verdict), verdict, pit.phi, place_sd / radius, pit.z, place_sd, *size, *size,
+        pit.depth, pit.depth_sd,
+    )  # fmt: skip
 
 
 def outlined(phi: float, z: float, diameter: float, verdict: str, *, radius: float) -> Finding:
@@ -113,11 +98,10 @@ def outlined(phi: float, z: float, diameter: float, verdict: str, *, radius: flo
     radius : float
         Of the pipe, in metres.
     """
-    size, size_sd = diameter, _SIZE_SD * diameter
+    size = diameter, _SIZE_SD * diameter
     return Finding(
-        UNDECIDED, verdict, phi, PLACE_SD / radius, z, PLACE_SD, size, size_sd, size, size_sd,
-        math.nan, math.nan,
-    )  # fmt: skip
+        UNDECIDED, verdict, phi, PLACE_SD / radius, z, PLACE_SD, *size, *size, math.nan, math.nan
+    )
 
 
 def finding_table(findings: Sequence[Finding]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -345,17 +345,17 @@ class PatchPictures:
         with np.errstate(invalid="ignore"):
             return np.asarray(np.min(widths, axis=0) >= _SMALLEST)
 
-    def pyramid(self, image: Image) -> list[Image32]:
+    def pyramid(self, image: Image, levels: int = LEVELS) -> list[Image32]:
         """Return the logarithm of a picture in several sizes, so that light is a sum."""
         found = [_LOGARITHMS[image]]
-        while len(found) < self._skipped + LEVELS:
+        while len(found) < self._skipped + levels:
             found.append(shrunk(found[-1]))
         return found[self._skipped :]
 
-    @cached_property
+    @property
     def lenses(self) -> list[Pinhole]:
         """The lens at each size of the picture."""
-        return [self.camera.lens.scaled(0.5 ** (self._skipped + n)) for n in range(LEVELS)]
+        return _scaled(self.camera.lens, self._skipped)
 
     @cached_property
     def _skipped(self) -> int:
@@ -389,6 +389,12 @@ class PatchPictures:
         steps = (np.arange(self.side) - 0.5 * (self.side - 1)) * self.size / self.side
         around, along = np.meshgrid(steps, steps)
         return around.ravel(), along.ravel()
+
+
+@lru_cache(maxsize=8)
+def _scaled(lens: Pinhole, skipped: int) -> list[Pinhole]:
+    """Return a lens at each size of a picture; a camera that travels has the same ones."""
+    return [lens.scaled(0.5 ** (skipped + n)) for n in range(LEVELS)]
 
 
 def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:

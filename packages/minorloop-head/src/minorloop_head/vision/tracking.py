@@ -305,7 +305,7 @@ class PatchTracker:
         if fit.sd is None or distance * fit.sd.max() > _VAGUE:
             return _Found(angles, math.nan, AMBIGUOUS, False)
         score = float(np.median(fit.scores[fit.scores >= _LEAST]))
-        own, _, off = self.details.aligned(self.details.pyramid(image)[0], state.own, angles)
+        own, _, off = self.details.aligned(self.details.pyramid(image, 1)[0], state.own, angles)
         if np.isfinite(own).any():
             score = float(own[0])
             if score < _HIDDEN * state.usual:
