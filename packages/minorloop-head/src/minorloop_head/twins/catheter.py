@@ -75,18 +75,9 @@ class Catheter(SimulatedAxes):
 
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
         out: FloatArray = catheter_run(
-            self._state,
-            self._drives,
-            self._parameters["friction_growth"],
-            self._clock,
-            ends,
-            first,
-            u,
-            self._pace,
-            self.delay,
-            self._past,
-            self._mark,
-        )
+            self._state, self._drives, self._parameters["friction_growth"], self._clock, ends,
+            first, u, self._pace, self.delay, self._past, self._mark,
+        )  # fmt: skip
         return out
 
     def _output_now(self) -> FloatArray:

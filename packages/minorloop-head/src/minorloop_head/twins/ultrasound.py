@@ -380,19 +380,9 @@ def compile_echoes() -> None:
     bores, dents = _features(Pipe())
     surface = np.zeros((1, 1)), np.zeros((1, 1, 2)), 1.0, 0.0
     kernels.echo_of_wall(
-        _parts(table),
-        *beam[1:],
-        1.0,
-        0.0,
-        1.0,
-        -np.inf,
-        bores,
-        dents,
-        *surface,
-        0.0,
-        out,
+        _parts(table), *beam[1:], 1.0, 0.0, 1.0, -np.inf, bores, dents, *surface, 0.0, out,
         np.zeros_like(out),
-    )
+    )  # fmt: skip
     kernels.pressure_at(*beam, 0.0, origin[None], out[None])
 
 

@@ -139,22 +139,9 @@ class HeatedWires(SimulatedAxes):
 
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
         out: FloatArray = _kernels.head_run(
-            self._state,
-            self._axes,
-            self._cross,
-            self._around,
-            self._loads,
-            self._cooling,
-            self._age,
-            self._clock,
-            ends,
-            first,
-            u,
-            self._pace,
-            self.delay,
-            self._past,
-            self._mark,
-        )
+            self._state, self._axes, self._cross, self._around, self._loads, self._cooling,
+            self._age, self._clock, ends, first, u, self._pace, self.delay, self._past, self._mark,
+        )  # fmt: skip
         return out
 
     def _output_now(self) -> FloatArray:

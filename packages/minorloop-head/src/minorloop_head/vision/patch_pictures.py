@@ -219,17 +219,9 @@ class PatchPictures:
         count = len(patches.sd)
         scores, normal, off = np.empty(count), np.empty((count, 2, 2)), np.empty((count, 2))
         kernels.align_each(
-            image,
-            patches.points,
-            patches.templates[0],
-            self.side,
-            numbers(self.lenses[0]),
-            *self._pose(angles),
-            _OWN_STEPS,
-            scores,
-            normal,
-            off,
-        )
+            image, patches.points, patches.templates[0], self.side, numbers(self.lenses[0]),
+            *self._pose(angles), _OWN_STEPS, scores, normal, off,
+        )  # fmt: skip
         return scores, normal, off
 
     def _pose(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -161,16 +161,8 @@ class WallAngles:
                 f"{_FEWEST} are needed; set focus, lights and gain"
             )
         state = WallState(
-            patches,
-            none,
-            at,
-            np.zeros(2),
-            t,
-            0,
-            0,
-            frame_checks.repeated(image, ())[1],
-            t,
-        )
+            patches, none, at, np.zeros(2), t, 0, 0, frame_checks.repeated(image, ())[1], t,
+        )  # fmt: skip
         count = len(patches.sd)
         return Sight(at, np.zeros(2), count, count, SEEN), state
 
