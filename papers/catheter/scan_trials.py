@@ -18,12 +18,12 @@ from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.geometry import Mount, Probe, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.measure import has_coupling, wall_about
 from minorloop_head.procedures.meter import Light
-from minorloop_head.procedures.scan import SHOTS, RasterScan, ScannedRaster
+from minorloop_head.procedures.scan import SHOTS, RasterScan, ScannedRaster, has_coupling
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.values import NOTHING, Reading, Request, Running, apply_to_tip
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.reconstruction.fusion import wall_about
 from minorloop_head.sources import Shot
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.pipe import Bore, Dent, Pipe, draw_dent, draw_pit

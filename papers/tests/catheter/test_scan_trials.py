@@ -8,8 +8,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Probe, wrapped
-from minorloop_head.procedures.measure import NO_COUPLING
-from minorloop_head.procedures.scan import DWELL, SHOTS, RasterScan, ScannedRaster
+from minorloop_head.procedures.scan import DWELL, NO_COUPLING, SHOTS, RasterScan, ScannedRaster
 from minorloop_head.procedures.values import NOTHING, Running
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.fusion import fuse

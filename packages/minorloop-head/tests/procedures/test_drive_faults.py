@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from minorloop_head.control.head import LEAD, camera_control, head_control
-from minorloop_head.control.unread import UnreadWatch
+from minorloop_head.control.head import LEAD, UnreadWatch, camera_control, head_control
 from minorloop_head.procedures.drive_faults import FaultLog
 from minorloop_head.procedures.steer import steer
 from minorloop_head.twins.head import Head

@@ -6,7 +6,17 @@ import pytest
 
 from minorloop_head.control.head import head_control
 from minorloop_head.procedures.go import go
-from minorloop_head.procedures.scan import AIMED, SLEEVED, RasterScan, ScannedRaster, flooded_reach
+from minorloop_head.procedures.scan import (
+    AIMED,
+    MOST_OFF,
+    NO_COUPLING,
+    SLEEVED,
+    RasterScan,
+    ScannedRaster,
+    burst_of,
+    flooded_reach,
+    has_coupling,
+)
 from minorloop_head.sources import Shot
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
@@ -218,3 +228,35 @@ def test_warmer_water_and_less_convection_reach_farther():
 def test_a_bare_wire_in_water_does_not_move():
     bare = flooded_reach(control(), (20.0, 20.0), 20.0, cooling=20 * SLEEVED)
     assert bare == pytest.approx(0.0, abs=0.5)
+
+
+EAR = CALIBRATION.probe_at((12e-3, 0.2))
+AIM = np.array([-0.35, 0.0])
+
+
+def silent(count=4):
+    rng = np.random.default_rng(1)
+    return [Shot(1e-3 * k, 1e-3 * rng.standard_normal(2000), 1e-8) for k in range(count)]
+
+
+def test_a_burst_without_an_echo_reports_no_coupling_until_one_before_it_had_one():
+    first = burst_of(silent(), AIM, AIM, EAR, coupled=False)
+    later = burst_of(silent(), AIM, AIM, EAR, coupled=True)
+    assert (first.verdict, first.used, first.trace.size) == (NO_COUPLING, 0, 0)
+    assert (later.verdict, later.used) == ("", 4)
+    np.testing.assert_allclose(later.angles, AIM)
+
+
+def test_a_raster_whose_first_burst_meets_a_flank_is_coupled():
+    lost = burst_of(silent(), AIM, AIM, EAR, coupled=False)
+    kept = burst_of(silent(), AIM, AIM, EAR, coupled=True)
+    assert has_coupling([lost, kept])
+    assert not has_coupling([lost, lost])
+    assert not has_coupling([])
+
+
+def test_a_burst_far_off_its_point_is_refused():
+    per_radian = 8e-3
+    for share, verdict in ((0.6, ""), (2.0, "off target")):
+        off = AIM + np.array([share * MOST_OFF / per_radian, 0.0])
+        assert burst_of(silent(), off, AIM, EAR, coupled=True).verdict == verdict

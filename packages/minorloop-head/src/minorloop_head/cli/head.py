@@ -65,6 +65,14 @@ _PipeSeed = Annotated[
         "that is easy to find."
     ),
 ]
+_Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Go on with what is in --out and was cut off, with the other options as they were. "
+        "What is before a damaged line of its journal is kept.",
+    ),
+]
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
 ]
@@ -298,15 +306,7 @@ def drive(
     "--head head.json --out inspected"
 )
 def inspect(
-    actuator: Annotated[
-        str,
-        typer.Option(
-            show_default=False,
-            help="Address of the head, such as bench:head.toml, see minorloop devices; or "
-            "twin:pipe, a simulated one in its pipe.",
-            autocompletion=one_of(addresses),
-        ),
-    ],
+    actuator: _Address,
     out: Annotated[
         Path,
         typer.Option(
@@ -342,14 +342,7 @@ def inspect(
         _common.number_option("Wall in mm that must be left for a finding to be accepted."),
     ] = None,
     water: _water.Level = _water.FULL,
-    resume: Annotated[
-        bool,
-        typer.Option(
-            "--resume",
-            help="Go on with the inspection in --out that was cut off, with the other options as "
-            "they were.",
-        ),
-    ] = False,
+    resume: _Resume = False,
     as_json: _common.Json = False,
 ) -> None:
     """Search the wall within reach for holes, pits and cracks, and measure each, without operator.
@@ -430,14 +423,7 @@ def sweep(
     specimen: _Specimen = None,
     seed: _PipeSeed = 0,
     water: _water.Level = _water.FULL,
-    resume: Annotated[
-        bool,
-        typer.Option(
-            "--resume",
-            help="Go on with the sweep in --out that was cut off, with the other options as they "
-            "were. What is before a damaged line of its journal is kept.",
-        ),
-    ] = False,
+    resume: _Resume = False,
     as_json: _common.Json = False,
 ) -> None:
     """Map the flooded wall by ultrasound, and find pits and cracks in it, without the camera.

@@ -12,8 +12,7 @@ from minorloop_head.console.messages import Pair
 from minorloop_head.console.plant import reading_at
 from minorloop_head.console.units import Position
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.measure import has_coupling
-from minorloop_head.procedures.scan import SHOTS, RasterScan
+from minorloop_head.procedures.scan import SHOTS, RasterScan, has_coupling
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.sweep import SHOTS as SWEEP_SHOTS
 from minorloop_head.procedures.sweep import ProbeSweep

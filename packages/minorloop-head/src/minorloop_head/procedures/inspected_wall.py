@@ -14,10 +14,9 @@ from minorloop.drawing.layout import new_figure
 from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
-from minorloop_head.procedures.measure import PATCH, has_coupling
 from minorloop_head.procedures.pictures import LEAST_GREY
 from minorloop_head.procedures.probe_steps import fused_wall, resampled
-from minorloop_head.procedures.scan import ScannedRaster
+from minorloop_head.procedures.scan import ScannedRaster, has_coupling
 from minorloop_head.procedures.sweep_map import water_angles
 from minorloop_head.procedures.trace import patch_about, widest
 from minorloop_head.reconstruction.depth_map import (
@@ -29,6 +28,7 @@ from minorloop_head.reconstruction.depth_map import (
     paste,
     unseen_map,
 )
+from minorloop_head.reconstruction.fusion import PATCH
 from minorloop_head.ultrasound.burst_checks import usable_bursts
 from minorloop_head.ultrasound.c_scan import CScan, c_scan
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_map

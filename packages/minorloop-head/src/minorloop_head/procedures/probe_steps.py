@@ -10,13 +10,13 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from minorloop.arrays import FloatArray
-from minorloop_head.procedures.measure import NO_COUPLING, has_coupling, wall_about
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.scan import RasterScan, ScannedRaster
+from minorloop_head.procedures.scan import NO_COUPLING, RasterScan, ScannedRaster, has_coupling
 from minorloop_head.procedures.steps import REFUSED
 from minorloop_head.procedures.trace import widest
 from minorloop_head.procedures.values import Request
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.reconstruction.fusion import wall_about
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_depth
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import (

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -24,10 +24,9 @@ from minorloop.errors import ParameterError
 from minorloop_head.control.guard import Guard
 from minorloop_head.control.head import HeadControl
 from minorloop_head.control.reach import STROKE_SHARE, ReachWatch
-from minorloop_head.geometry import AXES, REACH, wrapped
+from minorloop_head.geometry import AXES, REACH, wall_distance, wrapped
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.go import NEAR, go
-from minorloop_head.procedures.measure import burst_of, has_coupling
 from minorloop_head.procedures.meter import Light, meter
 from minorloop_head.procedures.values import (
     NOTHING,
@@ -39,7 +38,8 @@ from minorloop_head.procedures.values import (
     passed,
 )
 from minorloop_head.sources import Shot
-from minorloop_head.ultrasound.echoes import Burst
+from minorloop_head.ultrasound.echoes import Burst, average, has_wall_echo
+from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PITCH, POINTS, raster
 
 SLEEVED = 4.0 / 3.0
@@ -73,6 +73,10 @@ _ROLLING = 4.0
 much, is tilted; if the head cannot, the catheter turns back and comes again."""
 _ROLLS = 4
 """Steps of the search for a roll; each divides its error by 20, the radius over the offset."""
+MOST_OFF = 0.8e-3
+"""Farthest distance in metres of a burst from its point of the raster. Each is fitted where it was
+measured, so that only bursts outside the raster are refused: two and a half steps."""
+NO_COUPLING = "no coupling"
 
 
 @dataclass(eq=False, kw_only=True)
@@ -414,3 +418,41 @@ def _ends(guard: Guard, temperature: float, cooling: float) -> tuple[float, floa
             angle = 0.5 * (angle + settled.angle)
         found.append(angle)
     return found[0], min(found[1], STROKE_SHARE * top)
+
+
+def burst_of(
+    shots: Sequence[Shot],
+    angles: npt.ArrayLike,
+    wanted: npt.ArrayLike,
+    probe: CalibratedProbe,
+    *,
+    coupled: bool,
+) -> Burst:
+    """Average a burst to one trace with a verdict.
+
+    Parameters
+    ----------
+    shots : sequence of Shot
+        Of the burst.
+    angles, wanted : (2,) array_like
+        Line of sight as measured and as wanted, in radians.
+    probe : CalibratedProbe
+        At the place of the catheter.
+    coupled : bool
+        Whether one before it in the raster has an echo of the wall. Until then the verdict is ``no
+        coupling`` if there is none: a single burst may meet the flank of a dent, which sends none
+        back.
+    """
+    spot, aimed = probe.spots(np.array([angles, wanted]))[:, :2]
+    off = float(wall_distance(spot, aimed, probe.radius))
+    count = len(shots)
+    burst = average(shots, np.tile(angles, (count, 1)), np.full(count, off), most_off=MOST_OFF)
+    wall = probe.radius - probe.transducer.face
+    if not coupled and not burst.verdict and not has_wall_echo(shots, wall, probe.speed):
+        return replace(burst, trace=np.empty(0), used=0, verdict=NO_COUPLING)
+    return burst
+
+
+def has_coupling(bursts: Sequence[Burst]) -> bool:
+    """Return whether one of the bursts of a raster has an echo of the wall."""
+    return any(burst.verdict != NO_COUPLING for burst in bursts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,8 @@ _LEAST_RIM = 0.03e-3
 """Least standard deviation of the place of a rim, in metres: a third of a texel."""
 _WALL = 0.05e-3
 """Standard deviation of a wall that only the camera shows, in metres; images give no depth."""
+PATCH = 2.4e-3
+"""Side of the map about a finding in metres: the raster and a footprint of the beam around it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,3 +355,34 @@ def _solve(
     factor = cho_factor(normal)
     covariance = cho_solve(factor, np.eye(len(normal)))
     return cho_solve(factor, right), np.sqrt(np.diag(covariance))
+
+
+def wall_about(
+    pit: PitDepth,
+    bursts: Sequence[Burst],
+    probe: CalibratedProbe,
+    centre: tuple[float, float],
+    diameter: float,
+    *,
+    seen: Callable[[Patch], FloatArray] | None = None,
+) -> DepthMap:
+    """Map the depth of the wall about a pit.
+
+    Parameters
+    ----------
+    pit : PitDepth
+        As measured.
+    bursts : sequence of Burst
+    probe : CalibratedProbe
+    centre : (float, float)
+        Phi and z of the mouth by the camera.
+    diameter : float
+        Of the mouth by the camera, in metres.
+    seen : callable, optional
+        Returns the logarithm (rows, columns) of the image of a patch.
+    """
+    patch = Patch.around(pit.phi, pit.z, size=PATCH, radius=probe.radius)
+    image = None if seen is None else seen(patch)
+    outline = None if image is None else outline_of(image, patch, centre, diameter)
+    echoes = mean_depths(bursts, probe, patch, pit) if np.isfinite(pit.depth) else None
+    return fuse(pit, echoes, patch, image=image, outline=outline)
