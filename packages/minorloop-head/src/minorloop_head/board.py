@@ -57,11 +57,8 @@ HEAD_LINES: Lines = (("led 1", True), ("led 2", True), ("led 3", True), ("pump",
 class BoardAxis:
     """An axis of a board: a model, the channels on both sides of it, and the safe input.
 
-    Raises
-    ------
-    ParameterError
-        If the model is of another kind, the limits are not finite or beyond the levels of the
-        model, rest is beyond the limits, or a unit cannot be written on a line.
+    Raises a `ParameterError` if the model is of another kind, the limits are not finite or beyond
+    the levels of the model, rest is beyond the limits, or a unit cannot be written on a line.
     """
 
     model: Preisach | HeatedWire
@@ -114,16 +111,13 @@ class BoardSource:
     def write(self, folder: PathLike, *, force: bool = False) -> None:
         """Write the files into a new or empty folder.
 
+        Raises an `OutputError` if the folder is not empty or cannot be written to.
+
         Parameters
         ----------
         folder : str or path
         force : bool
             Whether the folder may contain files; those of the same names are replaced.
-
-        Raises
-        ------
-        OutputError
-            If the folder is not empty or cannot be written to.
         """
         write_folder(folder, self.files, force=force)
 
@@ -141,6 +135,9 @@ def board_source(
     float32: bool = False,
 ) -> BoardSource:
     """Return the firmware of a board.
+
+    Raises a `NotInvertibleError` if a model is not monotone; a `ParameterError` if there are too
+    many axes or lines, a time is out of its range, or C cannot hold a model.
 
     Parameters
     ----------
@@ -162,13 +159,6 @@ def board_source(
         Remembered extrema of each model.
     float32 : bool
         Whether the models compute in single precision.
-
-    Raises
-    ------
-    NotInvertibleError
-        If a model is not monotone.
-    ParameterError
-        If there are too many axes or lines, a time is out of its range, or C cannot hold a model.
     """
     if not 1 <= len(axes) <= _MOST_AXES:
         raise ParameterError(f"there are {len(axes)} axes; give 1 to {_MOST_AXES}")
@@ -289,6 +279,9 @@ def board_of(
 ) -> BoardSource:
     """Return the firmware for the file of a head, or for model files, one for each axis.
 
+    Raises a `ModelFileError` if a file cannot be read, or the head is not identified; a
+    `ParameterError` as for `board_source`.
+
     Parameters
     ----------
     paths : sequence of path
@@ -299,13 +292,6 @@ def board_of(
     interval : float
         Seconds between steps of the feedforward.
     options
-        As for `board_source`.
-
-    Raises
-    ------
-    ModelFileError
-        If a file cannot be read, or the head is not identified.
-    ParameterError
         As for `board_source`.
     """
     if len(paths) == 1 and _is_head(paths[0]):

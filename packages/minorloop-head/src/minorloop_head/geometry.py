@@ -69,12 +69,7 @@ def pan_tilt_of(axis: npt.ArrayLike) -> tuple[float, float]:
 def _turned_onto(own: npt.ArrayLike, way: npt.ArrayLike) -> tuple[float, float] | None:
     """Return pan and tilt, in radians, that turn a (3,) direction of the head onto another.
 
-    Parameters
-    ----------
-    own : (3,) array_like
-        Fixed to the head, ahead of it.
-    way : (3,) array_like
-        In the base.
+    ``own`` (3,): fixed to the head, ahead of it; ``way`` (3,): in the base.
 
     Returns
     -------
@@ -124,10 +119,7 @@ class Pose:
 class Mount:
     """Place of the head in the pipe.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite.
+    Raises a `ParameterError` if a number is not finite.
     """
 
     lever: float = 8e-3
@@ -186,11 +178,8 @@ class Mount:
 class Probe:
     """An ultrasonic disc on the head, whose beam passes through the pivot.
 
-    Raises
-    ------
-    ParameterError
-        If the squint is not between 0 and a right angle, the azimuth not finite, or a length not
-        positive.
+    Raises a `ParameterError` if the squint is not between 0 and a right angle, the azimuth not
+    finite, or a length not positive.
 
     Notes
     -----
@@ -230,20 +219,15 @@ class Probe:
     def aim(self, mount: Mount, point: npt.ArrayLike) -> tuple[float, float]:
         """Return pan and tilt, in radians, that aim the beam at a (3,) point of the pipe.
 
-        Raises
-        ------
-        ParameterError
-            If there are none; turn the roll of the mount towards the point then.
+        Raises a `ParameterError` if there are none; turn the roll of the mount towards the point
+        then.
         """
         return self._turned(mount, mount.way_to(point))
 
     def moved(self, mount: Mount, pan: float, tilt: float, other: Mount) -> tuple[float, float]:
         """Return pan and tilt that give, at another roll of the mount, the beam of these angles.
 
-        Raises
-        ------
-        ParameterError
-            If there are none.
+        Raises a `ParameterError` if there are none.
         """
         along = self.beam(mount, pan, tilt)[1]
         return self._turned(other, along @ rotation_z(other.roll))
@@ -276,10 +260,7 @@ class Probe:
 class Tool:
     """A micro-tool beside the lens, whose point extends along a straight line.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite, or the longest extension not positive.
+    Raises a `ParameterError` if a number is not finite, or the longest extension not positive.
 
     Notes
     -----
@@ -305,10 +286,7 @@ class Tool:
     def meet(self, mount: Mount, pan: float, tilt: float, radius: float) -> FloatArray:
         """Return phi, z and extension (3,) at which the tool meets the wall of a pipe.
 
-        Raises
-        ------
-        ParameterError
-            If its point is not inside the pipe when it is drawn in.
+        Raises a `ParameterError` if its point is not inside the pipe when it is drawn in.
         """
         pose = mount.pose(pan, tilt)
         way = np.array([*self.slope, 1.0])
@@ -384,10 +362,8 @@ class Tool:
 class Pinhole:
     """A camera with radial distortion.
 
-    Raises
-    ------
-    ParameterError
-        If a size or the focal length is not positive, or the distortion folds the image.
+    Raises a `ParameterError` if a size or the focal length is not positive, or the distortion folds
+    the image.
 
     References
     ----------
@@ -505,6 +481,8 @@ class Pinhole:
 def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -> FloatArray:
     """Intersect rays from inside a pipe with its wall.
 
+    Raises a `ParameterError` if the origin is not inside the pipe.
+
     Parameters
     ----------
     origin : (3,) array_like
@@ -519,11 +497,6 @@ def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -
     (..., 3) array
         Phi in (-pi, pi], z in metres, and the length along the ray in units of the direction;
         infinite along the axis.
-
-    Raises
-    ------
-    ParameterError
-        If the origin is not inside the pipe.
 
     Notes
     -----

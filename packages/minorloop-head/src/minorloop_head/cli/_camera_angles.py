@@ -35,11 +35,7 @@ _EVERY = 4
 def kept_in(store: Path, *, seen: bool) -> str:
     """Return what the folder of an identification keeps before its first run, or between two.
 
-    Parameters
-    ----------
-    store : Path
-    seen : bool
-        Whether a camera gives the angles, so that there is a sweep before the first run.
+    ``seen``: whether a camera gives the angles, so that there is a sweep before the first run.
     """
     if any(store.glob("*.sqlite")):
         return f"what was measured is kept in {store}; the same command continues it"
@@ -59,17 +55,8 @@ def _whole_sweep() -> str:
 def kept_view(store: Path, serial: str) -> HeadCalibration | None:
     """Return the calibration of a head after its sweep, as it is kept; None if there is none.
 
-    Parameters
-    ----------
-    store : Path
-        Folder of the runs.
-    serial : str
-        Serial number of the head.
-
-    Raises
-    ------
-    StoreError
-        If it cannot be read, or is that of another head.
+    ``store``: folder of the runs; ``serial``: serial number of the head. Raises a `StoreError` if
+    it cannot be read, or is that of another head.
     """
     from minorloop_head.procedures.calibration import HeadCalibration
 
@@ -98,6 +85,8 @@ def swept_view(store: Path, head: SeenHead, highest: float, serial: str) -> Head
     The sweep is carried out once: runs of one folder have the same calibration. Returns None for
     runs that began without a sweep.
 
+    Raises a `StoreError` as `kept_view` does; a `SignalError` as `SeenHead.survey` does.
+
     Parameters
     ----------
     store : Path
@@ -108,13 +97,6 @@ def swept_view(store: Path, head: SeenHead, highest: float, serial: str) -> Head
         Largest current, in A.
     serial : str
         Serial number of the head.
-
-    Raises
-    ------
-    StoreError
-        As `kept_view`.
-    SignalError
-        As `SeenHead.survey`.
     """
     from minorloop_head.procedures.seen_angles import SWEEP_SECONDS
 
@@ -150,6 +132,9 @@ def seen_head(
 ) -> Iterator[SeenHead]:
     """Yield the head at an address with the angles of its camera; close both at the end.
 
+    Raises a `ParameterError` if there is no calibration, no camera, or one for the simulated pipe,
+    which has its own.
+
     Parameters
     ----------
     address : str
@@ -164,11 +149,6 @@ def seen_head(
         Pan and tilt of the cold head in degrees.
     check : callable
         Refuses an actuator before its head waits.
-
-    Raises
-    ------
-    ParameterError
-        If there is no calibration, no camera, or one for the simulated pipe, which has its own.
     """
     from minorloop_head.procedures.seen_angles import SeenHead
 

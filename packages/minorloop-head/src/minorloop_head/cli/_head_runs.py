@@ -12,12 +12,8 @@ from minorloop.values import as_duration
 class RunsLeft:
     """Says on stderr, in a line for each run, what is left of an identification.
 
-    Parameters
-    ----------
-    left : dict
-        Number of holds that are left of each run, by its name.
-    hold : float
-        Longest hold, in seconds.
+    ``left``: number of holds that are left of each run, by its name; ``hold``: longest hold, in
+    seconds.
     """
 
     def __init__(self, left: dict[str, int], hold: float) -> None:

@@ -167,12 +167,8 @@ def run(
 def check_usable(content: dict[str, Any], what: str = "view") -> None:
     """End with status 1 if no view could be searched: nothing found says nothing then.
 
-    Parameters
-    ----------
-    content : dict
-        Numbers of views and of those that are not usable, with the reason.
-    what : str
-        ``view`` or ``picture``.
+    ``content``: numbers of views and of those that are not usable, with the reason; ``what``:
+    ``view`` or ``picture``.
     """
     if sum(content["unusable"].values()) == content[f"{what}s"]:
         typer.echo(

@@ -193,12 +193,7 @@ def _in(pool: ThreadPoolExecutor) -> Later:
 
 
 class StillTip(BenchTip):
-    """A tip without devices, whose camera shows a texture under its three lights.
-
-    Parameters
-    ----------
-    lens : Pinhole
-    """
+    """A tip without devices, whose camera shows a texture under its three lights."""
 
     def __init__(self, lens: Pinhole) -> None:
         super().__init__(self)

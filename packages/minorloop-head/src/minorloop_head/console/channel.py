@@ -11,10 +11,7 @@ from multiprocessing.connection import Connection
 class NewestPipe:
     """The newest pipe to another process; when that restarts, a thread replaces the pipe.
 
-    Parameters
-    ----------
-    pipe : Connection, optional
-        The first one.
+    ``pipe``: the first one.
     """
 
     def __init__(self, pipe: Connection | None = None) -> None:

@@ -63,10 +63,7 @@ class Viewer:
     def check(self, message: messages.Message, now: float) -> None:
         """Refuse a message that comes out of order, or one too many.
 
-        Raises
-        ------
-        HostileMessageError
-            With a sentence for the page.
+        Raises a `HostileMessageError` with a sentence for the page.
         """
         since = now - self.last_message
         self.allowance = min(self.allowance + _MOST_A_SECOND * since, _BURST) - 1.0
@@ -84,10 +81,7 @@ class Viewer:
 class Clients:
     """All viewers, and who of them has the controls.
 
-    Parameters
-    ----------
-    silence : float
-        Seconds without a message of the pilot after which the controls are taken back.
+    ``silence``: seconds without a message of the pilot after which the controls are taken back.
     """
 
     def __init__(self, *, silence: float = SILENCE) -> None:
@@ -148,10 +142,7 @@ class Clients:
     def may(self, viewer: Viewer, order: messages.Order) -> bool:
         """Return whether an order is valid; one with an earlier grant of the viewer is ignored.
 
-        Raises
-        ------
-        HostileMessageError
-            If the viewer never had the controls with this grant.
+        Raises a `HostileMessageError` if the viewer never had the controls with this grant.
         """
         if viewer is self.pilot and order.grant == viewer.granted:
             return True

@@ -68,11 +68,7 @@ class HeadPoseState:
 def anchored(state: HeadPoseState, command: Pair | None = None) -> HeadPoseState:
     """Return a state whose next pose, whatever it is, corresponds to the present command.
 
-    Parameters
-    ----------
-    state : HeadPoseState
-    command : (float, float), optional
-        The present command in radians, if another source set it.
+    ``command``: the present command in radians, if another source set it.
     """
     now = state.command if command is None else command
     return HeadPoseState(command=now, base=now)

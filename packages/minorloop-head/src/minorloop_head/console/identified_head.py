@@ -23,10 +23,7 @@ def head_of(address: str, specimen: int | None) -> HeadControl:
     Each axis is measured by a loop, reversal curves and a step. This takes some hours with a real
     head and a second with a simulated one.
 
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered at the address.
+    Raises a `ParameterError` if nothing can be steered at the address.
     """
     if not is_pipe(address):
         raise ParameterError(

@@ -447,10 +447,7 @@ _encoder = msgspec.json.Encoder()
 def decode(text: str | bytes) -> Message:
     """Return the message in a text from a page.
 
-    Raises
-    ------
-    SignalError
-        If it is not a valid message; the sentence says what is wrong with it.
+    Raises a `SignalError` if it is not a valid message; the sentence says what is wrong with it.
     """
     if len(text) > LONGEST:
         raise SignalError(f"the message has {len(text)} characters; at most {LONGEST} are allowed")

@@ -67,13 +67,9 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
 
     A head that is not simulated is made safe and read.
 
-    Raises
-    ------
-    ParameterError
-        As `probed`.
-    ModelFileError
-        If the file is not valid, is of another head, has wires that are older than its calibration,
-        or has another number of LEDs than the plant.
+    Raises a `ParameterError` as `probed` does; a `ModelFileError` if the file is not valid, is of
+    another head, has wires that are older than its calibration, or has another number of LEDs than
+    the plant.
     """
     with ThreadPoolExecutor(1) as pool:  # a bench takes a moment to answer
         probing = pool.submit(_simulated if is_pipe(address) else probed, address, specimen)
@@ -97,12 +93,8 @@ def _simulated(address: str, specimen: int | None) -> _ProbedPlant:
 def probed(address: str, specimen: int | None = None) -> _ProbedPlant:
     """Return what is known of a plant, which is made safe and closed.
 
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered at the address, or it takes too long to make it safe.
-    InstrumentError
-        If a device is missing, busy, or does not answer.
+    Raises a `ParameterError` if nothing can be steered at the address, or it takes too long to make
+    it safe; an `InstrumentError` if a device is missing, busy, or does not answer.
     """
     with contextlib.closing(_actuator_plant(address, specimen)) as plant:
         longest = getattr(plant.actuator, "safe_within", 0.0)
@@ -122,6 +114,8 @@ def open_plant(
 ) -> Plant:
     """Return the plant at an address.
 
+    Raises a `ParameterError` if nothing can be steered at the address.
+
     Parameters
     ----------
     address : str
@@ -130,11 +124,6 @@ def open_plant(
     water : Filling, optional
         Of the simulated pipe when it is flooded; flowing water to the top without it. Its gas is
         that of the drained pipe too.
-
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered at the address.
     """
     if not is_pipe(address):
         return _actuator_plant(address, specimen, seed)
@@ -160,6 +149,8 @@ def open_tip(
 ) -> tuple[Tip, HeadCalibration]:
     """Return camera and probe of the plant at an address, and their calibration.
 
+    Raises a `ParameterError` if nothing can be steered at the address.
+
     Parameters
     ----------
     address : str
@@ -171,11 +162,6 @@ def open_tip(
         Called when the pipe is flooded or drained, with a flag: ``flood`` of the plant.
     water : Filling, optional
         As in `open_plant`.
-
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered at the address.
     """
     if not is_pipe(address):
         raise ParameterError(f"{address!r} has no camera; give one, or {PIPE}, which has")

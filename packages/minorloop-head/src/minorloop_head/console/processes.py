@@ -86,12 +86,7 @@ def _run(handle: ProcessHandle, module: str, *given: Any) -> None:
 def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
     """Serve the pages until the supervisor ends; for a process of its own.
 
-    Parameters
-    ----------
-    handle : ProcessHandle
-        Gives pipes to the control loop and to the camera.
-    settings : LoopSettings
-    how : Serving
+    ``handle``: gives pipes to the control loop and to the camera.
     """
     import uvicorn
 

@@ -31,17 +31,8 @@ MOST_UNWRITTEN = 20_000
 class Recorder:
     """Writes a recording.
 
-    Parameters
-    ----------
-    folder : Path
-        It is made if it does not exist.
-    name : str
-        Of the file, without its suffix.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written, or the recording exists.
+    ``folder``: it is made if it does not exist; ``name``: of the file, without its suffix. Raises
+    an `OSError` if it cannot be written, or the recording exists.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -59,10 +50,7 @@ class Recorder:
     def write(self, kind: int, t: float, content: bytes) -> None:
         """Add an entry.
 
-        Raises
-        ------
-        OSError
-            If the disk has no room for the whole of it; then nothing of it is left.
+        Raises an `OSError` if the disk has no room for the whole of it; then nothing of it is left.
         """
         self._put(_ENTRY.pack(kind, t, len(content)) + content)
 
@@ -87,12 +75,8 @@ class Recorder:
 class SessionRecording:
     """Recordings one after the other; nothing but `write` and `close` waits for the disk.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the recordings.
-    ended : callable
-        Takes the sentence on a recording that ended because of the disk, in any thread.
+    ``folder``: of the recordings; ``ended``: takes the sentence on a recording that ended because
+    of the disk, in any thread.
 
     Attributes
     ----------
@@ -109,10 +93,7 @@ class SessionRecording:
     def begin(self, name: str) -> None:
         """Begin a recording.
 
-        Raises
-        ------
-        OSError
-            As `Recorder`.
+        Raises an `OSError` as `Recorder` does.
         """
         self.recorder = Recorder(self._folder, name)
 
@@ -160,10 +141,7 @@ class SessionRecording:
 def entries(path: Path) -> Iterator[tuple[int, float, bytes]]:
     """Yield kind, time and content of each entry.
 
-    Raises
-    ------
-    RecordError
-        If it is not a recording.
+    Raises a `RecordError` if it is not a recording.
     """
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:

@@ -151,11 +151,7 @@ def _rows(rows: FloatArray) -> list[list[float]]:
 class NumberedFindings:
     """All findings.
 
-    Parameters
-    ----------
-    radius : float
-        Of the pipe, in metres.
-    out : Outgoing
+    ``radius``: of the pipe, in metres.
     """
 
     def __init__(self, radius: float, out: Outgoing) -> None:

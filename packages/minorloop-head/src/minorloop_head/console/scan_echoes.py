@@ -82,11 +82,7 @@ class ScanEchoes:
     def see(self, image: Image, t: float) -> None:
         """Use a picture under all lights that was taken at a time; the first is of a drained pipe.
 
-        Parameters
-        ----------
-        image : (height, width) array of uint8
-        t : float
-            In seconds.
+        ``image`` (height, width); ``t``: in seconds.
         """
         if self.begun:
             self._base.see(image, t)
@@ -102,10 +98,7 @@ class ScanEchoes:
 
         A burst whose pose is not seen in time is dropped.
 
-        Parameters
-        ----------
-        t : float
-            Now, in seconds.
+        ``t``: now, in seconds.
         """
         fired = self._fired
         if fired is None:
@@ -145,11 +138,7 @@ class ScanEchoes:
 class SweepEchoes:
     """Bursts of a sweep in progress.
 
-    Parameters
-    ----------
-    view : HeadCalibration
-    phi, z : (float, float)
-        Ends of the area around and along the pipe, in radians and metres.
+    ``phi`` and ``z``: ends of the area around and along the pipe, in radians and metres.
     """
 
     def __init__(self, view: HeadCalibration, phi: Pair, z: Pair) -> None:
@@ -175,10 +164,7 @@ class SweepEchoes:
     def job(self, *, whole: bool) -> dict[str, Any]:
         """Return the arguments of `minorloop_head.console.depth_work.sweep`.
 
-        Parameters
-        ----------
-        whole : bool
-            Whether the sweep was not cut.
+        ``whole``: whether the sweep was not cut.
         """
         return {
             "bursts": self.bursts,

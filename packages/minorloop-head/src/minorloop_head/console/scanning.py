@@ -84,13 +84,7 @@ class ProbeRun:
 class Scanning:
     """The scan or sweep that is on, and one whose head has still to go back.
 
-    Parameters
-    ----------
-    view : HeadCalibration
-    control : HeadControl
-    interval : float
-        Of a tick, in seconds.
-    out : Outgoing
+    ``interval``: of a tick, in seconds.
 
     Attributes
     ----------

@@ -29,10 +29,7 @@ _MOST = 1000
 class UdpTracker:
     """A tracker that sends packets to a socket.
 
-    Parameters
-    ----------
-    receiving : socket
-        Bound, as `listening_for` makes it.
+    ``receiving``: bound, as `listening_for` makes it.
     """
 
     def __init__(self, receiving: socket.socket) -> None:
@@ -44,10 +41,7 @@ class UdpTracker:
     def read(self, now: float) -> tuple[Quaternion | None, float, str]:
         """Read the packets since the last call, without waiting.
 
-        Parameters
-        ----------
-        now : float
-            Time in seconds.
+        ``now``: time in seconds.
 
         Returns
         -------
@@ -101,16 +95,13 @@ def angle_between(one: Quaternion, other: Quaternion) -> float:
 def listening_for(address: str) -> socket.socket:
     """Return a socket that receives the packets of a tracker.
 
+    Raises a `ParameterError` if the address is not one of a tracker, or its port cannot be used.
+
     Parameters
     ----------
     address : str
         ``udp:PORT`` receives from this machine only, ``udp:HOST:PORT`` at the address of this
         machine that is called HOST; ``udp:0.0.0.0:PORT`` at all of them.
-
-    Raises
-    ------
-    ParameterError
-        If the address is not one of a tracker, or its port cannot be used.
     """
     kind, _, place = address.partition(":")
     host, _, port = place.rpartition(":")

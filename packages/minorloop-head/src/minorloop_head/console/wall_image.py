@@ -25,12 +25,7 @@ _LEAST = 3e3
 class WallImage:
     """A map of the wall: rows along the pipe, columns around it.
 
-    Parameters
-    ----------
-    view : HeadCalibration
-        Of the camera.
-    length : float
-        Of the pipe that is mapped, in metres.
+    ``view``: of the camera; ``length``: of the pipe that is mapped, in metres.
     """
 
     def __init__(self, view: HeadCalibration, length: float = 1.6) -> None:

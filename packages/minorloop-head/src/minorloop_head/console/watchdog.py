@@ -160,13 +160,7 @@ class WatchedPlant:
     ) -> None:
         """Answer one loop after the other until the event is set.
 
-        Parameters
-        ----------
-        loop : NewestPipe
-        handle : ProcessHandle
-        stop : Event
-        lines : NewestPipe, optional
-            Commands for lights and pump.
+        ``lines``: commands for lights and pump.
         """
         self._lines, last = lines, None
         while not stop.is_set():
@@ -353,12 +347,7 @@ _line_commands = msgspec.msgpack.Decoder(LineCommand)
 class RemoteWires:
     """Lights and pump of the plant in another process.
 
-    Parameters
-    ----------
-    channel : NewestPipe
-        To that process.
-    patience : float
-        Seconds to wait for an answer.
+    ``channel``: to that process; ``patience``: seconds to wait for an answer.
     """
 
     def __init__(self, channel: NewestPipe, patience: float = _PATIENCE) -> None:
@@ -376,10 +365,7 @@ class RemoteWires:
     def _ask(self, **what: Any) -> None:
         """Send a command and wait until it is carried out.
 
-        Raises
-        ------
-        InstrumentError
-            If the plant does not answer, or could not do it.
+        Raises an `InstrumentError` if the plant does not answer, or could not do it.
         """
         with self._lock:
             pipe = self._channel.next(None, self._patience)
@@ -402,10 +388,7 @@ class RemoteWires:
 def carry_out(wires: Wires, pipe: Connection) -> None:
     """Carry out the command that waits in a pipe, and answer with an error, or with nothing.
 
-    Raises
-    ------
-    EOFError, OSError
-        If the other process has ended.
+    Raises an `EOFError` or `OSError` if the other process has ended.
     """
     command = _line_commands.decode(pipe.recv_bytes())
     said = ""

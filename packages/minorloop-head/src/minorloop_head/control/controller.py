@@ -33,12 +33,8 @@ class Controller(Protocol):
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> Any:
         """Return the state before the first step.
 
-        Parameters
-        ----------
-        measurement : float
-            Angle at which the wire has settled, in degrees.
-        current : float
-            Current under which it has settled, in A.
+        ``measurement``: angle at which the wire has settled, in degrees; ``current``: current under
+        which it has settled, in A.
         """
 
     def step(self, state: Any, reference: float, measurement: float) -> tuple[float, Any]:
@@ -64,10 +60,7 @@ class Controller(Protocol):
 class Loop:
     """The clock and the limits of a loop.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
+    Raises a `ParameterError` if a number is out of its range.
     """
 
     interval: float = INTERVAL
@@ -97,10 +90,7 @@ class Loop:
 def within(name: str, value: float, low: float, high: float, unit: str = "") -> float:
     """Return a parameter as a float, checked against its range.
 
-    Raises
-    ------
-    ParameterError
-        If it is not a number from low to high.
+    Raises a `ParameterError` if it is not a number from low to high.
     """
     number = as_finite(name, value)
     if not low <= number <= high:

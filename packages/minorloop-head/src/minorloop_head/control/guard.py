@@ -178,10 +178,7 @@ class GuardState:
 class Guard:
     """A law inside the limits of its wire.
 
-    Raises
-    ------
-    ParameterError
-        If controller and observer do not have the same interval.
+    Raises a `ParameterError` if controller and observer do not have the same interval.
     """
 
     observer: PowerObserver

@@ -84,10 +84,7 @@ class UnreadWatch:
     a picture of anything, it would lead nowhere. A head that had to go back turns more slowly from
     then on, so that it sees the wall in smaller steps.
 
-    Raises
-    ------
-    ParameterError
-        If the number is out of its range.
+    Raises a `ParameterError` if the number is out of its range.
     """
 
     after: int = 3
@@ -404,18 +401,9 @@ def head_control(
 def controller(law: str | Law, wire: HeatedWire, **options: Any) -> Controller:
     """Return a controller for one wire, without its guard.
 
-    Parameters
-    ----------
-    law : "observer" or callable
-        `ObserverControl`, or what makes another controller from ``wire=`` and the options.
-    wire : HeatedWire
-    **options
-        Of the law.
-
-    Raises
-    ------
-    ParameterError
-        If the name or an option is unknown, or an option is out of its range.
+    ``law``: `ObserverControl`, or what makes another controller from ``wire=`` and the options;
+    ``**options``: of the law. Raises a `ParameterError` if the name or an option is unknown, or an
+    option is out of its range.
     """
     check_kind("the model of a wire", wire, HeatedWire)
     if callable(law):
@@ -458,15 +446,8 @@ def _each(values: npt.ArrayLike, count: int) -> list[object]:
 def camera_control(law: str | Law, wires: tuple[HeatedWire, ...], **options: Any) -> HeadControl:
     """Return the control of a head by its camera.
 
-    Parameters
-    ----------
-    law, wires, **options
-        As of `minorloop_head.control.head.head_control`.
-
-    Raises
-    ------
-    ParameterError
-        As `minorloop_head.control.head.head_control`.
+    ``law``, ``wires`` and ``**options``: as of `minorloop_head.control.head.head_control`. Raises a
+    `ParameterError` as `minorloop_head.control.head.head_control` does.
     """
     watch = SensorWatch(patience=PATIENCE, makes_up=PATIENCE)
     known = {"delay": AGE, "sensor": watch, "unread": UnreadWatch()}

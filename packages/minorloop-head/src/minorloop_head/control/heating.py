@@ -219,6 +219,8 @@ def identify_heating(
 def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
     """Return the change of the sensor of each axis for a degree of every other.
 
+    Raises a `SignalError` if there is not one record for each axis, or its axis did not move.
+
     Parameters
     ----------
     records : sequence of (axes, T) array_like
@@ -228,11 +230,6 @@ def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
     -------
     (axes, axes) array
         Entry [i, j] of sensor i and axis j; 1 on the diagonal.
-
-    Raises
-    ------
-    SignalError
-        If there is not one record for each axis, or its axis did not move.
     """
     readings = [as_samples(record, name=f"record {j}") for j, record in enumerate(records)]
     coupling = np.eye(len(readings))
@@ -328,11 +325,8 @@ def _as_transient(
 ) -> Transient:
     """Return the record of a step; refuse one that shows no lag.
 
-    Raises
-    ------
-    SignalError
-        If it is not t, current and angle of 10 to 100,000 samples within an hour, or its
-        current is negative, beyond the levels or always the same.
+    Raises a `SignalError` if it is not t, current and angle of 10 to 100,000 samples within an
+    hour, or its current is negative, beyond the levels or always the same.
     """
     try:
         t, current, angle = step

@@ -73,10 +73,7 @@ class Estimate:
 class PowerObserver(Loop):
     """Observer of the effective power and of the bias of the surroundings.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
+    Raises a `ParameterError` if a number is out of its range.
 
     Notes
     -----
@@ -197,10 +194,7 @@ class ObserverState:
 class ObserverControl(PowerObserver):
     """Control by the inverse operator and the inverse lag, from the observed state.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
+    Raises a `ParameterError` if a number is out of its range.
     """
 
     response: float = 0.4

@@ -46,10 +46,7 @@ known: far above the noise, and before the head is far on the wrong way."""
 class SensorWatch:
     """Which readings of a sensor are usable.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
+    Raises a `ParameterError` if a number is out of its range.
     """
 
     noise: float = 0.05
@@ -163,14 +160,8 @@ class ReadingWatch(Loop):
     ) -> ReadingState:
         """Return what is known after one more reading of any kind.
 
-        Parameters
-        ----------
-        before : Reading
-        raw : object
-            Reading of the sensor.
-        angle : float
-            Angle of the wire by that reading in degrees, NaN where there is none.
-        expected : Expected
+        ``raw``: reading of the sensor; ``angle``: angle of the wire by that reading in degrees, NaN
+        where there is none.
         """
         number = as_number(raw)
         possible = self.sensor.low <= number <= self.sensor.high

@@ -308,12 +308,8 @@ class _Folder(Kept):
 
         An inspection that is cut off while its report is written has not ended yet.
 
-        Parameters
-        ----------
-        why : str
-            ``finished``, or what ended it.
-        safe : bool
-            Whether the head has confirmed that it is safe.
+        ``why``: ``finished``, or what ended it; ``safe``: whether the head has confirmed that it is
+        safe.
         """
         self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
         try:

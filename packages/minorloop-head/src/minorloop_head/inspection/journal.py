@@ -89,12 +89,8 @@ def plain(value: Any) -> Any:
 def converted(raw: Any, kind: Any) -> Any:
     """Return a value of JSON as a structure.
 
-    Raises
-    ------
-    Impossible
-        If a value is of another kind, or beyond its bounds.
-    ValueError
-        If a value is missing, or cannot be read.
+    Raises an `Impossible` if a value is of another kind, or beyond its bounds; a `ValueError` if a
+    value is missing, or cannot be read.
     """
     try:
         return msgspec.convert(raw, kind, dec_hook=lambda _, value: np.array(value))
@@ -112,9 +108,7 @@ def converted(raw: Any, kind: Any) -> Any:
 def refusing(where: str) -> Iterator[None]:
     """Refuse a line with an impossible value in one sentence, given its number and file.
 
-    Raises
-    ------
-    RecordError
+    Raises a `RecordError`.
     """
     try:
         yield
@@ -156,6 +150,9 @@ class Before:
     def of(cls, folder: Path, begun: Mapping[str, Any], what: str, kinds: Any) -> Before:
         """Return it by the journal in a folder.
 
+        Raises a `RecordError` if there is no folder or no journal in it, or a line has an
+        impossible value; a `ParameterError` if it is finished, or another one was begun.
+
         Parameters
         ----------
         folder : path
@@ -165,13 +162,6 @@ class Before:
             ``inspection`` or ``sweep``.
         kinds : type
             Union of the kinds of its lines.
-
-        Raises
-        ------
-        RecordError
-            If there is no folder or no journal in it, or a line has an impossible value.
-        ParameterError
-            If it is finished, or another one was begun.
         """
         if not folder.is_dir():
             raise RecordError(
@@ -231,10 +221,7 @@ NEW = Before()
 def journal_lines(file: Path, kind: type[_AnyLine]) -> list[_AnyLine]:
     """Return the lines of a kind; a last one that was not written to its end is left out.
 
-    Raises
-    ------
-    RecordError
-        If it is no journal, or such a line has an impossible value.
+    Raises a `RecordError` if it is no journal, or such a line has an impossible value.
     """
     _, every = _read(file)
     if None in every:

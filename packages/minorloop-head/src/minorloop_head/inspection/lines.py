@@ -262,6 +262,8 @@ def check(
 ) -> None:
     """Refuse numbers of a row beyond their limits.
 
+    Raises an `Impossible`.
+
     Parameters
     ----------
     row : object or dict
@@ -269,10 +271,6 @@ def check(
         By names; one pair, or one for each column of an array.
     unknown : bool
         Whether numbers may be NaN.
-
-    Raises
-    ------
-    Impossible
     """
     values = row if isinstance(row, dict) else {name: getattr(row, name, None) for name in limits}
     for name, pairs in limits.items():
@@ -333,10 +331,7 @@ class ViewLine(Line):
     def restored(self, image: Any, calibration: HeadCalibration) -> InspectedView:
         """Return the view, given its picture.
 
-        Raises
-        ------
-        Impossible
-            If what it shows is no part of the pipe of a head.
+        Raises an `Impossible` if what it shows is no part of the pipe of a head.
         """
         pose, sight = self.pose.si(), self.sight.si()
         place, name = (pose["advance"], pose["roll"]), PurePath(self.picture).stem
@@ -440,10 +435,7 @@ SweepLine: TypeAlias = BeginLine | ResumeLine | BurstLine | EndLine
 def _defect(values: dict[str, Any], calibration: HeadCalibration) -> Any:
     """Return a hole, a crack, or the depth of either by echoes.
 
-    Raises
-    ------
-    Impossible
-        If it is beyond the pipe of a head or its wall.
+    Raises an `Impossible` if it is beyond the pipe of a head or its wall.
     """
     known = {name: value for name, value in values.items() if value is not None}
     kind: type[Any] = PitDepth if "phi" in known else CrackDepth
@@ -469,15 +461,7 @@ def _defect(values: dict[str, Any], calibration: HeadCalibration) -> Any:
 def check_burst(line: BurstLine, along: Sequence[float]) -> None:
     """Refuse a burst far from the swept part; with a verdict, its spot may be anywhere.
 
-    Parameters
-    ----------
-    line : BurstLine
-    along : (first, last)
-        Ends of the swept part, in metres.
-
-    Raises
-    ------
-    Impossible
+    ``along``: ends of the swept part, in metres. Raises an `Impossible`.
     """
     z = along[0] - _BESIDE, along[1] + _BESIDE
     if not line.verdict:
@@ -491,6 +475,8 @@ def check_burst(line: BurstLine, along: Sequence[float]) -> None:
 def check_new(traces: dict[Any, str], key: tuple[Any, bytes], where: str) -> None:
     """Refuse a burst whose trace was in a line before: the noise of no two is the same.
 
+    Raises an `Impossible`.
+
     Parameters
     ----------
     traces : dict
@@ -498,10 +484,6 @@ def check_new(traces: dict[Any, str], key: tuple[Any, bytes], where: str) -> Non
     key : tuple
         What tells bursts apart, and the trace; one without a trace may repeat.
     where : str
-
-    Raises
-    ------
-    Impossible
     """
     if key[1] and key in traces:
         raise Impossible("trace", "a trace again", f"another one than in {traces[key]}")

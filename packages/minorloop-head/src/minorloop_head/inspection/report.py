@@ -405,10 +405,7 @@ def summary(content: Mapping[str, Any]) -> str:
 def written(draw: Callable[[], Report], path: Path) -> None:
     """Draw a report and write it; an error in drawing is one sentence.
 
-    Raises
-    ------
-    OutputError
-        If it cannot be drawn or written.
+    Raises an `OutputError` if it cannot be drawn or written.
     """
     try:
         draw().write(path, force=True)

@@ -40,10 +40,7 @@ class Wires(Protocol):
 def check_axes(actuator: Actuator) -> None:
     """Refuse a head whose sensors do not belong to its sources in their order.
 
-    Raises
-    ------
-    ParameterError
-        If a sensor is of another source.
+    Raises a `ParameterError` if a sensor is of another source.
     """
     inputs, outputs = actuator.inputs, actuator.outputs
     for k, measured in enumerate(getattr(actuator, "measures", range(len(outputs)))):
@@ -57,6 +54,8 @@ def check_axes(actuator: Actuator) -> None:
 class ActuatorPlant:
     """A head that an actuator drives, with or without a catheter that moves it.
 
+    Raises a `ParameterError` if the actuator has other channels, or as `check_axes`.
+
     Parameters
     ----------
     actuator : Actuator
@@ -65,11 +64,6 @@ class ActuatorPlant:
         without sensors: its angles are NaN, and have to be seen by its camera.
     clock : Clock, optional
         Keeps the ticks: an exchange begins a tick after the one before. Without it the caller does.
-
-    Raises
-    ------
-    ParameterError
-        If the actuator has other channels, or as `check_axes`.
     """
 
     def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:
@@ -129,18 +123,14 @@ class ActuatorPlant:
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 
+        Raises a `LimitError` if an input is beyond its limits, and nothing is applied then; an
+        `InstrumentError` if a device fails, and the head is safe then.
+
         Returns
         -------
         (4,) array
             Pan and tilt of the joints, advance and roll, in rad and m; NaN for angles without a
             sensor.
-
-        Raises
-        ------
-        LimitError
-            If an input is beyond its limits; nothing is applied then.
-        InstrumentError
-            If a device fails; the head is safe then.
         """
         self._wait()
         count, read = self._count, np.zeros(4)
@@ -165,10 +155,7 @@ class ActuatorPlant:
     def flood(self, on: bool) -> None:
         """Switch the line ``pump``.
 
-        Raises
-        ------
-        InstrumentError
-            If there is no such line.
+        Raises an `InstrumentError` if there is no such line.
         """
         if _PUMP not in self._lines:
             raise InstrumentError(f"the bench has no line {_PUMP!r}, so the pipe cannot be flooded")
@@ -204,10 +191,6 @@ class BenchTip:
     """The tip of a head on a bench: lights and a pump, and neither focus nor probe.
 
     Its pictures come from a camera of its own, see `minorloop_head.procedures.camera_tip`.
-
-    Parameters
-    ----------
-    wires : Wires
     """
 
     def __init__(self, wires: Wires) -> None:
@@ -216,10 +199,7 @@ class BenchTip:
     def frame(self) -> Frame:
         """Raise an error: the camera is not part of the bench.
 
-        Raises
-        ------
-        InstrumentError
-            Always.
+        Raises an `InstrumentError` always.
         """
         raise InstrumentError("a bench has no camera; give one with --camera")
 
@@ -243,9 +223,6 @@ class BenchTip:
     def shots(self, count: int) -> list[Shot]:
         """Raise an error: there is no probe.
 
-        Raises
-        ------
-        InstrumentError
-            Always.
+        Raises an `InstrumentError` always.
         """
         raise InstrumentError(NO_PROBE)

@@ -93,12 +93,8 @@ class CalibratedHead:
 def look_through(folder: PathLike, target: Target) -> TargetPictures:
     """Find the target in each picture of a folder.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such folder.
-    RecordError
-        If the pictures have different sizes, none can be read, or none shows the target.
+    Raises a `ParameterError` if there is no such folder; a `RecordError` if the pictures have
+    different sizes, none can be read, or none shows the target.
     """
     size: tuple[int, int] | None = None
     seen: list[SeenTarget] = []
@@ -148,10 +144,7 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
 def calibrate_lens(pictures: TargetPictures) -> LensFit:
     """Fit the lens to the pictures of a folder.
 
-    Raises
-    ------
-    RecordError
-        If they do not determine it.
+    Raises a `RecordError` if they do not determine it.
     """
     try:
         return fit_lens(pictures.seen, pictures.size)
@@ -174,6 +167,9 @@ def calibrate_mount(
 
     Its standard deviations contain the share of the principal point of the lens.
 
+    Raises a `RecordError` if angles are missing or in another unit, or the pictures do not
+    determine the mount.
+
     Parameters
     ----------
     pictures : TargetPictures
@@ -188,11 +184,6 @@ def calibrate_mount(
         Whether the target is square to the pipe with its middle on the axis.
     centre_sd : (float, float)
         Standard deviations of the principal point, in pixels.
-
-    Raises
-    ------
-    RecordError
-        If angles are missing or in another unit, or the pictures do not determine the mount.
     """
     if not target.oriented:
         raise ParameterError(
@@ -229,13 +220,8 @@ def calibrate_mount(
 def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tuple[str, ...]:
     """Return why the angles of the joints contradict the pictures of a mount; empty if they do not.
 
-    Parameters
-    ----------
-    mount : MountFit
-    names : sequence of str
-        Of its pictures.
-    angle_sd : float
-        Standard deviation of an angle, in degrees, by which it was fitted.
+    ``names``: of its pictures; ``angle_sd``: standard deviation of an angle, in degrees, by which
+    it was fitted.
     """
     largest = np.abs(mount.joints).max(axis=1)
     far = [k for k in np.argsort(-largest).tolist() if largest[k] > _FAR * angle_sd]
@@ -269,16 +255,13 @@ def calibrate_leds(
 ) -> tuple[FloatArray, tuple[Measured, ...]]:
     """Fit the positions of LEDs to their reflections, one folder for each LED.
 
+    Raises a `RecordError` if a folder has too few reflections, or of several LEDs.
+
     Returns
     -------
     positions : (N, 3) array
         In the camera, in metres.
     measured : tuple of Measured
-
-    Raises
-    ------
-    RecordError
-        If a folder has too few reflections, or of several LEDs.
     """
     positions, measured = [], []
     for number, pictures in enumerate(folders, 1):
@@ -307,10 +290,7 @@ def calibrate_leds(
 def led_folders(folder: PathLike) -> list[Path]:
     """Return the folders of the LEDs in the order of their names.
 
-    Raises
-    ------
-    ParameterError
-        If there are none.
+    Raises a `ParameterError` if there are none.
     """
     found = sorted(each for each in Path(folder).glob("*") if each.is_dir())
     if not found:
@@ -321,10 +301,7 @@ def led_folders(folder: PathLike) -> list[Path]:
 def lens_of(head: HeadFile) -> Pinhole:
     """Return the lens of a head that was calibrated before.
 
-    Raises
-    ------
-    ParameterError
-        If it was not.
+    Raises a `ParameterError` if it was not.
     """
     if head.calibration is None:
         raise ParameterError("the lens is not calibrated; give its pictures with --pictures")
@@ -334,10 +311,7 @@ def lens_of(head: HeadFile) -> Pinhole:
 def _check_size(pictures: TargetPictures, lens: Pinhole) -> None:
     """Refuse pictures of another size than those of the lens.
 
-    Raises
-    ------
-    RecordError
-        If they have.
+    Raises a `RecordError` if they have.
     """
     if pictures.size != (lens.width, lens.height):
         raise RecordError(
@@ -359,6 +333,8 @@ def calibrated_head(
 ) -> tuple[HeadFile, tuple[str, ...]]:
     """Return the head with its new calibration, and advice.
 
+    Raises a `ParameterError` if the lens is not known.
+
     Parameters
     ----------
     before : HeadFile
@@ -370,11 +346,6 @@ def calibrated_head(
         Of the LEDs.
     radius, thickness : float, optional
         Of the pipe and its wall, in metres.
-
-    Raises
-    ------
-    ParameterError
-        If the lens is not known.
     """
     old = before.calibration
     seen_by = lens_of(before) if lens is None else lens.lens

@@ -44,11 +44,8 @@ calibrated. A wire pulls in one direction only, so that half of its stroke is on
 class HeadCalibration:
     """Calibration of camera and probe, and of how they are mounted on the head.
 
-    Raises
-    ------
-    ParameterError
-        If the lights are not (N, 3) finite numbers, or a number is beyond what pipes and heads can
-        have.
+    Raises a `ParameterError` if the lights are not (N, 3) finite numbers, or a number is beyond
+    what pipes and heads can have.
     """
 
     lens: Pinhole
@@ -121,10 +118,7 @@ class HeadCalibration:
 
         A probe without an azimuth is of a file before there was one: it was on the x axis.
 
-        Raises
-        ------
-        ValueError
-            If a value is missing, unknown, of another type, or out of its range.
+        Raises a `ValueError` if a value is missing, unknown, of another type, or out of its range.
         """
         if isinstance(values.get("probe"), dict):
             values = {**values, "probe": {"azimuth": 0.0, **values["probe"]}}

@@ -35,12 +35,7 @@ _SAID = {
 class CameraTip:
     """Lights, focus and probe of a tip, and the pictures of a camera, which are checked.
 
-    Parameters
-    ----------
-    tip : Tip
-    camera : LiveCamera
-    view : HeadCalibration
-        Of the camera.
+    ``view``: of the camera.
     """
 
     def __init__(self, tip: Tip, camera: LiveCamera, view: HeadCalibration) -> None:
@@ -52,10 +47,7 @@ class CameraTip:
     def frame(self) -> Frame:
         """Return the newest picture under the present lights; wait for it after they were switched.
 
-        Raises
-        ------
-        InstrumentError
-            As `newest`.
+        Raises an `InstrumentError` as `newest` does.
         """
         while (found := self.newest()) is None:
             pass
@@ -64,11 +56,8 @@ class CameraTip:
     def newest(self) -> Frame | None:
         """Return the newest picture; None if it may show the lights before they were switched.
 
-        Raises
-        ------
-        InstrumentError
-            If none comes in time, or it has another size than calibrated, repeats the last one, is
-            torn, or is no picture.
+        Raises an `InstrumentError` if none comes in time, or it has another size than calibrated,
+        repeats the last one, is torn, or is no picture.
         """
         found = self._camera.frame()
         if found.t < self._settled:

@@ -149,10 +149,8 @@ class Centring:
     ) -> tuple[Track, TrackState]:
         """Begin to track what a pixel shows.
 
-        Raises
-        ------
-        SignalError
-            If the image does not show it whole, or shows no texture that could be found again.
+        Raises a `SignalError` if the image does not show it whole, or shows no texture that could
+        be found again.
         """
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).begin(image, pixel, pan, tilt)

@@ -44,6 +44,8 @@ _NEAREST, _FARTHEST = 4e-3, 60e-3
 def focus(lens: Pinhole, pixel: npt.ArrayLike, guess: float) -> Procedure[FocusPeak]:
     """Focus on a pixel (2,) that shows something at about a distance in metres.
 
+    Raises a `ParameterError` if the guess is not within the limits of the focus.
+
     Parameters
     ----------
     lens : Pinhole
@@ -52,11 +54,6 @@ def focus(lens: Pinhole, pixel: npt.ArrayLike, guess: float) -> Procedure[FocusP
         Middle of the region.
     guess : float
         In metres.
-
-    Raises
-    ------
-    ParameterError
-        If the guess is not within the limits of the focus.
     """
     if not _NEAREST <= guess <= _FARTHEST:
         raise ParameterError(

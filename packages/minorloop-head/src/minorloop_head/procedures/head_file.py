@@ -129,17 +129,14 @@ class HeadFile:
     def check_fits(self, serial: str | None, name: PathLike) -> None:
         """Refuse the file of another head, and wires older than the calibration.
 
+        Raises a `ModelFileError` if the file cannot be used with this head.
+
         Parameters
         ----------
         serial : str, optional
             Serial number of the head that is there; not compared if it is not known.
         name : str or path
             Name of the file, for the message.
-
-        Raises
-        ------
-        ModelFileError
-            If the file cannot be used with this head.
         """
         if serial is not None and serial != self.serial:
             raise ModelFileError(
@@ -157,18 +154,15 @@ class HeadFile:
     def check_lights(self, lines: int, name: PathLike) -> None:
         """Refuse a calibration with another number of LEDs than are switched.
 
+        Raises a `ModelFileError` if the calibration has another number of LEDs than `ALL_LIGHTS`,
+        or the bench has lines for another number.
+
         Parameters
         ----------
         lines : int
             Lines of the bench that switch LEDs; 0 if there are none, then the LEDs are not counted.
         name : str or path
             Name of the file, for the message.
-
-        Raises
-        ------
-        ModelFileError
-            If the calibration has another number of LEDs than `ALL_LIGHTS`, or the bench has lines
-            for another number.
         """
         wanted = len(ALL_LIGHTS)
         known = wanted if self.calibration is None else len(self.calibration.leds)
@@ -186,17 +180,9 @@ class HeadFile:
     def control(self, *, by_camera: bool = False, **options: Any) -> HeadControl:
         """Return the control of the head.
 
-        Parameters
-        ----------
-        by_camera : bool
-            Whether the angles are those of pictures, see `minorloop_head.control.head`.
-        **options
-            As in `head_control`.
-
-        Raises
-        ------
-        ModelFileError
-            If the wires were not identified.
+        ``by_camera``: whether the angles are those of pictures, see `minorloop_head.control.head`;
+        ``**options``: as in `head_control`. Raises a `ModelFileError` if the wires were not
+        identified.
         """
         known = self.identified
         if known is None:
@@ -249,11 +235,8 @@ class _Content(_HeadPart):
 def read_head(path: PathLike) -> HeadFile:
     """Read the file of a head.
 
-    Raises
-    ------
-    ModelFileError
-        If there is no such file, or it is damaged, too large, not one of a head, or of a newer
-        version.
+    Raises a `ModelFileError` if there is no such file, or it is damaged, too large, not one of a
+    head, or of a newer version.
     """
     data = _bytes_of(path)
     try:
@@ -296,19 +279,9 @@ def read_head(path: PathLike) -> HeadFile:
 def save_head(head: HeadFile, path: PathLike, *, force: bool = False) -> None:
     """Write the file of a head, completely or not at all.
 
-    Parameters
-    ----------
-    head : HeadFile
-    path : str or path
-    force : bool
-        Whether a file that exists may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written, or exists and ``force`` is false.
-    ParameterError
-        If the serial number cannot be printed.
+    ``force``: whether a file that exists may be replaced. Raises an `OutputError` if the file
+    cannot be written, or exists and ``force`` is false; a `ParameterError` if the serial number
+    cannot be printed.
     """
     target = check_writable(path, force=force)
     check_name("the serial number", head.serial)

@@ -66,10 +66,7 @@ _CarryOut = Callable[[Actuator, Store], ResumeMode]
 class HeadExcitation:
     """Inputs that identify a head.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
+    Raises a `ParameterError` if a number is out of its range.
     """
 
     highest: float = 0.4
@@ -137,10 +134,7 @@ class HeadMeasurement:
     def left(self) -> dict[str, int]:
         """Return the number of holds that are left of each run that is not finished, by its name.
 
-        Raises
-        ------
-        StoreError
-            If a store in the folder cannot be read, or belongs to another run.
+        Raises a `StoreError` if a store in the folder cannot be read, or belongs to another run.
         """
         how, left = self.excitation, {}
         known = {"loop": how.loop, "coupling": how.loop, "check": how.check}
@@ -161,14 +155,9 @@ class HeadMeasurement:
     def identified(self) -> IdentifiedWires:
         """Measure what is not measured yet, and identify both wires.
 
-        Raises
-        ------
-        ParameterError
-            If the actuator is no head.
-        StoreError
-            If a store in the folder belongs to another run.
-        SignalError
-            If a wire does not move, or its records cannot be used.
+        Raises a `ParameterError` if the actuator is no head; a `StoreError` if a store in the
+        folder belongs to another run; a `SignalError` if a wire does not move, or its records
+        cannot be used.
         """
         axes = [self._axis(axis) for axis in range(len(AXES))]
         found, moves = zip(*axes, strict=True)
@@ -293,16 +282,14 @@ def _settled(store: Store) -> tuple[FloatArray, FloatArray]:
 def check_head(plant: Actuator, seen: str = "") -> None:
     """Refuse an actuator that is no head.
 
+    Raises a `ParameterError` if it has not two currents in A and two angles in degrees, or as
+    `check_axes`.
+
     Parameters
     ----------
     plant : Actuator
     seen : str
         End of the sentence on a head without sensors: what else can give its angles.
-
-    Raises
-    ------
-    ParameterError
-        If it has not two currents in A and two angles in degrees, or as `check_axes`.
     """
     units = [channel.unit for channel in (*plant.inputs, *plant.outputs)]
     if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:

@@ -117,13 +117,7 @@ def seen_wall(
 ) -> SeenWall | None:
     """Merge the pictures of an inspection; return None without one that can be used.
 
-    Parameters
-    ----------
-    views : iterable of InspectedView
-    calibration : HeadCalibration
-        Of the head.
-    walls : sequence of DepthMap
-        About the findings that were scanned.
+    ``calibration``: of the head; ``walls``: about the findings that were scanned.
 
     Notes
     -----
@@ -181,13 +175,7 @@ def wall_of(
 ) -> DepthMap | None:
     """Return the map of the wall about a finding; None if echoes gave no depth.
 
-    Parameters
-    ----------
-    view : InspectedView
-        Of its visit.
-    scanned : ScannedRaster, optional
-        The scan that gave the depth.
-    calibration : HeadCalibration
+    ``view``: of its visit; ``scanned``: the scan that gave the depth.
     """
     probed = view.probed
     if scanned is None or probed is None or not np.isfinite(probed.depth):
@@ -204,13 +192,7 @@ def wall_of(
 
 
 def c_scan_of(scanned: ScannedRaster, calibration: HeadCalibration) -> CScan | None:
-    """Return the map of amplitude and depth of a scan; None if no echo came back.
-
-    Parameters
-    ----------
-    scanned : ScannedRaster
-    calibration : HeadCalibration
-    """
+    """Return the map of amplitude and depth of a scan; None if no echo came back."""
     if not has_coupling(scanned.bursts):
         return None
     probe = calibration.probe_at(scanned.reference)
@@ -233,13 +215,7 @@ def draw_wall(
 ) -> Any:
     """Draw the unrolled pipe with numbered findings, what was not confirmed, and the water line.
 
-    Parameters
-    ----------
-    seen : SeenWall
-    found : sequence of InspectedView
-        Each with a finding, in the order of their numbers.
-    lost : sequence of Unconfirmed
-    water : WaterLine, optional
+    ``found``: each with a finding, in the order of their numbers.
     """
     patch = seen.patch
     figure, axes = new_figure(1, 1, 4.4, grid=False)

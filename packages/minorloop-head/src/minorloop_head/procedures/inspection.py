@@ -284,12 +284,8 @@ class _Visits:
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
     """Return what views show, and none of them visits, or visits twice without a finding.
 
-    Parameters
-    ----------
-    views : sequence of InspectedView
-        All of an inspection so far, in the order in which they were taken.
-    radius : float
-        Of the pipe, in metres.
+    ``views``: all of an inspection so far, in the order in which they were taken; ``radius``: of
+    the pipe, in metres.
     """
     names, early = {view.picture.name for view in views}, _early(views)
     around = [view for view in views if view.looks_round]

@@ -107,6 +107,8 @@ def seen_mark(
 ) -> FloatArray | None:
     """Return phi and z (2,) of the mark of a touch; None if the pictures do not show it.
 
+    Raises a `ParameterError` if the tool meets no wall there.
+
     Parameters
     ----------
     calibration : HeadCalibration
@@ -117,11 +119,6 @@ def seen_mark(
         Pan and tilt at the contact.
     before, after : tuple of image and (2,) array
         Pictures, with pan and tilt of each.
-
-    Raises
-    ------
-    ParameterError
-        If the tool meets no wall there.
     """
     camera, tool = calibration.camera_at(catheter), calibration.tool
     assert tool is not None

@@ -233,12 +233,7 @@ class _PictureLight:
 def light_in(image: Image, view: HeadCalibration, pan: float, tilt: float) -> _PictureLight:
     """Return what the light in a picture says about a line of sight.
 
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-    view : HeadCalibration
-    pan, tilt : float
-        Of the line of sight, in radians.
+    ``image`` (height, width); ``pan`` and ``tilt``: of the line of sight, in radians.
     """
     rows, columns = _CELLS
     at = [np.linspace(0, n, m + 1).astype(int) for n, m in zip(image.shape, _CELLS, strict=True)]

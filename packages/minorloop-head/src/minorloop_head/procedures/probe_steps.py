@@ -114,12 +114,7 @@ def scanned_pit(
 ) -> tuple[PitDepth, ScannedRaster]:
     """Scan a hole or a pit, once more if the echoes depend on the points, and return its depth.
 
-    Parameters
-    ----------
-    rig : InspectionRig
-    hole : Hole
-        By the camera.
-    scan : callable
+    ``hole``: by the camera.
 
     Returns
     -------
@@ -153,12 +148,7 @@ def scanned_crack(
 ) -> tuple[CrackDepth, ScannedRaster]:
     """Scan across a crack where it is widest, and return its depth there.
 
-    Parameters
-    ----------
-    rig : InspectionRig
-    traced : TracedCrack
-        In a near view.
-    scan : callable
+    ``traced``: in a near view.
     """
     where, width = widest(traced)
     scanned = scan(rig, (float(where[0]), float(where[1])), 0.0)

@@ -92,10 +92,7 @@ class Probing:
     def scanned(self, view: InspectedView) -> InspectedView:
         """Touch and scan the finding of a view, and return the view with what the echoes say.
 
-        Raises
-        ------
-        InstrumentError
-            If a device fails or a sensor is lost.
+        Raises an `InstrumentError` if a device fails or a sensor is lost.
         """
         rig, (shown,), name = self.rig, view.seen, first_visit(view.picture.name)
         visit = _Visit(rig)

@@ -165,10 +165,8 @@ class InspectionRig:
     def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst.
 
-        Raises
-        ------
-        InstrumentError
-            If the camera has given no good picture for 5 s, or a device fails again and again.
+        Raises an `InstrumentError` if the camera has given no good picture for 5 s, or a device
+        fails again and again.
         """
         self._applied(request)
         if not request.frame and self._seen is None:
@@ -192,10 +190,7 @@ class InspectionRig:
     def _turned(self, image: Image | None) -> FloatArray:
         """Return the turn (2,) of the base as it is measured now; NaN if it should be and is not.
 
-        Parameters
-        ----------
-        image : array, optional
-            Taken now, with a burst.
+        ``image``: taken now, with a burst.
         """
         if self._base is None or not self._wet:
             return np.zeros(2)
@@ -206,10 +201,7 @@ class InspectionRig:
     def begin(self) -> None:
         """Wait until a head without sensors is cold and stands still: its angles are known then.
 
-        Raises
-        ------
-        InstrumentError
-            If it does not, or the camera does not show it.
+        Raises an `InstrumentError` if it does not, or the camera does not show it.
         """
         while self._seen is not None and not self._seen.known:
             if self.t > LONGEST:
@@ -223,11 +215,7 @@ class InspectionRig:
 
         If it is cut off, its tool is withdrawn, the pipe is drained, and all lights are on.
 
-        Parameters
-        ----------
-        procedure : Procedure
-        each : callable
-            Called after every tick.
+        ``each``: called after every tick.
         """
         try:
             request = next(procedure)
@@ -258,10 +246,7 @@ class InspectionRig:
     def look(self) -> tuple[Reading, Image]:
         """Return a reading and its picture; the loop goes on until there is one.
 
-        Raises
-        ------
-        InstrumentError
-            As `reading`.
+        Raises an `InstrumentError` as `reading` does.
         """
         while (now := self.reading(Request(frame=True))).image is None:
             self._tick(NOTHING)
@@ -286,10 +271,7 @@ class InspectionRig:
     def check_sensors(self) -> None:
         """Refuse to go on with a sensor that failed.
 
-        Raises
-        ------
-        InstrumentError
-            If one did; its wire cools.
+        Raises an `InstrumentError` if one did; its wire cools.
         """
         if self._seen is not None and any(axis.fault for axis in self._state.axes):
             raise InstrumentError(unseen(self._seen.why))

@@ -63,10 +63,7 @@ def seen_by(view: HeadCalibration) -> WallAngles:
 def refined_view(view: HeadCalibration, frames: Sequence[Frame]) -> HeadCalibration:
     """Return a calibration that was corrected by pictures of a sweep, the first of the cold head.
 
-    Raises
-    ------
-    SignalError
-        As `minorloop_head.vision.wall_refinement.refined`.
+    Raises a `SignalError` as `minorloop_head.vision.wall_refinement.refined` does.
     """
     camera, rest = refined(seen_by(view), frames, view.line_of_sight(np.zeros(2)))
     mount, (pan, tilt) = camera.mount, rest.tolist()
@@ -110,12 +107,8 @@ class SeenAngles:
 
     A head is cold that has no current and stands still. Until that is known there are no angles.
 
-    Parameters
-    ----------
-    view : HeadCalibration
-        Of the camera.
-    cold : (2,) array_like
-        Pan and tilt of the cold head in degrees, such as `HeadControl.cold`.
+    ``view``: of the camera; ``cold`` (2,): pan and tilt of the cold head in degrees, such as
+    `HeadControl.cold`.
 
     Attributes
     ----------
@@ -137,12 +130,7 @@ class SeenAngles:
     def read(self, frame: Frame, *, cold: bool = False) -> FloatArray:
         """Return pan and tilt (2,) in degrees; NaN where the picture does not show them surely.
 
-        Parameters
-        ----------
-        frame : Frame
-            Under all lights.
-        cold : bool
-            Whether the head has no current.
+        ``frame``: under all lights; ``cold``: whether the head has no current.
         """
         if not self.known:
             self._look_for_zero(frame, cold)
@@ -204,6 +192,10 @@ class SeenHead(WrappedActuator):
     It waits until the head stands still. The actuator confirms that it is safe at the end of that,
     also where it ends early.
 
+    Raises a `ParameterError` if the actuator has not two currents, or the camera another size than
+    calibrated; an `InstrumentError` if the head does not come to rest, or its camera does not show
+    the wall for 10 s.
+
     Parameters
     ----------
     actuator : Actuator
@@ -233,13 +225,6 @@ class SeenHead(WrappedActuator):
         Number of those that have come.
     searched : bool
         Whether the angles were looked for in the newest one: not if it is old, or shows nothing.
-
-    Raises
-    ------
-    ParameterError
-        If the actuator has not two currents, or the camera another size than calibrated.
-    InstrumentError
-        If the head does not come to rest, or its camera does not show the wall for 10 s.
     """
 
     def __init__(
@@ -283,12 +268,8 @@ class SeenHead(WrappedActuator):
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold two currents, and return a record of them and of the angles.
 
-        Raises
-        ------
-        LimitError
-            If a current is beyond its limits.
-        InstrumentError
-            If the camera does not show the angles for 10 s.
+        Raises a `LimitError` if a current is beyond its limits; an `InstrumentError` if the camera
+        does not show the angles for 10 s.
         """
         count = max(round(duration / sample_interval), 1)
         began, t, y = self._t, np.empty(count), np.empty((2, count))
@@ -309,10 +290,7 @@ class SeenHead(WrappedActuator):
     def exchange(self, u: Value) -> FloatArray:
         """Hold two currents for one tick; return pan and tilt in degrees, NaN where not seen.
 
-        Raises
-        ------
-        InstrumentError
-            If the camera does not show the angles for 10 s.
+        Raises an `InstrumentError` if the camera does not show the angles for 10 s.
         """
         self._hold(u)
         return self._look()
@@ -322,17 +300,9 @@ class SeenHead(WrappedActuator):
 
         The head is hot then; open it again to count from the cold head.
 
-        Parameters
-        ----------
-        highest : float
-            Largest current, in A.
-
-        Raises
-        ------
-        SignalError
-            If the pictures do not show the wall, as `refined_view`.
-        InstrumentError
-            If the camera does not show the angles for 10 s; the head is safe then.
+        ``highest``: largest current, in A. Raises a `SignalError` if the pictures do not show the
+        wall, as `refined_view`; an `InstrumentError` if the camera does not show the angles for 10
+        s, and the head is safe then.
         """
 
         def hold(u: FloatArray, seconds: float) -> None:

@@ -42,10 +42,6 @@ between which it is interpolated: either is off by less than 0.04 degrees in a s
 class SeenBase:
     """Pan and tilt of the base by pictures, counted from a picture of the base at rest.
 
-    Parameters
-    ----------
-    view : HeadCalibration
-
     Attributes
     ----------
     why : str

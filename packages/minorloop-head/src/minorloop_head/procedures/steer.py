@@ -135,11 +135,8 @@ def check_targets(
 ) -> tuple[FloatArray, float]:
     """Return targets (N, 2) in degrees, and their hold in seconds in whole ticks.
 
-    Raises
-    ------
-    ParameterError
-        If the targets are not (N, 2) numbers or beyond the reach of the wires, or the hold is
-        shorter than a tick or longer than an hour.
+    Raises a `ParameterError` if the targets are not (N, 2) numbers or beyond the reach of the
+    wires, or the hold is shorter than a tick or longer than an hour.
     """
     wanted = np.atleast_2d(np.asarray(targets, dtype=np.float64))
     if wanted.ndim != 2 or wanted.shape[1] != 2 or not np.isfinite(wanted).all():
@@ -164,6 +161,9 @@ def steer(
     with an ``age`` is read from pictures, of which it is the newest one's. One with ``searched``
     tells whether that showed anything, in which its view was looked for.
 
+    Raises a `ParameterError` as `check_targets`, and nothing is switched on then; a `SafetyError`
+    if the head does not confirm at the end that it is safe.
+
     Parameters
     ----------
     head : Actuator
@@ -177,13 +177,6 @@ def steer(
     unfinished : callable
         Takes what was measured if an error or a signal ends the drive, after the head was made
         safe, and whether that was confirmed.
-
-    Raises
-    ------
-    ParameterError
-        As `check_targets`; nothing is switched on then.
-    SafetyError
-        If the head does not confirm at the end that it is safe.
     """
     wanted, hold = check_targets(control, targets, hold, head.tick)
     faults = FaultLog(AXES, head.tick, control.axes[0].observer.delay)

@@ -264,11 +264,7 @@ def bring_in_reach(rig: InspectionRig, marking: Marking, where: npt.ArrayLike) -
 
     It travels, and rolls only if that is not enough: both wires must reach the angles of the tool.
 
-    Parameters
-    ----------
-    rig : InspectionRig
-    marking : Marking
-    where : (2,) array_like
+    ``where`` (2,).
     """
     home = rig.place
     for turn, by in product(TURNS, STEPS):

@@ -103,6 +103,9 @@ class ProbeSweep:
     ) -> SweptArea:
         """Return an area that is to be swept.
 
+        Raises a `ParameterError` if the area is smaller than two beams, too large, or not in the
+        pipe.
+
         Parameters
         ----------
         phi : (float, float)
@@ -111,11 +114,6 @@ class ProbeSweep:
             First and last, in metres.
         bursts : sequence of SweptBurst
             Of the same sweep, in their order, which was cut off: it goes on with their last line.
-
-        Raises
-        ------
-        ParameterError
-            If the area is smaller than two beams, too large, or not in the pipe.
         """
         self._check(phi, z)
         rolls = np.array([each.place[1] for each in bursts])

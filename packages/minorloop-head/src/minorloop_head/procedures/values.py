@@ -104,13 +104,8 @@ Procedure: TypeAlias = Generator[Request, Reading, Result]
 class Running(Generic[Result]):
     """A procedure that a loop advances by one tick at a time.
 
-    Parameters
-    ----------
-    procedure : Procedure
-    carry_out : callable
-        Carries out a request, but for its motion, which is that of the loop.
-    safe : Request
-        Is carried out if the procedure is closed before its end, and leaves all safe.
+    ``carry_out``: carries out a request, but for its motion, which is that of the loop; ``safe``:
+    is carried out if the procedure is closed before its end, and leaves all safe.
 
     Attributes
     ----------
@@ -223,10 +218,7 @@ class ToolTip(Protocol):
 def apply_to_tip(tip: Tip, request: Request) -> None:
     """Set lights, exposure, focus, water and tool as requested.
 
-    Raises
-    ------
-    InstrumentError
-        If the tool is to be extended and the tip has none.
+    Raises an `InstrumentError` if the tool is to be extended and the tip has none.
     """
     if request.extension is not None:
         if not isinstance(tip, ToolTip):

@@ -32,10 +32,7 @@ Bytes = npt.NDArray[np.uint8]
 class Patch:
     """A rectangle of the wall in even texels.
 
-    Raises
-    ------
-    ParameterError
-        If it is empty, or goes round the pipe more than once.
+    Raises a `ParameterError` if it is empty, or goes round the pipe more than once.
     """
 
     phi: float
@@ -218,10 +215,7 @@ def coupled_at(
 ) -> FloatArray:
     """Return the height, as y, below which water reaches both wall and probe.
 
-    Parameters
-    ----------
-    phi, radius, face, offset
-        As of `find_water`.
+    ``phi``, ``radius``, ``face`` and ``offset``: as of `find_water`.
     """
     down = np.sin(np.asarray(phi, dtype=np.float64))
     wall: FloatArray = radius * down

@@ -120,17 +120,8 @@ def save_findings(
 ) -> Path:
     """Write the table of findings as CSV, and return its path.
 
-    Parameters
-    ----------
-    findings : sequence of Finding
-    path : path
-    force : bool
-        Whether a file that exists may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If the file exists and ``force`` is false, or it cannot be written.
+    ``force``: whether a file that exists may be replaced. Raises an `OutputError` if the file
+    exists and ``force`` is false, or it cannot be written.
     """
     place = check_writable(path, force=force)
     write_atomically(place, finding_table(findings))

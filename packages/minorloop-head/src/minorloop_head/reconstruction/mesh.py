@@ -76,19 +76,9 @@ def mesh_of(wall: DepthMap) -> Any:
 def save_mesh(wall: DepthMap, path: str | os.PathLike[str]) -> Path:
     """Write the wall as PLY or glTF, by the suffix of the path, in metres.
 
-    Parameters
-    ----------
-    wall : DepthMap
-        The depth map.
-    path : path
-        Ends in ``.ply``, ``.glb``, or ``.gltf`` (which carries its data inside).
-
-    Raises
-    ------
-    ParameterError
-        If the suffix is another.
-    OutputError
-        If the place cannot be written.
+    ``wall``: the depth map; ``path``: ends in ``.ply``, ``.glb``, or ``.gltf`` (which carries its
+    data inside). Raises a `ParameterError` if the suffix is another; an `OutputError` if the place
+    cannot be written.
     """
     place = Path(path)
     suffix = place.suffix.lower()

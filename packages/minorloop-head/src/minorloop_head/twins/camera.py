@@ -56,10 +56,7 @@ def led_positions(count: int = 3, circle: float = LED_CIRCLE) -> FloatArray:
 class ImageSensor:
     """Image sensor and optics: blur, noise, glare and read-out.
 
-    Raises
-    ------
-    ParameterError
-        If a number is negative, or electrons or interval are 0.
+    Raises a `ParameterError` if a number is negative, or electrons or interval are 0.
     """
 
     aperture: float = 0.2e-3
@@ -91,6 +88,9 @@ class ImageSensor:
 class Camera(Mounted):
     """640 by 480 grey pixels, 25 frames a second, between three LEDs.
 
+    Raises a `ParameterError` if an option is out of its range, or water fills a pipe that has a
+    surface of water.
+
     Parameters
     ----------
     pipe : Pipe
@@ -110,11 +110,6 @@ class Camera(Mounted):
     flooded : TurbidWater, optional
         Water that fills the whole pipe, the camera behind a flat port in it. ``calibration``
         remains that in air.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range, or water fills a pipe that has a surface of water.
 
     Notes
     -----
@@ -170,10 +165,7 @@ class Camera(Mounted):
     def switch(self, lights: Sequence[bool]) -> None:
         """Switch LEDs on or off from the next frame on.
 
-        Raises
-        ------
-        ParameterError
-            If the number of truth values is not that of the LEDs.
+        Raises a `ParameterError` if the number of truth values is not that of the LEDs.
         """
         if len(lights) != len(self.leds):
             raise ParameterError(f"{len(lights)} lights; give one truth value for each of the 3")
@@ -182,11 +174,8 @@ class Camera(Mounted):
     def expose(self, exposure: float, gain: float = 1.0) -> None:
         """Set the exposure time, in seconds, and the gain.
 
-        Raises
-        ------
-        LimitError
-            If the exposure is not from 10 us to the interval between frames, or the gain not
-            from 0.1 to 32.
+        Raises a `LimitError` if the exposure is not from 10 us to the interval between frames, or
+        the gain not from 0.1 to 32.
         """
         if not 1e-5 <= exposure <= self.sensor.interval:
             raise LimitError(
@@ -199,10 +188,7 @@ class Camera(Mounted):
     def focus_at(self, distance: float) -> None:
         """Move the focus to a distance in metres, which takes up to a second.
 
-        Raises
-        ------
-        LimitError
-            If the distance is not from 4 to 60 mm.
+        Raises a `LimitError` if the distance is not from 4 to 60 mm.
         """
         if not _NEAREST <= distance <= FARTHEST:
             raise LimitError(

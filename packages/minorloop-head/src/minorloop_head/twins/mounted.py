@@ -28,12 +28,7 @@ class Mounted:
     def look(self, pan: float, tilt: float, *, rates: tuple[float, float] = (0.0, 0.0)) -> None:
         """Set the angles of the head now, and their rates.
 
-        Parameters
-        ----------
-        pan, tilt : float
-            In radians.
-        rates : (float, float)
-            Of pan and tilt, in radians per second.
+        ``pan`` and ``tilt``: in radians; ``rates``: of pan and tilt, in radians per second.
         """
         self._pan, self._tilt = as_finite("pan", pan), as_finite("tilt", tilt)
         self._rates = (as_finite("rate of pan", rates[0]), as_finite("rate of tilt", rates[1]))

@@ -24,10 +24,7 @@ INSIDES = ("dark", "backlit", "white")
 class Bore:
     """A round hole through the wall, or a pit that ends in it.
 
-    Raises
-    ------
-    ParameterError
-        If a size is not positive or the inside is unknown.
+    Raises a `ParameterError` if a size is not positive or the inside is unknown.
     """
 
     phi: float
@@ -72,10 +69,7 @@ class Bore:
 class Crack:
     """A dark, narrow line with corners.
 
-    Raises
-    ------
-    ParameterError
-        If there are fewer than two corners, or not one width for each corner.
+    Raises a `ParameterError` if there are fewer than two corners, or not one width for each corner.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -163,10 +157,7 @@ class Dirt:
 class Weld:
     """A weld bead with ripples: arcs that end in sharp valleys, as the pool froze.
 
-    Raises
-    ------
-    ParameterError
-        If a size is not positive.
+    Raises a `ParameterError` if a size is not positive.
     """
 
     phi: float
@@ -219,10 +210,7 @@ class Finish:
 class Pipe:
     """A straight pipe from z = 0.
 
-    Raises
-    ------
-    ParameterError
-        If a size is not positive, or the water is outside the pipe.
+    Raises a `ParameterError` if a size is not positive, or the water is outside the pipe.
     """
 
     radius: float = 10e-3
@@ -451,10 +439,7 @@ def _check_positive(name: str, value: float) -> None:
 def open_pipe(specimen: int | None, noise: float, seed: int, **options: object) -> NoReturn:
     """Refuse to open the pipe as an actuator: the head in it has a camera and a probe.
 
-    Raises
-    ------
-    ParameterError
-        Always.
+    Raises a `ParameterError` always.
     """
     raise ParameterError(
         "twin:pipe is opened only by minorloop head identify, drive, inspect and sweep, and "

@@ -77,15 +77,12 @@ class Rig:
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold two currents and the rates of advance and roll for a tick.
 
+        Raises a `LimitError` if an input is beyond its limits.
+
         Returns
         -------
         (4,) array
             Pan, tilt, advance and roll at its end; NaN where a sensor is lost.
-
-        Raises
-        ------
-        LimitError
-            If an input is beyond its limits.
         """
         self._before = self._line_of_sight()
         angles = np.asarray(self.head.exchange(u[:2]))
@@ -120,13 +117,7 @@ class Rig:
 
 
 class RigWires:
-    """The two currents of a rig as an actuator without outputs, and the pictures of its tip.
-
-    Parameters
-    ----------
-    rig : Rig
-    tip : SimulatedTip
-    """
+    """The two currents of a rig as an actuator without outputs, and the pictures of its tip."""
 
     inputs, outputs = Head.inputs, ()
 
@@ -327,10 +318,7 @@ class _MicroTool(Mounted):
     def extend(self, length: float) -> None:
         """Extend to a length in metres, or until the point touches the wall.
 
-        Raises
-        ------
-        LimitError
-            If the length is not from 0 to the longest.
+        Raises a `LimitError` if the length is not from 0 to the longest.
         """
         if not 0 <= as_finite("extension of the tool", length) <= self._tool.longest:
             raise LimitError(

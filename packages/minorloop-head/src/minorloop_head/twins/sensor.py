@@ -49,6 +49,9 @@ class SimulatedFault:
 class Sensor:
     """Turns true outputs into readings; the noise depends on the seed and the sample number.
 
+    Raises a `ParameterError` if the noise is negative, an item is not a fault, or a fault names no
+    channel.
+
     Parameters
     ----------
     outputs : tuple of Channel
@@ -59,11 +62,6 @@ class Sensor:
         Seed of the noise.
     faults : sequence of SimulatedFault
         Times in which readings fail.
-
-    Raises
-    ------
-    ParameterError
-        If the noise is negative, an item is not a fault, or a fault names no channel.
     """
 
     def __init__(

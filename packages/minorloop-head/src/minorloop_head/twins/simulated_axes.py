@@ -22,6 +22,8 @@ MOST_DELAY = 10.0
 class SimulatedAxes(SimulatedPlant):
     """A plant with as many inputs as outputs, whose readings are delayed and may fail.
 
+    Raises a `ParameterError` if an option is out of its range.
+
     Parameters
     ----------
     specimen : int, optional
@@ -40,11 +42,6 @@ class SimulatedAxes(SimulatedPlant):
         Divides every time step of the integration, 10 ms at most.
     log_truth : bool
         Whether to log the hidden state at the end of every call, for scoring after the run.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
     """
 
     _nominal: dict[str, float]

@@ -105,10 +105,7 @@ class Course:
 class Cooling:
     """How the cooling of a wire in a head varies, and the body of the head that it warms.
 
-    Raises
-    ------
-    ParameterError
-        If a value is out of its range.
+    Raises a `ParameterError` if a value is out of its range.
     """
 
     exponent: float = 0.148
@@ -197,10 +194,7 @@ class Surroundings:
 class Sway:
     """Motion of the base of the head in a flow, one sine for each axis.
 
-    Raises
-    ------
-    ParameterError
-        If the amplitude is out of its range.
+    Raises a `ParameterError` if the amplitude is out of its range.
     """
 
     amplitude: float = math.radians(1.0)
@@ -225,10 +219,7 @@ class Filling:
 
     All else follows from it: ambient and convection of the wires, speed of sound, sway.
 
-    Raises
-    ------
-    ParameterError
-        If a value is out of its range.
+    Raises a `ParameterError` if a value is out of its range.
     """
 
     level: float | None = None

@@ -16,10 +16,7 @@ from minorloop_head.geometry import WATER_INDEX, Pinhole
 class TurbidWater:
     """Optical properties of water with particles.
 
-    Raises
-    ------
-    ParameterError
-        If a number is negative.
+    Raises a `ParameterError` if a number is negative.
 
     References
     ----------

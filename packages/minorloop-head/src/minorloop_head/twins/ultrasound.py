@@ -51,6 +51,8 @@ _Features = tuple[FloatArray, FloatArray]
 class Ultrasound(Mounted):
     """Pulse and echo of a disc in a flooded metal pipe.
 
+    Raises a `ParameterError` if an option is out of its range.
+
     Parameters
     ----------
     pipe : Pipe
@@ -81,11 +83,6 @@ class Ultrasound(Mounted):
     settle : float
         Spectra are computed again only if face or spot have moved farther than this, in metres;
         0 computes each.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
 
     Notes
     -----
@@ -132,10 +129,7 @@ class Ultrasound(Mounted):
     def wait(self, seconds: float) -> None:
         """Advance the clock without a pulse; the head continues to turn.
 
-        Raises
-        ------
-        ParameterError
-            If the time is negative.
+        Raises a `ParameterError` if the time is negative.
         """
         if not as_finite("a wait", seconds) >= 0:
             raise ParameterError(f"a wait of {seconds} s; give a time >= 0")
@@ -144,10 +138,7 @@ class Ultrasound(Mounted):
     def amplify(self, gain: float) -> None:
         """Set the peak of the echo of a plain wall as a share of full scale.
 
-        Raises
-        ------
-        LimitError
-            If the gain is not from 0.001 to 100.
+        Raises a `LimitError` if the gain is not from 0.001 to 100.
         """
         if not 1e-3 <= gain <= 100:
             raise LimitError(f"gain {gain} is beyond the limits [0.001, 100]; nothing was changed")

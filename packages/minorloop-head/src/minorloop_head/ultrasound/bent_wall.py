@@ -56,12 +56,7 @@ def moves(bursts: Sequence[Burst]) -> bool:
 def bent_fit(bursts: Sequence[Burst], fit: JointFit) -> JointFit | None:
     """Return a fit about a mouth in a bent wall; None where too few bursts show one.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        Usable ones.
-    fit : JointFit
-        Of them, with a wall that is not bent.
+    ``bursts``: usable ones; ``fit``: of them, with a wall that is not bent.
 
     Notes
     -----

@@ -70,6 +70,8 @@ def crack_depth(
 ) -> CrackDepth:
     """Measure the depth of a crack from the bursts of a raster across it.
 
+    Raises a `SignalError` if fewer than two places are given, or the width is not positive.
+
     Parameters
     ----------
     bursts : sequence of Burst
@@ -80,11 +82,6 @@ def crack_depth(
         Phi and z along the crack as the camera traced it.
     width : float
         Width of the crack in the image, in metres.
-
-    Raises
-    ------
-    SignalError
-        If fewer than two places are given, or the width is not positive.
 
     Notes
     -----

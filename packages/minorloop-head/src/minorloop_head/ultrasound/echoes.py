@@ -32,10 +32,7 @@ _CLIPPED = 0.985
 class Pulse:
     """The expected pulse after its way there and back.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not positive.
+    Raises a `ParameterError` if a number is not positive.
     """
 
     frequency: float = 10e6
@@ -142,6 +139,8 @@ def find_echoes(
 ) -> tuple[Echo, ...]:
     """Return the echoes of a trace in the order of their times.
 
+    Raises a `SignalError` if the trace is not one-dimensional and finite.
+
     Parameters
     ----------
     trace : (T,) array_like
@@ -164,11 +163,6 @@ def find_echoes(
     -------
     tuple of Echo
         Empty if no peak is above 4 standard deviations of the noise.
-
-    Raises
-    ------
-    SignalError
-        If the trace is not one-dimensional and finite.
 
     Notes
     -----

@@ -31,11 +31,8 @@ of the deepest dent whose flanks send echoes back, 0.7 mm, and the slant of a be
 class CalibratedProbe:
     """A calibrated probe in a pipe of known radius.
 
-    Raises
-    ------
-    ParameterError
-        If a size is not positive, the face of the probe is not inside the pipe, or the
-        temperature is out of range.
+    Raises a `ParameterError` if a size is not positive, the face of the probe is not inside the
+    pipe, or the temperature is out of range.
     """
 
     transducer: Probe
@@ -199,15 +196,8 @@ def _sound_field(aperture: float, focus: float, speed: float, standoff: float) -
 def sound_speed(temperature: float) -> float:
     """Return the speed of sound in pure water, in m/s.
 
-    Parameters
-    ----------
-    temperature : float
-        In degrees Celsius, from 0 to 95.
-
-    Raises
-    ------
-    ParameterError
-        If the temperature is out of that range.
+    ``temperature``: in degrees Celsius, from 0 to 95. Raises a `ParameterError` if the temperature
+    is out of that range.
 
     References
     ----------

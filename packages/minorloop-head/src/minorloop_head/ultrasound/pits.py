@@ -184,6 +184,9 @@ def measure_pit(
 ) -> PitDepth:
     """Measure the depth of a pit from the bursts of a raster, whole or interrupted.
 
+    Raises a `ParameterError` if the diameter is not positive, the centre is not finite, or fewer
+    bursts were planned than are given.
+
     Parameters
     ----------
     bursts : sequence of Burst
@@ -201,12 +204,6 @@ def measure_pit(
     -------
     PitDepth
         Without a depth where the echoes contain none; the verdict says why.
-
-    Raises
-    ------
-    ParameterError
-        If the diameter is not positive, the centre is not finite, or fewer bursts were planned
-        than are given.
     """
     if not as_finite("diameter of a mouth", diameter) > 0:
         raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
@@ -419,12 +416,7 @@ def _gains(
 def is_through_hole(fit: JointFit, hole: JointSolution) -> bool:
     """Return whether the residual of a mouth without a floor is noise alone.
 
-    Parameters
-    ----------
-    fit : JointFit
-        Of the traces.
-    hole : JointSolution
-        Its solution without a floor.
+    ``fit``: of the traces; ``hole``: its solution without a floor.
 
     Notes
     -----

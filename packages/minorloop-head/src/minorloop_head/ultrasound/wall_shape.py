@@ -89,12 +89,8 @@ class WallShape:
 def smooth_shape(places: FloatArray, depths: FloatArray) -> WallShape:
     """Return the most likely smooth surface through distances of the wall.
 
-    Parameters
-    ----------
-    places : (N, 2) array
-        Around and along the pipe from a centre, in metres.
-    depths : (N,) array
-        Beyond the nominal wall, in metres.
+    ``places`` (N, 2): around and along the pipe from a centre, in metres; ``depths`` (N,): beyond
+    the nominal wall, in metres.
 
     Notes
     -----

@@ -67,10 +67,7 @@ class CalibratedCamera:
     def check(self, image: Any) -> None:
         """Refuse an image that is not from this camera.
 
-        Raises
-        ------
-        SignalError
-            If its shape or type is wrong.
+        Raises a `SignalError` if its shape or type is wrong.
         """
         shape = (self.lens.height, self.lens.width)
         if not isinstance(image, np.ndarray):
@@ -89,10 +86,7 @@ class CalibratedCamera:
 class Window:
     """A rectangle of the unrolled wall: x = radius * (phi - phi0) in columns, z in rows.
 
-    Raises
-    ------
-    ParameterError
-        If it is empty.
+    Raises a `ParameterError` if it is empty.
     """
 
     phi: float

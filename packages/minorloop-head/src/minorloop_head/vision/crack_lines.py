@@ -32,12 +32,8 @@ def line_heights(
 ) -> tuple[Image32, npt.NDArray[np.bool_]]:
     """Return how much darker than both sides a line through each texel is, and where it is.
 
-    Parameters
-    ----------
-    stack : (K, rows, columns) array of float32
-        Logarithm of the reflectance under each of K lights.
-    seen : (rows, columns) array of bool
-        Where all of them are known.
+    ``stack`` (K, rows, columns): logarithm of the reflectance under each of K lights; ``seen``
+    (rows, columns): where all of them are known.
 
     Returns
     -------

@@ -97,6 +97,9 @@ def trace_cracks(
 ) -> tuple[TracedCrack, ...]:
     """Trace the cracks on a map of the wall, longest first.
 
+    Raises a `SignalError` if map and window differ in shape; a `ParameterError` if the radius is
+    not positive.
+
     Parameters
     ----------
     stack : (rows, columns) or (K, rows, columns) array of float32
@@ -112,13 +115,6 @@ def trace_cracks(
         Least length in metres.
     apart : sequence of (phi, z, diameter)
         Holes, whose rims are left out.
-
-    Raises
-    ------
-    SignalError
-        If map and window differ in shape.
-    ParameterError
-        If the radius is not positive.
     """
     levels = np.asarray(stack, dtype=np.float32)
     levels = levels[None] if levels.ndim == 2 else levels

@@ -110,6 +110,9 @@ def find_holes(
 ) -> Findings:
     """Find round holes; bad frames give a verdict, not an error.
 
+    Raises a `ParameterError` if the mode is unknown, there are no frames, the least evidence is
+    NaN, the diameters are beyond the limits, or a frame does not have one flag for each light.
+
     Parameters
     ----------
     frames : sequence of LitFrame
@@ -123,12 +126,6 @@ def find_holes(
     diameters : (float, float)
         Least and largest diameter of the holes, in metres, from 0.3 to 4 mm. Each factor of 1.4
         takes as long as the search of one size.
-
-    Raises
-    ------
-    ParameterError
-        If the mode is unknown, there are no frames, the least evidence is NaN, the diameters are
-        beyond the limits, or a frame does not have one flag for each light.
     """
     check_option("mode", mode, MODES)
     if not frames:
@@ -162,10 +159,7 @@ def find_holes(
 def scales(diameters: tuple[float, float]) -> list[float]:
     """Return the scales of the maps on which holes of a range of diameters, in metres, are found.
 
-    Raises
-    ------
-    ParameterError
-        If the range is empty or beyond 0.3 to 4 mm.
+    Raises a `ParameterError` if the range is empty or beyond 0.3 to 4 mm.
     """
     low, high = (1e3 * float(value) for value in diameters)
     if not LIMITS[0] <= low <= high <= LIMITS[1]:

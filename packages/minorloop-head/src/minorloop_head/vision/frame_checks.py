@@ -82,11 +82,7 @@ def repeated(
 ) -> tuple[bool, tuple[int, ...]]:
     """Return whether a frame is one of the last, and the check sums of the last ones with its own.
 
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-    earlier : tuple of int
-        Check sums of the frames before, the oldest first.
+    ``image`` (height, width); ``earlier``: check sums of the frames before, the oldest first.
     """
     key = zlib.crc32(np.ascontiguousarray(image).tobytes())
     return key in earlier, (*earlier, key)[-_KEPT:]
@@ -228,10 +224,8 @@ def shares_rows(one: npt.NDArray[np.uint8], other: npt.NDArray[np.uint8]) -> boo
 def clarity(image: Image) -> str:
     """Return ``clear``, ``blurred`` or ``veiled``.
 
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-        Along a pipe under all lights, in focus, so that the dark pipe ahead is in it.
+    ``image`` (height, width): along a pipe under all lights, in focus, so that the dark pipe ahead
+    is in it.
 
     Returns
     -------

@@ -51,10 +51,7 @@ class _HoldState:
 class PointHold:
     """Joint angles that keep a point in the middle, predicted by ``lead``, with an integral.
 
-    Raises
-    ------
-    ParameterError
-        If integral gain times delay is not below 0.9.
+    Raises a `ParameterError` if integral gain times delay is not below 0.9.
 
     Notes
     -----

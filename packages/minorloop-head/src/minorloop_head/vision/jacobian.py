@@ -31,10 +31,7 @@ def _rotation_columns(point: npt.ArrayLike) -> FloatArray:
 def translation_columns(point: npt.ArrayLike, depth: float) -> FloatArray:
     """Return (2, 3) rates of a (2,) point at a depth in metres for 1 m/s along x, y, z.
 
-    Raises
-    ------
-    ParameterError
-        If the depth is not positive; it may be infinite.
+    Raises a `ParameterError` if the depth is not positive; it may be infinite.
     """
     if not depth > 0:
         raise ParameterError(f"a point at depth {depth} m is not in front of the camera")
@@ -52,6 +49,8 @@ def pan_tilt_jacobian(
 ) -> FloatArray:
     """Return (2, 2) rates of a point for 1 rad/s of pan and of tilt.
 
+    Raises a `ParameterError` if the depth is not positive.
+
     Parameters
     ----------
     point : (2,) array_like
@@ -64,11 +63,6 @@ def pan_tilt_jacobian(
         Of the point along the optical axis, in metres; without it, the lever does not matter.
     camera : (3, 3) array, optional
         Rotation from the camera to the joints, see `Mount.camera`; none without it.
-
-    Raises
-    ------
-    ParameterError
-        If the depth is not positive.
     """
     # The velocity of the lens is the angular velocity crossed with the lever along z.
     carried = lever * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -94,10 +88,7 @@ def rates_for(jacobian: npt.ArrayLike, motion: npt.ArrayLike) -> FloatArray | No
 def wall_depth(camera: CalibratedCamera, point: npt.ArrayLike, pan: float, tilt: float) -> float:
     """Return the depth of the wall at a (2,) point, along the optical axis, in metres.
 
-    Raises
-    ------
-    ParameterError
-        If the lens is not inside the pipe at this pan and tilt.
+    Raises a `ParameterError` if the lens is not inside the pipe at this pan and tilt.
     """
     pose = camera.mount.pose(pan, tilt)
     x, y = np.asarray(point, dtype=np.float64)

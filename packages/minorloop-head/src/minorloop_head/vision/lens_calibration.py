@@ -96,18 +96,9 @@ def fit_lens(seen: Sequence[SeenTarget], size: tuple[int, int]) -> LensFit:
 
     Pictures in which the target moved are left out.
 
-    Parameters
-    ----------
-    seen : sequence of SeenTarget
-        Pictures with a target.
-    size : (int, int)
-        Width and height of the pictures, in pixels.
-
-    Raises
-    ------
-    RecordError
-        If there are fewer than `_LEAST_PICTURES`, or they do not determine the lens; the message
-        says what to photograph.
+    ``seen``: pictures with a target; ``size``: width and height of the pictures, in pixels. Raises
+    a `RecordError` if there are fewer than `_LEAST_PICTURES`, or they do not determine the lens;
+    the message says what to photograph.
 
     References
     ----------
@@ -177,17 +168,8 @@ def _what_is_missing(fit: LensFit) -> list[str]:
 def target_pose(lens: Pinhole, seen: SeenTarget, sd: float) -> TargetPose:
     """Return the pose of a target in a picture of a calibrated lens.
 
-    Parameters
-    ----------
-    lens : Pinhole
-    seen : SeenTarget
-    sd : float
-        Standard deviation of a coordinate of a corner, in pixels.
-
-    Raises
-    ------
-    RecordError
-        If there is none.
+    ``sd``: standard deviation of a coordinate of a corner, in pixels. Raises a `RecordError` if
+    there is none.
     """
     cv2 = opencv()
     points = np.column_stack([seen.points, np.zeros(len(seen.points))])
@@ -287,9 +269,7 @@ def _rms(residuals: FloatArray) -> float:
 def find_reflection(image: Image) -> FloatArray | None:
     """Return the pixel (2,) of the one saturated spot in a picture; None without exactly one.
 
-    Parameters
-    ----------
-    image : (H, W) array of uint8
+    ``image`` (H, W).
     """
     cv2 = opencv()
     bright = (image >= _SATURATED).astype(np.uint8)
@@ -309,6 +289,8 @@ def fit_led(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the position of an LED to its reflections.
 
+    Raises a `RecordError` if there are too few, or they are not of one LED.
+
     Parameters
     ----------
     lens : Pinhole
@@ -323,11 +305,6 @@ def fit_led(
     -------
     position, sd : (3,) array
         In the camera, in metres, and its standard deviation.
-
-    Raises
-    ------
-    RecordError
-        If there are too few, or they are not of one LED.
 
     Notes
     -----

@@ -9,11 +9,7 @@ from dataclasses import dataclass
 class Measured:
     """A number that was measured.
 
-    Parameters
-    ----------
-    name, unit : str
-    value, sd : float
-        The number and its standard deviation, in the unit.
+    ``value`` and ``sd``: the number and its standard deviation, in the unit.
     """
 
     name: str

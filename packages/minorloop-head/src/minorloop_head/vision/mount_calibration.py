@@ -74,6 +74,9 @@ def fit_mount(
 ) -> MountFit:
     """Fit lever, pivots and directions of a camera on its joints.
 
+    Raises a `RecordError` if there are too few pictures, the joints did not move enough, or camera
+    and joints turned by different angles.
+
     Parameters
     ----------
     poses : sequence of N TargetPose
@@ -85,12 +88,6 @@ def fit_mount(
     middle : (2,) array, optional
         Place on the target, in metres, that is on the axis of the pipe, if the target is square to
         the pipe with its rows horizontal.
-
-    Raises
-    ------
-    RecordError
-        If there are too few pictures, the joints did not move enough, or camera and joints turned
-        by different angles.
     """
     read = np.asarray(joints, dtype=np.float64)
     _check(poses, read)

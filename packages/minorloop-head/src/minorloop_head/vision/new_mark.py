@@ -34,13 +34,8 @@ def new_mark(
 ) -> FloatArray | None:
     """Return phi and z (2,) of the dot that became dark near a place; None without one.
 
-    Parameters
-    ----------
-    camera : CalibratedCamera
-    expected : (2,) array_like
-        Phi and z.
-    before, after : tuple of image and (2,) array
-        Pictures, and pan and tilt at each in radians.
+    ``expected`` (2,): phi and z; ``before`` and ``after``: pictures, and pan and tilt at each in
+    radians.
     """
     phi, z = np.asarray(expected, dtype=np.float64).tolist()
     count = 2 * round(_AROUND / _TEXEL) + 1

@@ -97,10 +97,7 @@ class ReflectanceMap:
 def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
     """Return ``good``, or what is wrong with the first bad frame.
 
-    Raises
-    ------
-    ParameterError
-        If a frame does not have one flag for each light of the camera.
+    Raises a `ParameterError` if a frame does not have one flag for each light of the camera.
     """
     earlier: list[LitFrame] = []
     for number, frame in enumerate(frames):

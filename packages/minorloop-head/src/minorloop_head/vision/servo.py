@@ -36,10 +36,7 @@ TURNING, AT_CONE, AT_RATE, NO_TARGET, SINGULAR = (
 class Cone:
     """The directions in which the head may look: within ``half`` of the middle, in radians.
 
-    Raises
-    ------
-    ParameterError
-        If the half angle is not between 0 and a half turn.
+    Raises a `ParameterError` if the half angle is not between 0 and a half turn.
     """
 
     half: float = math.radians(30)
@@ -80,10 +77,7 @@ class ServoStep:
 class Servo:
     """Control law: rates = -gain e, e = J^-1 s, with the place s of the point from the middle.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range, or gain times delay is not below 0.5.
+    Raises a `ParameterError` if a number is out of its range, or gain times delay is not below 0.5.
 
     Notes
     -----
@@ -124,10 +118,7 @@ class Servo:
     def begin(self, angles: npt.ArrayLike) -> _ServoState:
         """Return the state of a servo that starts at (2,) angles in radians, without a jump.
 
-        Raises
-        ------
-        ParameterError
-            If they are not two finite numbers.
+        Raises a `ParameterError` if they are not two finite numbers.
         """
         start = _pair(angles)
         if not np.isfinite(start).all():

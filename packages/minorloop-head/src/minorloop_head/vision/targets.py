@@ -57,10 +57,7 @@ class SeenTarget:
 class Target:
     """A flat target, printed at scale.
 
-    Raises
-    ------
-    ParameterError
-        If a value is out of its range.
+    Raises a `ParameterError` if a value is out of its range.
     """
 
     kind: str = "charuco"
@@ -106,11 +103,7 @@ class Target:
     def find(self, image: Image, name: str) -> SeenTarget | str:
         """Return the corners in a picture, or why it cannot be used.
 
-        Parameters
-        ----------
-        image : (H, W) array of uint8
-        name : str
-            Of the picture.
+        ``image`` (H, W); ``name``: of the picture.
 
         Returns
         -------

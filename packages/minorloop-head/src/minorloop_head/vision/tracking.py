@@ -162,11 +162,8 @@ class PatchTracker:
     ) -> tuple[Track, TrackState]:
         """Pick the patch about a (2,) pixel of a frame.
 
-        Raises
-        ------
-        SignalError
-            If the frame is not from this camera, is black, does not show the whole patch, or shows
-            too little detail for its noise, in the patch and about it.
+        Raises a `SignalError` if the frame is not from this camera, is black, does not show the
+        whole patch, or shows too little detail for its noise, in the patch and about it.
         """
         self.camera.check(image)
         if frame_checks.check_frame(image, self.camera.lens) == frame_checks.BLACK:

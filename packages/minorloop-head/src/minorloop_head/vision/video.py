@@ -60,10 +60,7 @@ _BY_HAND = 1
 def check_camera(address: str) -> None:
     """Refuse an address that is neither of a camera nor of pictures in files.
 
-    Raises
-    ------
-    ParameterError
-        If it is not.
+    Raises a `ParameterError` if it is not.
     """
     _target(address)
 
@@ -85,6 +82,9 @@ def open_module(name: str) -> FrameSource:
 def frames(address: str, *, damaged: bool = False) -> Iterator[Frame]:
     """Yield every picture of a folder, a video, or a single image, one after the other.
 
+    Raises a `ParameterError` if it is neither a folder with images nor a video that can be read, or
+    an image cannot be read.
+
     Parameters
     ----------
     address : str
@@ -92,12 +92,6 @@ def frames(address: str, *, damaged: bool = False) -> Iterator[Frame]:
         of a folder.
     damaged : bool
         Whether an image that cannot be read is yielded as one without pixels.
-
-    Raises
-    ------
-    ParameterError
-        If it is neither a folder with images nor a video that can be read, or an image cannot be
-        read.
     """
     target = _target(address)
     if not isinstance(target, Path):
@@ -120,16 +114,8 @@ class LiveCamera:
 
     A camera that is lost is opened again, and again. A folder or a video is shown at its own pace.
 
-    Parameters
-    ----------
-    address : str
-    patience : float
-        Seconds that `frame` waits at most.
-
-    Raises
-    ------
-    ParameterError
-        If the address is not one of a camera, a video or a folder of images.
+    ``patience``: seconds that `frame` waits at most. Raises a `ParameterError` if the address is
+    not one of a camera, a video or a folder of images.
     """
 
     def __init__(self, address: str, patience: float = 0.08) -> None:
@@ -152,10 +138,7 @@ class LiveCamera:
         ``timed_by_camera``, and otherwise when it arrived. Cameras of this machine that run under
         Video4Linux give times; in the network none does.
 
-        Raises
-        ------
-        InstrumentError
-            If no picture comes within the patience.
+        Raises an `InstrumentError` if no picture comes within the patience.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._ended, self.patience)

@@ -100,10 +100,7 @@ _UNEVEN = 1e-3
 class WallAngles:
     """Angles at which all remembered patches of the wall agree best with a picture.
 
-    Raises
-    ------
-    ParameterError
-        If a least angle is not below the largest.
+    Raises a `ParameterError` if a least angle is not below the largest.
     """
 
     camera: CalibratedCamera
@@ -131,6 +128,9 @@ class WallAngles:
     def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
         """Take a picture as that of known angles, such as the head at rest.
 
+        Raises a `SignalError` if the picture is not from this camera, or shows too little of the
+        wall.
+
         Parameters
         ----------
         image : (height, width) array of uint8
@@ -138,11 +138,6 @@ class WallAngles:
             Pan and tilt of the line of sight, in radians.
         t : float
             Time of the picture, in seconds.
-
-        Raises
-        ------
-        SignalError
-            If the picture is not from this camera, or shows too little of the wall.
         """
         self.camera.check(image)
         verdict = frame_checks.check_frame(image, self.camera.lens)
@@ -169,12 +164,7 @@ class WallAngles:
     def step(self, state: WallState, image: Any, t: float) -> tuple[Sight, WallState]:
         """Return what the next picture says; a bad one gives a verdict, not an error.
 
-        Parameters
-        ----------
-        state : WallState
-        image : (height, width) array of uint8
-        t : float
-            When it was taken, in seconds.
+        ``image`` (height, width); ``t``: when it was taken, in seconds.
         """
         verdict = frame_checks.check_frame(image, self.camera.lens)
         if verdict == frame_checks.WRONG_SIZE:

@@ -58,6 +58,9 @@ def refined(
 ) -> tuple[CalibratedCamera, FloatArray]:
     """Return the camera and the angles (2,) at rest with which the pictures of a sweep agree best.
 
+    Raises a `SignalError` if the pictures cannot be used, as `WallAngles.begin`, or fewer than ten
+    show the angles.
+
     Parameters
     ----------
     estimator : WallAngles
@@ -67,11 +70,6 @@ def refined(
     rest : (2,) array
         Pan and tilt of the line of sight at rest, in radians.
     doubt : CameraDoubt, optional
-
-    Raises
-    ------
-    SignalError
-        If the pictures cannot be used, as `WallAngles.begin`, or fewer than ten show the angles.
     """
     doubt = doubt or CameraDoubt()
     known = estimator.camera
