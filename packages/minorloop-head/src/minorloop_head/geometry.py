@@ -69,12 +69,8 @@ def pan_tilt_of(axis: npt.ArrayLike) -> tuple[float, float]:
 def _turned_onto(own: npt.ArrayLike, way: npt.ArrayLike) -> tuple[float, float] | None:
     """Return pan and tilt, in radians, that turn a (3,) direction of the head onto another.
 
-    ``own`` (3,): fixed to the head, ahead of it; ``way`` (3,): in the base.
-
-    Returns
-    -------
-    (float, float) or None
-        None if no tilt reaches it.
+    It is None if no tilt reaches it. ``own`` (3,): fixed to the head, ahead of it; ``way`` (3,): in
+    the base.
     """
     x, y, z = np.asarray(own, dtype=np.float64) / np.linalg.norm(own)
     right, down, ahead = np.asarray(way, dtype=np.float64) / np.linalg.norm(way)
@@ -313,6 +309,8 @@ class Tool:
     ) -> FloatArray | None:
         """Return pan and tilt (2,) in radians at which the tool meets a place of the wall.
 
+        It is None if no angles near the guess reach it.
+
         Parameters
         ----------
         mount : Mount
@@ -322,11 +320,6 @@ class Tool:
             Of the pipe, in metres.
         guess : (2,) array_like
             Pan and tilt to begin from, in radians.
-
-        Returns
-        -------
-        (2,) array or None
-            None if no angles near the guess reach it.
 
         Notes
         -----

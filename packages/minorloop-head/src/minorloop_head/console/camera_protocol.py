@@ -93,16 +93,13 @@ class CameraLink(Protocol):
 class RemoteCamera:
     """A camera in another process.
 
+    Its ``problem``: as of `CameraLink`.
+
     Parameters
     ----------
     channel : NewestPipe
         To that process. Its first message on each pipe is the calibration of camera and probe,
         or ``{"failed": sentence}``.
-
-    Attributes
-    ----------
-    problem : str
-        As of `CameraLink`.
     """
 
     def __init__(self, channel: NewestPipe) -> None:

@@ -75,13 +75,8 @@ class Recorder:
 class SessionRecording:
     """Recordings one after the other; nothing but `write` and `close` waits for the disk.
 
-    ``folder``: of the recordings; ``ended``: takes the sentence on a recording that ended because
-    of the disk, in any thread.
-
-    Attributes
-    ----------
-    recorder : Recorder or None
-        Of the recording that goes on.
+    Its ``recorder``: of the recording that goes on. ``folder``: of the recordings; ``ended``: takes
+    the sentence on a recording that ended because of the disk, in any thread.
     """
 
     def __init__(self, folder: Path, ended: Callable[[str], None]) -> None:

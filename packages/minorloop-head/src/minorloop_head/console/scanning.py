@@ -84,12 +84,7 @@ class ProbeRun:
 class Scanning:
     """The scan or sweep that is on, and one whose head has still to go back.
 
-    ``interval``: of a tick, in seconds.
-
-    Attributes
-    ----------
-    scan : ProbeRun or None
-        That is on.
+    Its ``scan``: the scan or sweep that is on. ``interval``: of a tick, in seconds.
     """
 
     def __init__(

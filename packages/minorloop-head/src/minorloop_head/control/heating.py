@@ -219,17 +219,13 @@ def identify_heating(
 def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
     """Return the change of the sensor of each axis for a degree of every other.
 
-    Raises a `SignalError` if there is not one record for each axis, or its axis did not move.
+    It is (axes, axes): entry [i, j] of sensor i and axis j; 1 on the diagonal. Raises a
+    `SignalError` if there is not one record for each axis, or its axis did not move.
 
     Parameters
     ----------
     records : sequence of (axes, T) array_like
         One for each axis: readings of all sensors while that axis alone moved, in degrees.
-
-    Returns
-    -------
-    (axes, axes) array
-        Entry [i, j] of sensor i and axis j; 1 on the diagonal.
     """
     readings = [as_samples(record, name=f"record {j}") for j, record in enumerate(records)]
     coupling = np.eye(len(readings))

@@ -42,10 +42,7 @@ between which it is interpolated: either is off by less than 0.04 degrees in a s
 class SeenBase:
     """Pan and tilt of the base by pictures, counted from a picture of the base at rest.
 
-    Attributes
-    ----------
-    why : str
-        Why the last picture did not show the turn; empty if it did.
+    Its ``why``: why the last picture did not show the turn; empty if it did.
     """
 
     def __init__(self, view: HeadCalibration) -> None:

@@ -233,6 +233,9 @@ def find_water(
 ) -> WaterLine:
     """Find the water line from where a sweep round the pipe gave echoes.
 
+    It is midway between the highest place with an echo and the lowest without, or at the top or
+    bottom of the pipe if all or none has one.
+
     Parameters
     ----------
     phi : (K,) array_like
@@ -249,14 +252,11 @@ def find_water(
     place_sd : float
         Standard deviation in metres by which the heights of all places are off together.
 
-    Returns
-    -------
-    WaterLine
-        The middle of the 90 % band; it is not seen if a pipe that is full, or has no water at any
-        place, is likelier than a surface anywhere.
-
     Notes
     -----
+    The line is the middle of the 90 % band; it is not seen if a pipe that is full, or has no water
+    at any place, is likelier than a surface anywhere.
+
     Each height is as likely as the echoes that are there and missing, if `_LOST` of those below it
     are missing, and `_FALSE` of the places above it have one (Bayes). So a lost echo does not move
     the line, nor does a dent whose flanks send the beam elsewhere. The height is as likely anywhere

@@ -139,7 +139,8 @@ def find_echoes(
 ) -> tuple[Echo, ...]:
     """Return the echoes of a trace in the order of their times.
 
-    Raises a `SignalError` if the trace is not one-dimensional and finite.
+    It is empty if no peak is above 4 standard deviations of the noise. Raises a `SignalError` if
+    the trace is not one-dimensional and finite.
 
     Parameters
     ----------
@@ -158,11 +159,6 @@ def find_echoes(
     fine : bool
         Whether to time the wave rather than its envelope: the scatter is six times smaller, but
         the time is off by whole waves where noise is loud or the phase of the pulse is unknown.
-
-    Returns
-    -------
-    tuple of Echo
-        Empty if no peak is above 4 standard deviations of the noise.
 
     Notes
     -----
@@ -218,6 +214,9 @@ def _crest(wave: FloatArray, place: float) -> float:
 def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
     """Return the first echo near the expected distance of the wall.
 
+    It is ``NO_ECHO`` if there is none, the trace is faulty, or distance or speed is not a positive
+    number.
+
     Parameters
     ----------
     shot : Shot
@@ -226,12 +225,6 @@ def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
         Of the wall along the beam, in metres.
     speed : float
         Of sound in the water, in m/s.
-
-    Returns
-    -------
-    Echo
-        ``NO_ECHO`` if there is none, the trace is faulty, or distance or speed is not a positive
-        number.
     """
     if trace_fault(shot) in ("not a trace", "dropout"):
         return NO_ECHO

@@ -131,6 +131,8 @@ def window_in_view(
 ) -> Window | None:
     """Return the smallest window that contains all wall seen with enough resolution.
 
+    It is None if no wall is seen with this resolution.
+
     Parameters
     ----------
     camera : CalibratedCamera
@@ -141,11 +143,6 @@ def window_in_view(
         Size of a texel, in metres.
     least : float
         Least resolution, in pixels per metre of wall, in the direction of the lowest.
-
-    Returns
-    -------
-    Window or None
-        None if no wall is seen with this resolution.
     """
     u = np.linspace(0, camera.lens.width - 1, 41)
     v = np.linspace(0, camera.lens.height - 1, 31)
@@ -181,6 +178,8 @@ def unroll(
 ) -> Image32:
     """Unroll an image on a window of the wall.
 
+    It is (rows, columns): grey levels; NaN where the image does not show the wall.
+
     Parameters
     ----------
     image : (H, W) array of uint8
@@ -193,11 +192,6 @@ def unroll(
         Of the head when the frame was taken, in radians.
     least : float
         As in ``window_in_view``; wall seen with a lower resolution is left out.
-
-    Returns
-    -------
-    (rows, columns) array of float32
-        Grey levels; NaN where the image does not show the wall.
     """
     flat = np.empty((window.rows, window.columns), dtype=np.float32)
     _kernels.unroll(image, flat, *_view_parameters(camera, window, pan, tilt), least)

@@ -57,6 +57,8 @@ def outline_about(
 ) -> Outline | None:
     """Return the best round outline near a pixel of the last frame.
 
+    It is None if nothing round is there.
+
     Parameters
     ----------
     frames : sequence of LitFrame
@@ -66,11 +68,6 @@ def outline_about(
     pixel : (2,) array_like
     reach : float
         Largest distance of the middle of the outline from the pixel, in metres along the wall.
-
-    Returns
-    -------
-    Outline or None
-        None if nothing round is there.
     """
     frames = aligned(frames, camera)
     last = frames[-1]

@@ -167,6 +167,8 @@ def lay_flat(
 ) -> ReflectanceMap | None:
     """Unroll good frames onto one map of the wall.
 
+    It is None if no part of the wall is seen by all of them with enough resolution.
+
     Parameters
     ----------
     frames : sequence of LitFrame
@@ -175,11 +177,6 @@ def lay_flat(
         The camera.
     scale : float
         Of the holes that are searched, over 1 mm: of the texels, and of the least resolution.
-
-    Returns
-    -------
-    ReflectanceMap or None
-        None if no part of the wall is seen by all of them with enough resolution.
     """
     middle = frames[len(frames) // 2]
     step, least = scale * STEP, LEAST_SEEN / scale

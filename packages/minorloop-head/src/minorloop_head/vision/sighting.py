@@ -25,6 +25,8 @@ def sighted_angles(
 ) -> FloatArray | None:
     """Return (2,) pan and tilt in radians at which a place of the wall is seen at a pixel.
 
+    It is None if no angles near the guess show it there, or a number is not finite.
+
     Parameters
     ----------
     camera : CalibratedCamera
@@ -35,11 +37,6 @@ def sighted_angles(
         Column and row.
     guess : (2,) array_like
         Pan and tilt to begin from, in radians, such as those of the frame before.
-
-    Returns
-    -------
-    (2,) array or None
-        None if no angles near the guess show it there, or a number is not finite.
 
     Notes
     -----
