@@ -13,11 +13,7 @@ import pytest
 
 from minorloop.cli._compilation import COMPILES
 from minorloop.cli._run_progress import carry_out_levels
-from minorloop.errors import (
-    InstrumentError,
-    SafetyError,
-    StoreError,
-)
+from minorloop.errors import InstrumentError, SafetyError, StoreError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record

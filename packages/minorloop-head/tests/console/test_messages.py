@@ -62,13 +62,7 @@ def test_junk_is_refused(junk):
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "null",
-        "[]",
-        '{"type":"ping","seq":1,"t":1}' + " " * messages.LONGEST,
-    ],
+    "text", ["", "null", "[]", '{"type":"ping","seq":1,"t":1}' + " " * messages.LONGEST]
 )
 def test_an_invalid_message_is_refused(text):
     refused(text)

@@ -568,8 +568,7 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     pilot, before = sweeping()
     scans = []
     pilot.until(
-        lambda s: scans.append(s._scanning.progress()) or s.state.mode != "SCAN",
-        ticks=4000,
+        lambda s: scans.append(s._scanning.progress()) or s.state.mode != "SCAN", ticks=4000
     )
     session, commands = pilot.session, pilot.camera.commands
     assert (session.state.mode, session.scan) == ("HOLD", None)

@@ -89,10 +89,7 @@ def following(handle, met):
 
 def test_of_a_process_that_ends_because_another_did_nothing_is_said(tmp_path):
     said, met = [], tmp_path / "met"
-    parts = [
-        Part(name="a", target=leading),
-        Part(name="b", target=following, args=(str(met),)),
-    ]
+    parts = [Part(name="a", target=leading), Part(name="b", target=following, args=(str(met),))]
     supervisor = Supervisor(parts, [("a", "b")], notify=said.append)
     supervisor.start()
     try:

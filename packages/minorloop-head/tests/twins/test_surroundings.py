@@ -4,13 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop_head.twins.surroundings import (
-    GASES,
-    Course,
-    Filling,
-    Surroundings,
-    convection,
-)
+from minorloop_head.twins.surroundings import GASES, Course, Filling, Surroundings, convection
 
 
 @pytest.mark.parametrize(

@@ -40,11 +40,7 @@ def test_pan_and_tilt_move_a_point_of_the_wall_as_finite_differences_say(pan, ti
         for a, b in ((1, 0), (0, 1))
     ]
     found = pan_tilt_jacobian(
-        seen(point, pan, tilt),
-        tilt,
-        lever=8e-3,
-        depth=float(local[2]),
-        camera=CAMERA.mount.camera,
+        seen(point, pan, tilt), tilt, lever=8e-3, depth=float(local[2]), camera=CAMERA.mount.camera
     )
     np.testing.assert_allclose(found, np.transpose(columns), rtol=1e-5, atol=1e-5)
 

@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop_head.geometry import wall_point
-from minorloop_head.vision.reflectance_map import (
-    LitFrame,
-    finite_angles,
-    lay_flat,
-    median,
-)
+from minorloop_head.vision.reflectance_map import LitFrame, finite_angles, lay_flat, median
 
 from .walls import CAMERA, photograph
 

@@ -93,13 +93,7 @@ def test_a_quarter_turn_of_tilt_is_singular():
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"gain": 0.0},
-        {"gain": np.nan},
-        {"interval": 0.0},
-        {"gain": 2.0, "delay": 0.3},
-    ],
+    "options", [{"gain": 0.0}, {"gain": np.nan}, {"interval": 0.0}, {"gain": 2.0, "delay": 0.3}]
 )
 def test_impossible_values_are_refused(options):
     with pytest.raises(ParameterError):

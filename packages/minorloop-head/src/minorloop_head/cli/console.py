@@ -31,8 +31,7 @@ _Seed = Annotated[
     int, _common.whole_option("Seed of the simulated pipe and noise; 0 is a demonstration.")
 ]
 _Timeout = Annotated[
-    float,
-    _common.number_option("Seconds without a message of the operator until the head holds."),
+    float, _common.number_option("Seconds without a message of the operator until the head holds.")
 ]
 _Tracker = Annotated[
     str | None,

@@ -48,7 +48,7 @@ _Seeing = Annotated[
     typer.Option(
         help="Camera that gives the angles, for a head without sensors at its joints, such as "
         "camera:0, camera:http://... or module:PACKAGE.FUNCTION; its calibration is that in the "
-        "file of the head. The simulated pipe, twin:pipe, has its own.",
+        "file of the head. The simulated pipe, twin:pipe, has its own."
     ),
 ]
 _Specimen = Annotated[
@@ -323,8 +323,7 @@ def inspect(
         ),
     ] = "0",
     camera: Annotated[
-        str | None,
-        typer.Option(help="Address, such as camera:/dev/video2. twin:pipe has its own."),
+        str | None, typer.Option(help="Address, such as camera:/dev/video2. twin:pipe has its own.")
     ] = None,
     head: Annotated[
         Path | None,
@@ -413,8 +412,7 @@ def sweep(
     around: Annotated[
         str,
         typer.Option(
-            metavar="DEG,DEG",
-            help="First and last angle around the pipe, 90 at the bottom.",
+            metavar="DEG,DEG", help="First and last angle around the pipe, 90 at the bottom."
         ),
     ] = "0,180",
     along: Annotated[

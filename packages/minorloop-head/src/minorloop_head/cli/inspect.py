@@ -180,11 +180,7 @@ def check_usable(content: dict[str, Any], what: str = "view") -> None:
 
 
 def _view(
-    head: Path | None,
-    lens: str | None,
-    radius: float | None,
-    lever: float,
-    shape: tuple[int, ...],
+    head: Path | None, lens: str | None, radius: float | None, lever: float, shape: tuple[int, ...]
 ) -> HeadCalibration:
     """Return the calibration by the file of a head, or by lens and radius."""
     from dataclasses import replace

@@ -156,11 +156,7 @@ def inspected_head(
 
 
 def swept_head(
-    actuator: str,
-    *,
-    specimen: int | None = None,
-    seed: int = 0,
-    water: Water = Water(),
+    actuator: str, *, specimen: int | None = None, seed: int = 0, water: Water = Water()
 ) -> InspectedHead:
     """Return the head at an address, for `sweep`; parameters as of `inspected_head`.
 

@@ -369,9 +369,7 @@ def _not_found(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
     return "".join([*words, f"; {left} {NOT_VISITED}" if left else ""])
 
 
-def shown_tables(
-    content: Mapping[str, Any],
-) -> list[tuple[Sequence[str], list[list[str]], str]]:
+def shown_tables(content: Mapping[str, Any]) -> list[tuple[Sequence[str], list[list[str]], str]]:
     """Return columns, cells and titles of the tables for a terminal."""
     found = [_finding_cells(number, row) for number, row in enumerate(content["findings"], 1)]
     lost = table(content["unconfirmed"], LOST_COLUMNS)

@@ -28,12 +28,7 @@ from minorloop_head.inspection.journal import (
 from minorloop_head.inspection.lines import BurstLine, SweepLine, check_burst, check_new
 from minorloop_head.inspection.report import Reported, written
 from minorloop_head.procedures.sweep import ProbeSweep, SweptArea
-from minorloop_head.procedures.sweep_map import (
-    draw_pipe_map,
-    find_rows,
-    finds_table,
-    mapped_share,
-)
+from minorloop_head.procedures.sweep_map import draw_pipe_map, find_rows, finds_table, mapped_share
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.findings import save_findings
 from minorloop_head.ultrasound.c_scan import CScan, c_scan

@@ -371,10 +371,7 @@ def calibrated_head(
     kept = [each for each in before.measured if leds is None or not each.name.startswith(_LED)]
     numbers = {each.name: each for each in (*kept, *fresh)}
     head = replace(
-        before,
-        calibration=base,
-        calibrated=datetime.now(UTC),
-        measured=tuple(numbers.values()),
+        before, calibration=base, calibrated=datetime.now(UTC), measured=tuple(numbers.values())
     )
     return head, tuple(_advice(head, old is None, lens, mount, leds))
 

@@ -15,14 +15,7 @@ from minorloop.errors import SignalError
 from minorloop_head.geometry import REACH
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.meter import LIMITS
-from minorloop_head.procedures.values import (
-    NOW,
-    Procedure,
-    Reading,
-    Request,
-    held_since,
-    passed,
-)
+from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, held_since, passed
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.hold import PointHold
 from minorloop_head.vision.jacobian import wall_depth

@@ -240,11 +240,7 @@ class _Visits:
         return view
 
     def _from_aside(
-        self,
-        hole: Hole,
-        same: Sequence[_Sighting[Hole]],
-        name: str,
-        before: tuple[LogEntry, ...],
+        self, hole: Hole, same: Sequence[_Sighting[Hole]], name: str, before: tuple[LogEntry, ...]
     ) -> InspectedView:
         """Return a view from halfway between that with the most evidence and that which centres it.
 

@@ -384,10 +384,7 @@ class InspectionRig:
 
 @contextmanager
 def rig_at(
-    address: str,
-    camera: str,
-    file: PathLike,
-    told: Callable[[LogEntry], None] = lambda entry: None,
+    address: str, camera: str, file: PathLike, told: Callable[[LogEntry], None] = lambda entry: None
 ) -> Iterator[InspectionRig]:
     """Yield the loop on a head of devices; make it safe and close them at the end.
 

@@ -302,11 +302,7 @@ class RasterScan:
         return np.array([advance, roll])
 
     def targets(
-        self,
-        centre: tuple[float, float],
-        place: npt.ArrayLike,
-        shift: float = 0.0,
-        onward: int = 1,
+        self, centre: tuple[float, float], place: npt.ArrayLike, shift: float = 0.0, onward: int = 1
     ) -> FloatArray:
         """Return pan and tilt (N, 2) of the points about a phi and a z; none if out of reach.
 

@@ -96,10 +96,7 @@ class ProbeSweep:
         return min(self.pitch / (self.tick * self.calibration.radius), _FASTEST)
 
     def area(
-        self,
-        phi: tuple[float, float],
-        z: tuple[float, float],
-        bursts: Sequence[SweptBurst] = (),
+        self, phi: tuple[float, float], z: tuple[float, float], bursts: Sequence[SweptBurst] = ()
     ) -> SweptArea:
         """Return an area that is to be swept.
 

@@ -465,10 +465,7 @@ def _bead(echoes: WallEchoes, members: Indices, on: _Bursts) -> bool:
 
 
 def _finds(
-    slender: Sequence[Indices],
-    floors: Sequence[_Floor],
-    silent: Sequence[Indices],
-    on: _Bursts,
+    slender: Sequence[Indices], floors: Sequence[_Floor], silent: Sequence[Indices], on: _Bursts
 ) -> tuple[EchoFind, ...]:
     """Return floors as pits, cracks with the depth of the floors in them, and silent places."""
     inside = [

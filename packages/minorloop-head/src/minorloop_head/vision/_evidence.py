@@ -14,12 +14,7 @@ and 0.05 of each other kind, by cross-validation in 3 parts.
 
 from __future__ import annotations
 
-THRESHOLDS = {
-    "switched": 0.17,
-    "single": -1.19,
-    "dither": -1.18,
-    "sizes": 1.20,
-}
+THRESHOLDS = {"switched": 0.17, "single": -1.19, "dither": -1.18, "sizes": 1.20}
 
 WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
     "switched": {
@@ -216,10 +211,7 @@ WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
                 "ring": 0.97,
             },
         ),
-        "lit": (
-            -20.00,
-            {},
-        ),
+        "lit": (-20.00, {}),
     },
     "dither": {
         "dark": (
@@ -306,10 +298,7 @@ WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
                 "ring": 0.73,
             },
         ),
-        "lit": (
-            -20.00,
-            {},
-        ),
+        "lit": (-20.00, {}),
     },
     "sizes": {
         "dark": (

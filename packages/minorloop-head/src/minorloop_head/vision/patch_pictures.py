@@ -17,11 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop_head.geometry import Pinhole, wall_point, wrapped
 from minorloop_head.vision import _alignment_kernels as kernels
-from minorloop_head.vision.calibrated_camera import (
-    CalibratedCamera,
-    Image,
-    numbers,
-)
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, numbers
 from minorloop_head.vision.imaging import Image32, shrunk
 from minorloop_head.vision.wall_patches import Patches
 

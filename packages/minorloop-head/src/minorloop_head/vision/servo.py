@@ -128,10 +128,7 @@ class Servo:
         return _ServoState(self.cone.clip(start))
 
     def step(
-        self,
-        state: _ServoState,
-        pixel: npt.ArrayLike | None,
-        angles: npt.ArrayLike | None = None,
+        self, state: _ServoState, pixel: npt.ArrayLike | None, angles: npt.ArrayLike | None = None
     ) -> tuple[ServoStep, _ServoState]:
         """Return the next angles and state; a lost point gives a verdict, not an error.
 

@@ -299,10 +299,7 @@ class WallAngles:
         return self._judged(state, chosen, agreement)
 
     def _judged(
-        self,
-        state: WallState,
-        chosen: npt.NDArray[np.int64],
-        agreement: Agreement,
+        self, state: WallState, chosen: npt.NDArray[np.int64], agreement: Agreement
     ) -> tuple[Sight, Patches]:
         """Return the angles if enough patches agree on them."""
         patches, searched = state.patches, state.hunted > 0
