@@ -113,11 +113,7 @@ class BoardSource:
 
         Raises an `OutputError` if the folder is not empty or cannot be written to.
 
-        Parameters
-        ----------
-        folder : str or path
-        force : bool
-            Whether the folder may contain files; those of the same names are replaced.
+        ``force``: whether the folder may contain files; those of the same names are replaced.
         """
         write_folder(folder, self.files, force=force)
 

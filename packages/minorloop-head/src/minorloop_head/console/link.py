@@ -25,13 +25,8 @@ _GONE = f"The control loop has ended. {_MAKES_SAFE}"
 class ConsoleLink:
     """Connection to a control loop and a camera in processes of their own.
 
-    Parameters
-    ----------
-    settings : LoopSettings
-    received : callable
-        Handles each message of theirs; called in the event loop that ran ``start``.
-    loop, camera : NewestPipe, optional
-        Without them, there are no such processes.
+    ``received``: handles each message of theirs; called in the event loop that ran ``start``.
+    ``loop`` and ``camera``: without them, there are no such processes.
     """
 
     def __init__(

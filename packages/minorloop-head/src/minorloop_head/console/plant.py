@@ -116,14 +116,9 @@ def open_plant(
 
     Raises a `ParameterError` if nothing can be steered at the address.
 
-    Parameters
-    ----------
-    address : str
-    specimen, seed : int
-        Of the simulated specimen, and of its noise.
-    water : Filling, optional
-        Of the simulated pipe when it is flooded; flowing water to the top without it. Its gas is
-        that of the drained pipe too.
+    ``specimen`` and ``seed``: of the simulated specimen, and of its noise. ``water``: of the
+    simulated pipe when it is flooded; flowing water to the top without it. Its gas is that of the
+    drained pipe too.
     """
     if not is_pipe(address):
         return _actuator_plant(address, specimen, seed)
@@ -220,12 +215,8 @@ def _actuator_plant(address: str, specimen: int | None = None, seed: int = 0) ->
 def flowing_water(level: float | None = FULL_PIPE, temperature: float | None = None) -> Filling:
     """Return what fills the simulated pipe when it is flooded: water that flows.
 
-    Parameters
-    ----------
-    level : float, optional
-        Height of its surface in metres, y pointing down from the axis; None for a dry pipe.
-    temperature : float, optional
-        In degrees Celsius; that of a room without it.
+    ``level``: height of its surface in metres, y pointing down from the axis; None for a dry pipe.
+    ``temperature``: in degrees Celsius; that of a room without it.
     """
     from minorloop_head.procedures.calibration import ROOM_TEMPERATURE
     from minorloop_head.twins.surroundings import Filling, Sway

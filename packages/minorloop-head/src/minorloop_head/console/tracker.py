@@ -97,11 +97,8 @@ def listening_for(address: str) -> socket.socket:
 
     Raises a `ParameterError` if the address is not one of a tracker, or its port cannot be used.
 
-    Parameters
-    ----------
-    address : str
-        ``udp:PORT`` receives from this machine only, ``udp:HOST:PORT`` at the address of this
-        machine that is called HOST; ``udp:0.0.0.0:PORT`` at all of them.
+    ``address``: ``udp:PORT`` receives from this machine only, ``udp:HOST:PORT`` at the address of
+    this machine that is called HOST; ``udp:0.0.0.0:PORT`` at all of them.
     """
     kind, _, place = address.partition(":")
     host, _, port = place.rpartition(":")

@@ -133,13 +133,8 @@ def _opened(
 class WatchedPlant:
     """A plant that is made safe when no command comes.
 
-    Parameters
-    ----------
-    plant : Plant
-    patience : float
-        Seconds to wait for a command.
-    why : str
-        Why it must be made safe before anything else; empty if it was not used before.
+    ``patience``: seconds to wait for a command. ``why``: why it must be made safe before anything
+    else; empty if it was not used before.
     """
 
     def __init__(self, plant: Plant, patience: float, why: str = "") -> None:

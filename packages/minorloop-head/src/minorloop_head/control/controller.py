@@ -40,13 +40,8 @@ class Controller(Protocol):
     def step(self, state: Any, reference: float, measurement: float) -> tuple[float, Any]:
         """Return the current for the next interval and the next state; nothing changes in place.
 
-        Parameters
-        ----------
-        state : as returned by ``begin``
-        reference : float
-            Wanted angle, in degrees.
-        measurement : float
-            Newest reading in degrees; NaN where there is none.
+        ``reference``: wanted angle, in degrees. ``measurement``: newest reading in degrees; NaN
+        where there is none.
 
         Returns
         -------

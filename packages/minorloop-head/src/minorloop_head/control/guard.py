@@ -205,12 +205,8 @@ class Guard:
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> GuardState:
         """Return the state of a wire that has settled at an angle under a current.
 
-        Parameters
-        ----------
-        measurement : float
-            In degrees; 0 if it is not a number.
-        current : float
-            In A; clipped to the limits.
+        ``measurement``: in degrees; 0 if it is not a number. ``current``: in A; clipped to the
+        limits.
         """
         angle = measurement if math.isfinite(measurement) else 0.0
         most = self.observer.highest
@@ -330,10 +326,8 @@ class Guard:
     def later(self, steps: int) -> Guard:
         """Return the guard for readings that are older by some intervals; states remain valid.
 
-        Parameters
-        ----------
-        steps : int
-            0 or more. A law without a delay of its own, such as the adaptive one, remains as it is.
+        ``steps``: 0 or more. A law without a delay of its own, such as the adaptive one, remains as
+        it is.
         """
         law: Any = self.controller
         if isinstance(law, Loop):

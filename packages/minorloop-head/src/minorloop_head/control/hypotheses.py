@@ -81,13 +81,8 @@ class Hypotheses:
     def begin(self, estimate: Estimate, *, moving: bool) -> Bank:
         """Return the bank before a heating.
 
-        Parameters
-        ----------
-        estimate : Estimate
-            Of the wire now.
-        moving : bool
-            Whether the angle determines the effective power. If not, the wire has settled in
-            its surroundings.
+        ``estimate``: of the wire now. ``moving``: whether the angle determines the effective power.
+        If not, the wire has settled in its surroundings.
         """
         grid = np.linspace(self._low, self._high, _TABLE)
         state = estimate.wire

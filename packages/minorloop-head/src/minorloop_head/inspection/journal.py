@@ -321,10 +321,8 @@ class Journal:
     def note(self, kind: type[_AnyLine], **content: Any) -> _AnyLine:
         """Add a line of a kind, and return it.
 
-        Raises
-        ------
-        OutputError
-            If it cannot be written, as on a full disk. The lines before stay as they are.
+        Raises an `OutputError` if it cannot be written, as on a full disk. The lines before stay as
+        they are.
         """
         line = kind(t=self.seconds(), **content)
         self._write(plain(line))

@@ -240,10 +240,8 @@ _BURST = {
 def burst_of(row: _BurstRow | BurstLine) -> MeanBurst:
     """Return the burst of a row or a line.
 
-    Raises
-    ------
-    Impossible
-        If no shots give it. A burst with a verdict may have no trace, and numbers not known.
+    Raises an `Impossible` if no shots give it. A burst with a verdict may have no trace, and
+    numbers not known.
     """
     trace = np.frombuffer(row.trace, "<f8").astype(np.float64)
     if not row.verdict:
@@ -264,13 +262,8 @@ def check(
 
     Raises an `Impossible`.
 
-    Parameters
-    ----------
-    row : object or dict
-    limits : mapping of str to ((low, high), ...)
-        By names; one pair, or one for each column of an array.
-    unknown : bool
-        Whether numbers may be NaN.
+    ``limits``: by names; one pair, or one for each column of an array. ``unknown``: whether numbers
+    may be NaN.
     """
     values = row if isinstance(row, dict) else {name: getattr(row, name, None) for name in limits}
     for name, pairs in limits.items():
@@ -477,13 +470,8 @@ def check_new(traces: dict[Any, str], key: tuple[Any, bytes], where: str) -> Non
 
     Raises an `Impossible`.
 
-    Parameters
-    ----------
-    traces : dict
-        Where each key was, which is added.
-    key : tuple
-        What tells bursts apart, and the trace; one without a trace may repeat.
-    where : str
+    ``traces``: where each key was, which is added. ``key``: what tells bursts apart, and the trace;
+    one without a trace may repeat.
     """
     if key[1] and key in traces:
         raise Impossible("trace", "a trace again", f"another one than in {traces[key]}")

@@ -142,12 +142,8 @@ class FaultLog:
     def during(self, name: str, first: float, last: float) -> str:
         """Return the fault that was on last between two times in seconds; empty if none was.
 
-        Parameters
-        ----------
-        name : str
-            Of an axis. If it had no fault, and the head was kept where it was because another
-            axis was not read, it is the fault of that one.
-        first, last : float
+        ``name``: of an axis. If it had no fault, and the head was kept where it was because another
+        axis was not read, it is the fault of that one.
         """
         on = _joined(
             fault

@@ -131,12 +131,8 @@ class HeadFile:
 
         Raises a `ModelFileError` if the file cannot be used with this head.
 
-        Parameters
-        ----------
-        serial : str, optional
-            Serial number of the head that is there; not compared if it is not known.
-        name : str or path
-            Name of the file, for the message.
+        ``serial``: serial number of the head that is there; not compared if it is not known.
+        ``name``: name of the file, for the message.
         """
         if serial is not None and serial != self.serial:
             raise ModelFileError(
@@ -157,12 +153,8 @@ class HeadFile:
         Raises a `ModelFileError` if the calibration has another number of LEDs than `ALL_LIGHTS`,
         or the bench has lines for another number.
 
-        Parameters
-        ----------
-        lines : int
-            Lines of the bench that switch LEDs; 0 if there are none, then the LEDs are not counted.
-        name : str or path
-            Name of the file, for the message.
+        ``lines``: lines of the bench that switch LEDs; 0 if there are none, then the LEDs are not
+        counted. ``name``: name of the file, for the message.
         """
         wanted = len(ALL_LIGHTS)
         known = wanted if self.calibration is None else len(self.calibration.leds)

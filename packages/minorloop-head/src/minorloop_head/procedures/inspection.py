@@ -145,6 +145,9 @@ def inspect_wall(
     Each view is kept as soon as it is searched; with a probe, that of a finding once more when it
     was scanned.
 
+    Raises an `InstrumentError` if a device fails, a sensor is lost, or the camera gives no good
+    picture for some time. What was kept before stays valid.
+
     Parameters
     ----------
     rig : InspectionRig
@@ -155,12 +158,6 @@ def inspect_wall(
     unscanned : str, optional
         Why the probe of the head scans nothing, as of `Probing`; without it only the camera is
         used.
-
-    Raises
-    ------
-    InstrumentError
-        If a device fails, a sensor is lost, or the camera gives no good picture for some time. What
-        was kept before stays valid.
     """
     kept, radius = kept or Kept(), rig.calibration.radius
     probing = None if unscanned is None else Probing(rig, kept, unscanned)

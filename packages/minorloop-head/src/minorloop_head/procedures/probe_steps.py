@@ -181,12 +181,8 @@ def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:
 def grade_of(probed: PitDepth | CrackDepth | None, evidence: float) -> str:
     """Return how sure a finding is: `_CONFIRMED`, `_PROBABLE` or `_LOOK_AGAIN`.
 
-    Parameters
-    ----------
-    probed : PitDepth or CrackDepth, optional
-        What the echoes say; only they confirm, since a spot of dirt looks like a hole.
-    evidence : float
-        Of a `Hole`; NaN for a crack, whose line was traced twice.
+    ``probed``: what the echoes say; only they confirm, since a spot of dirt looks like a hole.
+    ``evidence``: of a `Hole`; NaN for a crack, whose line was traced twice.
     """
     if probed is not None and shown_by_echoes(probed):
         return _CONFIRMED

@@ -61,12 +61,8 @@ class SeenBase:
     def read(self, t: float, angles: npt.ArrayLike, place: npt.ArrayLike) -> None:
         """Note what joints and catheter read at a time.
 
-        Parameters
-        ----------
-        t : float
-            In seconds.
-        angles, place : (2,) array_like
-            Pan and tilt by the joints in radians; advance in metres and roll in radians.
+        ``t``: in seconds. ``angles`` and ``place`` (2,): pan and tilt by the joints in radians;
+        advance in metres and roll in radians.
         """
         if self._read and t <= self._read[-1][0]:
             self._read.pop()
@@ -75,11 +71,8 @@ class SeenBase:
     def begin(self, image: Image, t: float) -> None:
         """Take a picture of a head at rest under all lights as that of a base that is not turned.
 
-        Parameters
-        ----------
-        image : (height, width) array of uint8
-        t : float
-            When it was taken, in seconds. Joints and catheter have been read about then.
+        ``image`` (height, width). ``t``: when it was taken, in seconds. Joints and catheter have
+        been read about then.
         """
         before = [angles for at, angles, _ in self._read if at <= t][-_RESTED:]
         rested = np.mean(before or [self._read[0][1]], axis=0)

@@ -148,12 +148,8 @@ def camera_map(
 def paste(wall: DepthMap, part: DepthMap) -> DepthMap:
     """Return a map in which the texels of a part with data replace its own.
 
-    Parameters
-    ----------
-    wall : DepthMap
-        The map of the larger patch.
-    part : DepthMap
-        The map of a smaller patch; its nearest texel counts.
+    ``wall``: the map of the larger patch. ``part``: the map of a smaller patch; its nearest texel
+    counts.
     """
     places, patch = wall.patch.places, part.patch
     middle = patch.phi + 0.5 * (patch.columns - 1) * patch.step / patch.radius

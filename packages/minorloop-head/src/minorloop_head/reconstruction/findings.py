@@ -66,10 +66,7 @@ _KINDS = {
 def kind_of(verdict: str) -> str:
     """Return the kind of a round defect by the verdict of its echoes.
 
-    Parameters
-    ----------
-    verdict : str
-        As in ``PitDepth``; for any other, the kind is ``hole or pit``.
+    ``verdict``: as in ``PitDepth``; for any other, the kind is ``hole or pit``.
     """
     return _KINDS.get(verdict, UNDECIDED)
 

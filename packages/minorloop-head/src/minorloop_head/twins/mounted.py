@@ -9,10 +9,7 @@ from minorloop_head.geometry import Mount
 class Mounted:
     """A device on the head.
 
-    Parameters
-    ----------
-    mount : Mount, optional
-        Place of the head in the pipe; on the axis without it.
+    ``mount``: place of the head in the pipe; on the axis without it.
     """
 
     def __init__(self, mount: Mount | None) -> None:

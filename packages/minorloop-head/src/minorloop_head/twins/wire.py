@@ -210,13 +210,8 @@ class Wire(HeatedWires):
 def wire_numbers(wire: dict[str, float], offset: float = 0.0) -> FloatArray:
     """Return the parameters of a wire per metre, (19,) for the compiled loops.
 
-    Parameters
-    ----------
-    wire : dict of str to float
-        The parameters by the names of ``WIRE``.
-    offset : float
-        Force on the cold wire besides the preload, in N; the length is trimmed so that the angle
-        is then 0.
+    ``wire``: the parameters by the names of ``WIRE``. ``offset``: force on the cold wire besides
+    the preload, in N; the length is trimmed so that the angle is then 0.
     """
     area = 0.25 * math.pi * DIAMETER**2
     mass = wire["density"] * area

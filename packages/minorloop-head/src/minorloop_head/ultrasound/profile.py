@@ -38,13 +38,9 @@ class Profile:
 def wall_profile(bursts: Sequence[Burst], probe: CalibratedProbe) -> Profile:
     """Return the profile of the wall from the bursts of one sweep.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        Those with a verdict count as without an echo.
-    probe : CalibratedProbe
-        The probe and its mount, which contains the roll. For a sweep round the pipe, make one
-        profile for each roll, and join them with ``joined``.
+    ``bursts``: those with a verdict count as without an echo. ``probe``: the probe and its mount,
+    which contains the roll. For a sweep round the pipe, make one profile for each roll, and join
+    them with ``joined``.
 
     Notes
     -----

@@ -33,12 +33,8 @@ _WIDEST, _FARTHEST = math.radians(0.1), math.radians(1.0)
 def aligned(frames: Sequence[LitFrame], camera: CalibratedCamera) -> tuple[LitFrame, ...]:
     """Return frames whose angles agree with each other; their mean stays.
 
-    Parameters
-    ----------
-    frames : sequence of LitFrame
-        Good frames of an acquisition. Those without light keep their angles, and so do those in
-        which too few patches of the frame with most light are found.
-    camera : CalibratedCamera
+    ``frames``: good frames of an acquisition. Those without light keep their angles, and so do
+    those in which too few patches of the frame with most light are found.
     """
     lit = [n for n, frame in enumerate(frames) if any(frame.lights)]
     if len(lit) < 2:

@@ -100,13 +100,8 @@ class PointHold:
     ) -> tuple[ServoStep, _HoldState]:
         """Return the next joint angles and state; a lost point gives a verdict, not an error.
 
-        Parameters
-        ----------
-        state : HoldState
-        pixel : (2,) array_like, optional
-            Place of the point in the image; None or NaN while it is lost.
-        angles : (2,) array_like
-            Pan and tilt as measured when the image was taken, in radians.
+        ``pixel`` (2,): place of the point in the image; None or NaN while it is lost. ``angles``
+        (2,): pan and tilt as measured when the image was taken, in radians.
         """
         seen = np.full(2, np.nan) if pixel is None else np.asarray(pixel, dtype=np.float64)
         measured = np.asarray(angles, dtype=np.float64)

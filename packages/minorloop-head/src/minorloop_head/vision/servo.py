@@ -132,13 +132,9 @@ class Servo:
     ) -> tuple[ServoStep, _ServoState]:
         """Return the next angles and state; a lost point gives a verdict, not an error.
 
-        Parameters
-        ----------
-        state : ServoState
-        pixel : (2,) array_like, optional
-            Place of the point in the image; None, NaN or anything but a pair while it is lost.
-        angles : (2,) array_like, optional
-            Measured pan and tilt, in radians; without them, the last wanted ones.
+        ``pixel`` (2,): place of the point in the image; None, NaN or anything but a pair while it
+        is lost. ``angles`` (2,): measured pan and tilt, in radians; without them, the last wanted
+        ones.
         """
         seen, measured = _pair(pixel), _pair(angles)
         present = np.where(np.isfinite(measured), measured, state.angles)

@@ -194,14 +194,9 @@ class PatchTracker:
     ) -> tuple[Track, TrackState]:
         """Find the patch in the next frame; a bad frame gives a verdict, not an error.
 
-        Parameters
-        ----------
-        state : TrackState
-        image : (height, width) array of uint8
-            The frame.
-        pan, tilt : float
-            Of the head when the frame was taken, measured or commanded, in radians; without
-            finite numbers the verdict is ``angle unknown``.
+        ``image`` (height, width): the frame. ``pan`` and ``tilt``: of the head when the frame was
+        taken, measured or commanded, in radians; without finite numbers the verdict is ``angle
+        unknown``.
         """
         verdict = frame_checks.check_frame(image, self.camera.lens, state.before)
         known = finite_angles(pan, tilt)
