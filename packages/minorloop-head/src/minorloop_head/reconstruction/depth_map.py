@@ -229,8 +229,8 @@ def find_water(
 ) -> WaterLine:
     """Find the water line from where a sweep round the pipe gave echoes.
 
-    It is midway between the highest place with an echo and the lowest without, or at the top or
-    bottom of the pipe if all or none has one.
+    It is the middle of the 90 % band of its height; it is not seen if a pipe that is full, or has
+    no water at any place, is likelier than a surface anywhere.
 
     Parameters
     ----------
@@ -250,9 +250,6 @@ def find_water(
 
     Notes
     -----
-    The line is the middle of the 90 % band; it is not seen if a pipe that is full, or has no water
-    at any place, is likelier than a surface anywhere.
-
     Each height is as likely as the echoes that are there and missing, if `_LOST` of those below it
     are missing, and `_FALSE` of the places above it have one (Bayes). So a lost echo does not move
     the line, nor does a dent whose flanks send the beam elsewhere. The height is as likely anywhere
