@@ -58,25 +58,25 @@ class ReducedPoint:
     """When the hold ended, in seconds or samples."""
     input: float
     """Mean of the input, in its unit."""
-    value: float
-    sd: float
-    """``value`` and ``sd``: settled output and its standard deviation, in the unit of the output;
-    NaN at an extreme. How far a hold that has not settled is from its end is not known: its
-    standard deviation is NaN."""
-    verdict: str
-    """``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
-    ``unread`` where no reading of the end of a hold can be used; ``passed`` at an extreme of the
-    input between holds."""
-    held: float
-    """Duration of the hold, in seconds or samples; 0 at an extreme."""
-    end: float
-    """Output at the end of the hold, not extrapolated."""
-    common_sd: float
-    """Standard deviation of the conversion, and of a drift that was subtracted: an error that the
-    points have in common."""
     begin: int
     stop: int
     """``begin`` and ``stop``: first sample of the hold, and the one after the last."""
+    value: float = np.nan
+    sd: float = np.nan
+    """``value`` and ``sd``: settled output and its standard deviation, in the unit of the output;
+    NaN at an extreme. How far a hold that has not settled is from its end is not known: its
+    standard deviation is NaN."""
+    verdict: str = "passed"
+    """``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
+    ``unread`` where no reading of the end of a hold can be used; ``passed`` at an extreme of the
+    input between holds."""
+    held: float = 0.0
+    """Duration of the hold, in seconds or samples; 0 at an extreme."""
+    end: float = np.nan
+    """Output at the end of the hold, not extrapolated."""
+    common_sd: float = np.nan
+    """Standard deviation of the conversion, and of a drift that was subtracted: an error that the
+    points have in common."""
     known: bool = True
     """Whether the memory is known; after a break it is not, until the input has made it known."""
 
@@ -497,24 +497,8 @@ def _passed(
     if after is None:
         places = np.union1d(places, [path.size - 1])
     lead = len(ends[0])
-    rows = (int(place) - lead + begin for place in places)
-    return [_extreme(log, row) for row in rows if begin <= row < end]
-
-
-def _extreme(log: Record, row: int) -> ReducedPoint:
-    unknown = np.nan
-    return ReducedPoint(
-        t=float(log.t[row]),
-        input=float(log.u[row]),
-        value=unknown,
-        sd=unknown,
-        verdict="passed",
-        held=0.0,
-        end=unknown,
-        common_sd=unknown,
-        begin=row,
-        stop=row + 1,
-    )
+    rows = [row for row in (places - lead + begin).tolist() if begin <= row < end]
+    return [ReducedPoint(float(log.t[k]), float(log.u[k]), k, k + 1) for k in rows]
 
 
 def _duration(t: FloatArray, hold: FoundHold, interval: float) -> float:

@@ -11,7 +11,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 # SIGINT is restored last: its usual handler raises, and then all others are already restored.
@@ -60,12 +60,7 @@ class _Switched:
             _state.may_raise = self._may_raise
             _state.deliver()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._counts:
             _state.may_raise = self._before
             if sys.exception() is None:  # an error that is being raised says more than a signal

@@ -19,10 +19,9 @@ import sqlite3
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -269,12 +268,7 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def __len__(self) -> int:
@@ -491,17 +485,14 @@ class Store:
             How the actuator was brought there.
         """
         number, session = len(self.sessions()) + 1, RunSession(_now(), None, len(self), mode, None)
-        self._write("sitting", number, *astuple(session))
+        self._write_session(number, session)
         try:
             yield
         except BaseException as error:
             with suppress(MinorloopError):
-                self._end_session(number, session, reason_of(error))
+                self._write_session(number, replace(session, ended=_now(), end=reason_of(error)))
             raise
-        self._end_session(number, session, "finished")
-
-    def _end_session(self, number: int, begun: RunSession, end: str) -> None:
-        self._write("sitting", number, begun.began, _now(), begun.first, begun.mode, end)
+        self._write_session(number, replace(session, ended=_now(), end="finished"))
 
     def add(self, point: Point, t: FloatArray, y: FloatArray) -> None:
         """Write a point and its trace, both or neither.
@@ -561,10 +552,10 @@ class Store:
         with self._transaction():
             self._insert("about", name, json.dumps(content), how="INSERT OR IGNORE")
 
-    def _write(self, table: str, *content: Any) -> None:
-        """Write a row alone, in place of one with its key."""
+    def _write_session(self, number: int, session: RunSession) -> None:
+        """Write a session, in place of what was written when it began."""
         with self._transaction():
-            self._insert(table, *content, how="REPLACE")
+            self._insert("sitting", number, *astuple(session), how="REPLACE")
 
     def _insert(self, table: str, *content: Any, how: str = "INSERT") -> None:
         places = ", ".join("?" * (len(content) + 1))
@@ -588,25 +579,22 @@ class Store:
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         with Deferred():
-            yield from self._committed()
-
-    def _committed(self) -> Iterator[None]:
-        try:
-            if self._lock is not None:
-                self._execute("PRAGMA journal_mode = WAL")
-            self._execute("BEGIN IMMEDIATE")
-            yield
-            self._execute("COMMIT")
-        except BaseException as error:
-            with suppress(sqlite3.Error):
-                if self._connection.in_transaction:
-                    self._execute("ROLLBACK")
-            if isinstance(error, sqlite3.Error):
-                raise StoreError(
-                    f"{self.path} cannot be written: {in_words(error)}; "
-                    "its points are kept, and the run can be continued from there"
-                ) from None
-            raise
+            try:
+                if self._lock is not None:
+                    self._execute("PRAGMA journal_mode = WAL")
+                self._execute("BEGIN IMMEDIATE")
+                yield
+                self._execute("COMMIT")
+            except BaseException as error:
+                with suppress(sqlite3.Error):
+                    if self._connection.in_transaction:
+                        self._execute("ROLLBACK")
+                if isinstance(error, sqlite3.Error):
+                    raise StoreError(
+                        f"{self.path} cannot be written: {in_words(error)}; "
+                        "its points are kept, and the run can be continued from there"
+                    ) from None
+                raise
 
 
 def _now() -> str:

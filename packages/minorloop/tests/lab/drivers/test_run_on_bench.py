@@ -109,68 +109,6 @@ def failing_at(level, trouble):
     return ask_or_fail
 
 
-def garbage(link, text):
-    return "?\x07?"
-
-
-def overloaded(link, text):
-    return "9.9E37"
-
-
-def silent(link, text):
-    return link.read()  # nothing was asked, so nothing comes
-
-
-def late(link, text):
-    try:
-        return link.read()
-    finally:
-        link._resource.write(text)
-
-
-@pytest.mark.parametrize(
-    ("trouble", "message"),
-    [
-        (garbage, "which is not a number"),
-        (overloaded, "overloaded, or not connected"),
-        (silent, "gave no answer within 0.1 s"),
-        (late, "gave no answer within 0.1 s"),
-    ],
-)
-def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
-    trouble, message, simulated, monkeypatch, capsys
-):
-    sent, ask, send = [], VisaLink.ask, VisaLink.send
-
-    def listening(link, text):
-        sent.append(text)
-        send(link, text)
-
-    def troubled(link, text):
-        set_to = [line for line in sent if line.startswith("VOLT ")][-1]
-        if text == "READ?" and set_to.startswith("VOLT -0.5"):
-            return trouble(link, text)
-        return ask(link, text)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(VisaLink, "send", listening)
-        patch.setattr(VisaLink, "ask", troubled)
-        assert main(simulated) == 2
-    *progress, last = capsys.readouterr().err.splitlines()
-    assert last.startswith("error: ")
-    assert message in last
-    assert last.endswith("1 of 2 levels are kept; continue with minorloop resume --store s.sqlite")
-    assert not any("Traceback" in line for line in progress)
-    assert sent[-2:] == ["VOLT 0.000000000", "OUTP OFF"]
-    with Store.open("s.sqlite") as store:
-        kept = [(point.input, point.value) for point in store.points()]
-    assert [point[0] for point in kept] == [0.5]
-    assert main(["resume", "--store", "s.sqlite", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["points"] == 2
-    with Store.open("s.sqlite") as store:
-        assert [(point.input, point.value) for point in store.points()][:1] == kept
-
-
 def test_a_meter_that_becomes_slow_is_warned_of(tmp_path, monkeypatch, capsys):
     clock = Clock()
 
