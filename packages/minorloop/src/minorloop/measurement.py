@@ -32,7 +32,7 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity
 from minorloop.lab.run import Choose, ResumeMode, answer_time, check_plan, run
 from minorloop.lab.store import Point, Setup, Store
-from minorloop.lab.wrapped_actuator import ConvertedActuator, single_channel
+from minorloop.lab.wrapped_actuator import SingleChannel, single_channel
 from minorloop.modelfile import ModelFile
 
 _HOLD = 200.0
@@ -109,7 +109,7 @@ class Apparatus:
                 found = self.conversion
                 if isinstance(found, str):
                     found = conversions.from_text(found, reading)
-                plant = ConvertedActuator(channel, found)
+                plant = SingleChannel(channel, conversion=found)
                 options |= {"conversion": conversions.as_json(found), "reading": str(reading)}
             names = str(plant.inputs[0]), str(plant.outputs[0])
             yield plant, Setup(address, *names, options=options, **kept)
@@ -429,7 +429,7 @@ def resume(store: PathLike, *, carry: Carry = carry, say: Say = silent) -> RunRe
             plant = single_channel(whole, setup.input, reading)
             if converted is not None:
                 found = conversions.from_json(converted)
-                plant = ConvertedActuator(plant, found, begun=len(kept) > 0)
+                plant = SingleChannel(plant, conversion=found, begun=len(kept) > 0)
             return _carried_out(plant, kept, carry)
 
 

@@ -25,7 +25,7 @@ from minorloop.lab.conversion import LaserCurvature
 from minorloop.lab.records import Record
 from minorloop.lab.reduction import reduce
 from minorloop.lab.settled_holds import FURTHER, hold_each
-from minorloop.lab.wrapped_actuator import ConvertedActuator
+from minorloop.lab.wrapped_actuator import SingleChannel
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Diagonal
 from minorloop.twins.ipmc_laser import DISTANCE, HEIGHT, HEIGHT_SD
@@ -283,7 +283,7 @@ def drive(
     """Saturate a specimen, apply inputs (n,) in V, and compare with the targets (n,) in 1/m."""
     strip = _strip(seed, noise, setup, experiment)
     if setup.laser:
-        strip = ConvertedActuator(strip, _laser())
+        strip = SingleChannel(strip, conversion=_laser())
     strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
     voltages = np.clip(inputs, -setup.voltage, setup.voltage)
     record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval)

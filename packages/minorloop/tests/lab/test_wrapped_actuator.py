@@ -12,8 +12,8 @@ from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.records import Record
 from minorloop.lab.run import Restorable
 from minorloop.lab.wrapped_actuator import (
-    ConvertedActuator,
     LimitedActuator,
+    SingleChannel,
     WrappedActuator,
     single_channel,
 )
@@ -25,7 +25,7 @@ NARROW = CalibrationTable(name="bend", unit="cm", readings=(1e3, 2e3), values=(0
 
 class TestConverted:
     def test_records_and_exchanges_are_converted_and_the_rest_is_the_actuators(self):
-        plain, shown = Ipmc(), ConvertedActuator(Ipmc(), TENFOLD)
+        plain, shown = Ipmc(), SingleChannel(Ipmc(), conversion=TENFOLD)
         assert [str(channel) for channel in shown.outputs] == ["bend [cm]"]
         assert (shown.inputs, shown.tick) == (plain.inputs, plain.tick)
         raw, record = plain.apply(0.5, 3.0, 1.0), shown.apply(0.5, 3.0, 1.0)
@@ -37,7 +37,7 @@ class TestConverted:
         assert shown.description is None
 
     def test_a_twin_can_still_be_restored_and_another_actuator_not(self):
-        twin = ConvertedActuator(Ipmc(), TENFOLD)
+        twin = SingleChannel(Ipmc(), conversion=TENFOLD)
         state, first = twin.checkpoint(), twin.apply(1.0, 2.0, 1.0).y
         twin.restore(state)
         np.testing.assert_array_equal(twin.apply(1.0, 2.0, 1.0).y, first)
@@ -46,14 +46,9 @@ class TestConverted:
 
     def test_a_conversion_that_covers_no_reading_is_refused_unless_the_run_had_begun(self):
         with pytest.raises(SignalError, match="covers none of the readings"):
-            ConvertedActuator(Ipmc(), NARROW).apply(0.5, 3.0, 1.0)
-        resumed = ConvertedActuator(Ipmc(), NARROW, begun=True)
+            SingleChannel(Ipmc(), conversion=NARROW).apply(0.5, 3.0, 1.0)
+        resumed = SingleChannel(Ipmc(), conversion=NARROW, begun=True)
         assert np.isnan(resumed.apply(0.5, 3.0, 1.0).y).all()
-
-    def test_several_outputs_are_refused(self):
-        two = SimpleNamespace(outputs=Ipmc().outputs * 2)
-        with pytest.raises(ParameterError, match="has 2 outputs; a conversion is for one"):
-            ConvertedActuator(two, TENFOLD)
 
 
 class HomeMade:

@@ -75,62 +75,6 @@ class WrappedActuator:
         getattr(self._actuator, "close", lambda: None)()
 
 
-class ConvertedActuator(WrappedActuator):
-    """An actuator that shows its converted output.
-
-    Raises a `ParameterError` if the actuator has several outputs.
-
-    Parameters
-    ----------
-    actuator : Actuator
-        What is driven; it has one output.
-    conversion : Conversion
-        From its readings to the output wanted.
-    begun : bool
-        Whether readings were converted in this run before: then a hold without one is no error.
-    """
-
-    def __init__(self, actuator: Actuator, conversion: Conversion, *, begun: bool = False) -> None:
-        if len(actuator.outputs) != 1:
-            raise ParameterError(
-                f"the actuator has {len(actuator.outputs)} outputs; a conversion is for one"
-            )
-        super().__init__(actuator)
-        self._conversion = conversion
-        reading = Quantity(actuator.outputs[0].name, actuator.outputs[0].unit)
-        quantity = conversion.quantity(reading)
-        self.outputs = (Channel(quantity.name, quantity.unit),)
-        self._covered_once = begun
-
-    @property
-    def covered(self) -> str:
-        """Which readings are covered by the conversion, for a message."""
-        return self._conversion.covered
-
-    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input as the actuator does; the output of the record is converted.
-
-        Raises a `SignalError` if the conversion covers none of the first readings.
-        """
-        raw = self._actuator.apply(u, duration, sample_interval)
-        y = self._conversion.convert(raw.y)
-        finite = np.isfinite(raw.y)
-        if not self._covered_once and finite.any() and not np.isfinite(y[finite]).any():
-            low, high = raw.y[finite].min(), raw.y[finite].max()
-            raise SignalError(
-                f"the conversion covers none of the readings, {low:.6g} to {high:.6g} "
-                f"{self._actuator.outputs[0].unit}; it covers {self.covered}: check its numbers"
-            )
-        self._covered_once = True
-        names = [str(channel) for channel in self.outputs]
-        return Record(raw.u, y, raw.t, raw.inputs, names, raw.time, raw.timing)
-
-    def exchange(self, u: Value) -> Value:
-        """Hold an input for one tick, and return the converted output at its end."""
-        reading: FloatArray = self._conversion.convert(np.atleast_1d(self._actuator.exchange(u)))
-        return float(reading[0])
-
-
 class LimitedActuator(WrappedActuator):
     """An actuator that is sent no input beyond its limits, and made safe after any error.
 
@@ -204,33 +148,74 @@ class LimitedActuator(WrappedActuator):
 
 
 class SingleChannel(WrappedActuator):
-    """One input of an actuator, with the others at rest, and one of the outputs.
+    """One input of an actuator, with the others at rest, and one output, which may be converted.
 
-    ``input`` and ``output``: which input, and which output.
+    Parameters
+    ----------
+    actuator : Actuator
+    input, output : int
+        Which input, and which output.
+    conversion : Conversion, optional
+        From the readings to the output wanted.
+    begun : bool
+        Whether readings were converted in this run before: then a hold without one is no error.
     """
 
-    def __init__(self, actuator: Actuator, input: int, output: int) -> None:
+    def __init__(
+        self,
+        actuator: Actuator,
+        input: int = 0,
+        output: int = 0,
+        conversion: Conversion | None = None,
+        *,
+        begun: bool = False,
+    ) -> None:
         super().__init__(actuator)
-        self._input, self._output = input, output
+        self._input, self._output, self._conversion = input, output, conversion
+        self._begun, self._unit = begun, actuator.outputs[output].unit
         self.inputs = (actuator.inputs[input],)
         self.outputs = (actuator.outputs[output],)
+        if conversion is not None:
+            found = conversion.quantity(Quantity(self.outputs[0].name, self._unit))
+            self.outputs = (Channel(found.name, found.unit),)
+
+    @property
+    def covered(self) -> str:
+        """Which readings are covered by the conversion, for a message; empty without one."""
+        return "" if self._conversion is None else self._conversion.covered
 
     def written(self, u: float) -> float:
         """Return the input that the source writes for ``u``; nothing is applied."""
         return super().written(u) if len(self._actuator.inputs) == 1 else u
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold the input, and return a record of it and the output."""
+        """Hold the input, and return a record of it and the output.
+
+        Raises a `SignalError` if the conversion covers none of the first readings.
+        """
         found = self._actuator.apply(self._all(u), duration, sample_interval)
-        u, y = np.atleast_2d(found.u)[self._input], np.atleast_2d(found.y)[self._output]
+        u, raw = np.atleast_2d(found.u)[self._input], np.atleast_2d(found.y)[self._output]
+        y, known = self._converted(raw), np.isfinite(raw)
+        if not self._begun and known.any() and not np.isfinite(y[known]).any():
+            raise SignalError(
+                f"the conversion covers none of the readings, {raw[known].min():.6g} to "
+                f"{raw[known].max():.6g} {self._unit}; it covers {self.covered}: check its numbers"
+            )
+        self._begun = True
         names = str(self.inputs[0]), str(self.outputs[0])
         return Record(u, y, found.t, *names, found.time, found.timing)
 
     def exchange(self, u: Value) -> Value:
         """Hold the input for one tick, and return the output at its end."""
-        return float(np.atleast_1d(self._actuator.exchange(self._all(u)))[self._output])
+        y = np.atleast_1d(self._actuator.exchange(self._all(u)))
+        return float(self._converted(y[self._output : self._output + 1])[0])
 
-    def _all(self, u: Value) -> FloatArray:
+    def _converted(self, readings: FloatArray) -> FloatArray:
+        return readings if self._conversion is None else self._conversion.convert(readings)
+
+    def _all(self, u: Value) -> Value:
+        if len(self._actuator.inputs) == 1:
+            return u
         every: FloatArray = np.zeros(len(self._actuator.inputs))
         every[:] = getattr(self._actuator, "rest", 0.0)
         every[self._input] = float(np.ravel(u)[0])
