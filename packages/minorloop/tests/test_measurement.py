@@ -11,7 +11,7 @@ from minorloop.measurement import (
     Apparatus,
     Approach,
     HoldEnds,
-    _unsettled,
+    _doubts,
     drive_to,
     measure,
     resume,
@@ -60,6 +60,7 @@ def test_an_actuator_is_driven_and_its_sensor_converted():
 
 
 def test_warns_of_points_that_did_not_settle():
-    said = _unsettled({"points": 4, "unsettled": 2})
-    assert "2 of 4 points had not settled" in said[0]
-    assert _unsettled({"points": 4, "unsettled": 1}) == _unsettled({"points": 0}) == []
+    known = {"points": 4, "sample_interval_s": 1.0, "longest_interval_s": None}
+    (said,) = _doubts(known | {"unsettled": 2})
+    assert "2 of 4 points had not settled" in said
+    assert not [*_doubts(known | {"unsettled": 1})]

@@ -90,15 +90,19 @@ def connect(
 
 
 @contextmanager
-def opened(address: str, **options: Any) -> Iterator[Actuator]:
-    """Yield the actuator at an address; close its instruments at the end.
+def opened(
+    address: str, *, say: Callable[[str], object] = lambda warning: None, **options: Any
+) -> Iterator[Actuator]:
+    """Yield the actuator at an address, after its warnings; close its instruments at the end.
 
     A signal that ends the process is an exception in here. It never cuts a line to an instrument
-    in half. Parameters and errors are as of `connect`.
+    in half. ``say`` is called with each warning; the others, and errors, are as of `connect`.
     """
     with ended_by_signals(exiting=True):
         actuator = connect(address, **options)
         try:
+            for warning in getattr(actuator, "warnings", ()):
+                say(f"! {warning}")
             yield actuator
         finally:
             with Deferred():

@@ -98,9 +98,7 @@ class Apparatus:
             Called with each warning of the actuator.
         """
         address, options = split_address(self.address)
-        with opened(address, **options) as whole:
-            for warning in getattr(whole, "warnings", ()):
-                say(f"! {warning}")
+        with opened(address, say=say, **options) as whole:
             channel = single_channel(whole, self.input or choose(whole), self.output)
             kept = {name: options.pop(name, known) for name, known in _SIMULATED.items()}
             options = {"noise": kept.pop("noise"), **options}
@@ -423,9 +421,7 @@ def resume(store: PathLike, *, carry: Carry = carry, say: Say = silent) -> RunRe
         options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
         converted = options.pop("conversion", None)
         reading = options.pop("reading", setup.output)
-        with opened(setup.address, **options) as whole:
-            for warning in getattr(whole, "warnings", ()):
-                say(f"! {warning}")
+        with opened(setup.address, say=say, **options) as whole:
             plant = single_channel(whole, setup.input, reading)
             if converted is not None:
                 found = conversions.from_json(converted)
@@ -488,7 +484,7 @@ def _inputs_and_outputs(points: Sequence[Point]) -> tuple[list[float], list[floa
 
 def _measured(plant: Actuator, store: Store, mode: ResumeMode, wrong: Sequence[str]) -> RunResult:
     figures = summary(store)
-    warnings = (*getattr(plant, "warnings", ()), *_unsettled(figures), *_slow(figures), *wrong)
+    warnings = (*getattr(plant, "warnings", ()), *_doubts(figures), *wrong)
     return RunResult(figures, mode, warnings)
 
 
@@ -523,25 +519,20 @@ def _of_findings(found: RunFindings) -> dict[str, Any]:
     }
 
 
-def _unsettled(figures: Mapping[str, Any]) -> list[str]:
-    """Return a warning if half of the holds or more had not settled."""
-    if not figures["points"] or 2 * figures["unsettled"] < figures["points"]:
-        return []
-    return [
-        f"{figures['unsettled']} of {figures['points']} points had not settled and are no "
-        "settled outputs; hold longer"
-    ]
-
-
-def _slow(figures: Mapping[str, Any]) -> list[str]:
-    """Return a warning if the meter was slower than the plan."""
+def _doubts(figures: Mapping[str, Any]) -> Iterator[str]:
+    """Warn if half of the holds or more had not settled, or the meter was slower than the plan."""
+    points, unsettled = figures["points"], figures["unsettled"]
+    if points and 2 * unsettled >= points:
+        yield (
+            f"{unsettled} of {points} points had not settled and are no settled outputs; hold "
+            "longer"
+        )
     planned, most = figures["sample_interval_s"], figures["longest_interval_s"]
-    if most is None or most <= _SLOW * planned:
-        return []
-    return [
-        f"the meter was slow at times: samples were up to {most:.3g} s apart, not {planned:g} "
-        "s; their times are the true ones"
-    ]
+    if most is not None and most > _SLOW * planned:
+        yield (
+            f"the meter was slow at times: samples were up to {most:.3g} s apart, not {planned:g} "
+            "s; their times are the true ones"
+        )
 
 
 def summary(store: Store) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -293,15 +293,11 @@ def interruptible(kept: Callable[[], str]) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def connected(address: str, **options: Any) -> Iterator[Actuator]:
-    """Yield the actuator at an address as `minorloop.connect.opened` does, after its warnings."""
+def connected(address: str, **options: Any) -> AbstractContextManager[Actuator]:
+    """Return a context with the actuator at an address, as `minorloop.connect.opened`."""
     from minorloop.connect import opened
 
-    with opened(address, **options) as plant:
-        for warning in getattr(plant, "warnings", ()):
-            typer.echo(f"! {warning}", err=True)
-        yield plant
+    return opened(address, say=partial(typer.echo, err=True), **options)
 
 
 def named(column: str | None) -> str | None:
