@@ -175,9 +175,6 @@ class Pipe:
     def read(self):
         return self.process.stdout.readline().rstrip("\n")
 
-    def flush(self):
-        pass
-
     def close(self):
         out, _ = self.process.communicate(timeout=20)
         assert self.process.returncode == 0

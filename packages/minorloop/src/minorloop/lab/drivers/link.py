@@ -49,9 +49,6 @@ class Link(Protocol):
     def read(self) -> str:
         """Return the next line, without asking."""
 
-    def flush(self) -> None:
-        """Discard what was received but not read."""
-
     def close(self) -> None:
         """Close the connection."""
 
@@ -135,22 +132,6 @@ class VisaLink:
             if self._stale:
                 self._discard()
             return self._answer()
-
-    def flush(self) -> None:
-        """Discard what was received but not read.
-
-        Raises an `InstrumentError` if the instrument does not stop sending, or cannot be opened
-        again.
-        """
-        with Deferred():
-            if self._resource is None or self._socket:
-                # Nothing of the old connection arrives on the new one.
-                self._let_go()
-                self._open()
-            elif self._streams:
-                self._drain(_QUIET)
-            else:
-                self._resource.clear()
 
     def close(self) -> None:
         """Close the connection; what was sent arrives."""

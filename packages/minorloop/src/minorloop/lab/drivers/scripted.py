@@ -50,10 +50,6 @@ class Script:
             raise InstrumentError(f"{self.name} gave no answer")
         return self._answers.pop(0)
 
-    def flush(self) -> None:
-        """Discard answers that were not read."""
-        self._answers.clear()
-
     def close(self) -> None:
         """Do nothing."""
 
