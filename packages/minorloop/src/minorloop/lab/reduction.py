@@ -24,9 +24,8 @@ from minorloop.files import PathLike, check_writable, table_text, write_atomical
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.faults import Fault, codes, input_without_spikes, listed, usable, without_spikes
 from minorloop.lab.gaps import known_memory
-from minorloop.lab.holds import FoundHold, find_holds, turning_points
+from minorloop.lab.holds import FoundHold, SensorDrift, find_drift, find_holds, turning_points
 from minorloop.lab.records import Quantity, Record
-from minorloop.lab.sensor_drift import SensorDrift, find_drift
 from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
 from minorloop.lab.timebase import GAP
 

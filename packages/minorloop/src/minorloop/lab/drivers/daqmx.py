@@ -144,9 +144,7 @@ class DaqDevice(PlannedDevice):
             raise self._failed(error) from None
 
 
-def open_device(plan: DevicePlan) -> DaqDevice:
-    """Return a device of NI; see `DaqDevice`."""
-    return DaqDevice(plan)
+open_device = DaqDevice
 
 
 def found() -> list[str]:

@@ -100,9 +100,7 @@ class LabJack(PlannedDevice):
             raise self._failed("the LJM library is missing; install that of LabJack") from None
 
 
-def open_device(plan: DevicePlan) -> LabJack:
-    """Return a LabJack; see `LabJack`."""
-    return LabJack(plan)
+open_device = LabJack
 
 
 def found() -> list[str]:

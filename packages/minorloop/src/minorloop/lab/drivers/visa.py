@@ -327,9 +327,7 @@ class VisaDevice(PlannedDevice):
         self._link.close()
 
 
-def open_device(plan: DevicePlan) -> VisaDevice:
-    """Return an instrument with several channels; see `VisaDevice`."""
-    return VisaDevice(plan)
+open_device = VisaDevice
 
 
 def found() -> list[str]:
