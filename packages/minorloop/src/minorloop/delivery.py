@@ -46,12 +46,8 @@ _ANY_SLOPE = 1e300
 class Delivery(Chooser):
     """Chooses inputs that bring an actuator to each target within an interval, and keep it there.
 
-    Raises
-    ------
-    ParameterError
-        If the model has no after-effect, or a number is out of range.
-    NotInvertibleError
-        If the model is not monotone.
+    Raises a `ParameterError` if the model has no after-effect, or a number is out of range; a
+    `NotInvertibleError` if the model is not monotone.
     """
 
     model: AfterEffect

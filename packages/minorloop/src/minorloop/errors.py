@@ -81,12 +81,8 @@ class FleetError(MinorloopError, OSError):
 class MissingExtraError(MinorloopError, ImportError):
     """An optional dependency is not installed.
 
-    Parameters
-    ----------
-    package : str
-        The package that could not be imported.
-    extra : str
-        The extra of minorloop that installs it.
+    ``package``: the package that could not be imported; ``extra``: the extra of minorloop that
+    installs it.
     """
 
     def __init__(self, package: str, extra: str) -> None:
@@ -104,12 +100,7 @@ def are(count: int) -> str:
 
 
 def all_done(steps: Iterable[Callable[[], object]]) -> None:
-    """Do every step, even if an earlier one fails; then raise the first error.
-
-    Parameters
-    ----------
-    steps : iterable of callable
-    """
+    """Do every step, even if an earlier one fails; then raise the first error."""
     first: Exception | None = None
     for step in steps:
         try:

@@ -24,11 +24,7 @@ def loaded(point: EntryPoint, name: str) -> Any:
 
     Raises a `ParameterError` if it cannot be imported.
 
-    Parameters
-    ----------
-    point : EntryPoint
-    name : str
-        What it is for, in a message.
+    ``name``: what it is for, in a message.
     """
     try:
         return point.load()
