@@ -217,6 +217,28 @@ def nodes_to_cells(bands, x):
             x[k] += x[k + i + 1]
 
 
+@njit(**INSIDE)
+def add_row(x, row, other):
+    """Add another row of a matrix to a row."""
+    for c in range(x.shape[1]):
+        x[row, c] += x[other, c]
+
+
+@njit(cache=True, nogil=True)
+def nodes_to_cells_both_ways(bands, x):
+    """In place along both axes of a matrix (n, n), n >= K: `nodes_to_cells`."""
+    for row in x:
+        nodes_to_cells(bands, row)
+    for i in range(1, bands):
+        first = i * (i + 1) // 2
+        for k in range(first + 1, first + i + 1):
+            add_row(x, k, k - 1)
+    for i in range(bands - 2, -1, -1):
+        first = i * (i + 1) // 2
+        for k in range(first, first + i + 1):
+            add_row(x, k, k + i + 1)
+
+
 @njit(cache=True, nogil=True)
 def take_lower(entries, begin, places, ridge, out):
     """Lower triangle of rows and columns ``places`` of a symmetric matrix, plus a ridge.

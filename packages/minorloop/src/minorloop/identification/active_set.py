@@ -46,7 +46,7 @@ _FIRST_SPARSE_RIDGE = 1e-6
 the unknowns are near the optimum."""
 _LEAST_SPARSE_RIDGE = 1e-9
 """The accuracy of the factor: below it, conjugate gradients are many."""
-_SPLITTING, _ALTERNATIONS, _RELAXATION = 0.1, 20, 1.6
+_SPLITTING, _ALTERNATIONS, _RELAXATION = 0.1, 15, 1.6
 """Penalty of the alternating directions, to a diagonal of one, their number, and over-relaxation;
 by trial. Then, of a thousand unknowns, about ten are on the wrong side of their bounds."""
 _AT_BOUND = 1e4

@@ -90,6 +90,7 @@ class GramRows:
         self._place = np.full(diagonal.size, -1)
         self._known = np.empty(0, dtype=np.int64)
         self._entries, self._begin = np.empty(0), np.empty(0, dtype=np.int64)
+        self._is_whole = False
 
     @classmethod
     def of(cls, gram: FloatArray) -> GramRows:
@@ -101,7 +102,7 @@ class GramRows:
     @property
     def all(self) -> FloatArray:
         """(n, n) matrix."""
-        if not np.array_equal(self._place, np.arange(self.diagonal.size)):
+        if not self._is_whole:
             self._take_whole()
         return self._entries.reshape(self.diagonal.size, -1)
 
@@ -143,6 +144,7 @@ class GramRows:
         mirror(whole)
         self._known = self._place = np.arange(self.diagonal.size)
         self._entries, self._begin = whole.ravel(), self._known * self.diagonal.size
+        self._is_whole = True
 
 
 class Quadratic:

@@ -227,9 +227,7 @@ class DesignMatrix:
         listed = np.zeros((2, cells), dtype=np.bool_)
         tree, before = (self.index, self.coefficient, self.parent), np.empty(self.index.shape)
         _kernels.gram(*tree, spread, links, before, sums, nodes, listed, gram)
-        for row in gram:
-            _kernels.nodes_to_cells(spec.bands, row)
-        _rows_to_cells(spec.bands, gram)
+        _kernels.nodes_to_cells_both_ways(spec.bands, gram)
         touched, total = self._fraction_sums(counts), counts.sum()
         for first in range(0, cells, _TOGETHER):
             last = min(first + _TOGETHER, cells)
@@ -389,16 +387,6 @@ def everett_tree(
     ends = np.where(s == 0.0, node - i, node)
     ends = np.where(moves, ends, np.where(moves, ends, root)[begin]).astype(np.int32)
     return index[:-1], coefficient[:-1], parent, ends[:-1]
-
-
-def _rows_to_cells(bands: int, x: FloatArray) -> None:
-    """In place along the first axis: `_kernels.nodes_to_cells` of all columns at once."""
-    first = np.cumsum(np.arange(bands + 1))
-    for i in range(bands):
-        rows = x[first[i] : first[i + 1]]
-        np.cumsum(rows, axis=0, out=rows)
-    for i in range(bands - 2, -1, -1):
-        x[first[i] : first[i + 1]] += x[first[i + 1] : first[i + 1] + i + 1]
 
 
 def check_bands(bands: int) -> None:

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -78,6 +78,8 @@ _OVERFIT = 0.5
 """Share of the samples from which so many determined unknowns leave no reliable residuals."""
 _LEAST_FREE = 1.0
 """Samples beyond the determined unknowns from which an exact fit shows that there is no noise."""
+
+_Tried = TypeVar("_Tried")
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +297,7 @@ def _fit_few(
     learnt = search(small, scaled.noise, guess)
     h, plane = on_finer_plane(learnt, small.spec, spec), PlanePrior(spec)
     if small is not found:
-        h = _with_best_nugget(h, lambda h: likelihood_of_few(plane, found, h))
+        h = _of_best_nugget(h, lambda h: h, lambda h: likelihood_of_few(plane, found, h))
     leave_one_out, determined = _leave_one_out(plane, dense, scaled.y, h)
     return scaled.fit(
         DenseSystem(found, plane, h, signed, scaled.centre),
@@ -335,10 +337,10 @@ def _fit_many(
         return replace(system, h=_with_residual_variance(system.h, left, free, scaled.noise))
 
     if small is not matrix:
-        system = with_variance_of_residuals(system)
-        begun = system
-        h = _with_best_nugget(begun.h, lambda h: replace(begun, h=h).likelihood)
-        system = with_variance_of_residuals(replace(system, h=h))
+        begun = with_variance_of_residuals(system)
+        system = with_variance_of_residuals(
+            _of_best_nugget(begun.h, lambda h: replace(begun, h=h), lambda one: one.likelihood)
+        )
     normal = None
     if system.h.nugget >= _ROUGH and spec.cells <= MOST_DENSE_CELLS:
         independent, rise = _independent_variances(system)
@@ -521,22 +523,31 @@ def _leave_one_out_of_many(
     return np.asarray(left / np.sqrt(free))
 
 
-def _with_best_nugget(
-    h: Hyperparameters, likelihood_at: Callable[[Hyperparameters], float]
-) -> Hyperparameters:
-    """Nugget of greatest marginal likelihood on the fine plane.
+def _of_best_nugget(
+    h: Hyperparameters,
+    at: Callable[[Hyperparameters], _Tried],
+    likelihood: Callable[[_Tried], float],
+) -> _Tried:
+    """Of all that were tried on the fine plane, what has the greatest marginal likelihood.
 
-    A coarse plane cannot tell independent weights from what it does not resolve.
+    ``at`` takes hyperparameters that differ in the nugget. A coarse plane cannot tell independent
+    weights from what it does not resolve.
     """
     from scipy.optimize import minimize_scalar
 
+    best: list[tuple[float, _Tried]] = []
+
     def cost(logarithm: float) -> float:
-        return -likelihood_at(replace(h, nugget=float(np.exp(logarithm))))
+        one = at(replace(h, nugget=float(np.exp(logarithm))))
+        value = likelihood(one)
+        if not best or value > best[0][0]:
+            best[:] = [(value, one)]
+        return -value
 
     options: Any = {"maxiter": _NUGGET_STEPS, "xatol": _NUGGET_TOLERANCE}
     bounds = float(np.log(_LEAST_NUGGET)), float(np.log(max(h.nugget, 2 * _LEAST_NUGGET)))
-    found = minimize_scalar(cost, bounds=bounds, method="bounded", options=options)
-    return replace(h, nugget=float(np.exp(found.x)))
+    minimize_scalar(cost, bounds=bounds, method="bounded", options=options)
+    return best[0][1]
 
 
 def _with_residual_variance(
