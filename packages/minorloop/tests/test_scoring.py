@@ -80,7 +80,7 @@ def test_a_model_that_cannot_be_simulated_so_is_refused(model):
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: score(Record(U, Y), PLANE), "the model is a Record; give a model"),
+        (lambda: score(Record(U, Y), PLANE), "cannot hold a Record; give one of Preisach"),
         (lambda: score(PLANE, "other.csv"), "the record is a str; give what minorloop.read"),
         (lambda: ml.save(PLANE, "m.json", input=3), "the name is 3; give one such as"),
     ],

@@ -53,6 +53,7 @@ bands have version 3, others with warnings version 2, and all others version 1.
 from __future__ import annotations
 
 import json
+import os
 import stat
 import warnings as _warnings
 from collections import Counter
@@ -337,18 +338,16 @@ class ModelFile:
             )
         targets = read_column(path, target, self.output.unit)
         progress(f"inverting {targets.size} targets")
-        if hold is not None:
-            result, columns = self.inverse_plan(targets, hold, start, unreachable == "clip")  # type: ignore[arg-type]
-            return TargetInversion(targets, result, columns, _ahead(result))
         times, notes = {}, []
+        if hold is not None:
+            return self._plan(targets, hold, start, unreachable)
         if time is not None:
             quantity, check = read_times(path, time)
             check_order(path, time, check, strictly=self.has_time)
             times, notes = {str(quantity): check.t}, _about_times(check)
         found: Any = self.invert(targets, start, unreachable, t=next(iter(times.values()), None))
         settles = self.operator is not self.model and not times
-        columns = self.inverse_columns(targets, found)
-        columns = {**times, **columns}  # type: ignore[dict-item]
+        columns = {**times, **self.inverse_columns(targets, found)}
         return TargetInversion(targets, found, columns, [*notes, *_ahead(found)], settles)
 
     @property
@@ -357,42 +356,27 @@ class ModelFile:
         levels = getattr(self.operator, "levels", None)
         return None if levels is None else (float(levels[0]), float(levels[-1]))
 
-    def inverse_plan(
-        self, targets: npt.ArrayLike, hold: float, start: str = "negative", clip: bool = False
-    ) -> tuple[Inversion, dict[str, list[Any]]]:
-        """Return the inverse for targets (T,) that are held, and the columns of a plan for `run`.
+    def _plan(
+        self, targets: FloatArray, hold: float, start: Start, unreachable: Unreachable
+    ) -> TargetInversion:
+        """Return the inverse for targets (T,) that are held, with the columns of a plan for `run`.
 
-        A model with after-effect reaches each target at the end of its hold. The first row
-        saturates the actuator, until the slowest after-effect has settled to 1 %.
-
-        Raises as `invert`, and a `ParameterError` if the model has no levels or does not begin in
-        saturation.
-
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs.
-        hold : float
-            Seconds to hold each input.
-        start : {"negative", "positive"}
-            The saturation before the first target.
-        clip : bool
-            Whether to go as near as possible to targets out of reach.
+        The first row saturates the actuator, until the slowest after-effect has settled to 1 %.
         """
-        if self._ends is None or start == "demagnetised":
+        if self._ends is None or start not in ("negative", "positive"):
             raise ParameterError(
                 "a plan of holds (--hold) begins in saturation, which needs a model with levels "
                 "and a start that is negative or positive; use minorloop drive, or give no hold"
             )
         creeps = self.model if isinstance(self.model, AfterEffect) else None
-        ends = hold * np.arange(1.0, np.size(targets) + 1)
-        unreachable: Unreachable = "clip" if clip else "raise"
-        found: Any = self.invert(targets, start, unreachable, t=ends if creeps else None)  # type: ignore[arg-type]
+        ends = hold * np.arange(1.0, targets.size + 1)
+        found: Any = self.invert(targets, start, unreachable, t=ends if creeps else None)
         slowest = max([creeps.settling, *creeps.times], default=0.0) if creeps else 0.0
         plan = {name: ["", *cells] for name, cells in self.inverse_columns(targets, found).items()}
         plan[str(self.input)][0] = self._ends[start == "positive"]
         first = max(2 * hold, _TIME_CONSTANTS * slowest)
-        return found, {**plan, "hold [s]": [first, *[hold] * np.size(targets)]}
+        plan |= {"hold [s]": [first, *[hold] * targets.size]}
+        return TargetInversion(targets, found, plan, _ahead(found))
 
     def inverse_columns(
         self, targets: npt.ArrayLike, found: Inversion | CascadeInversion
@@ -485,37 +469,29 @@ def save(
     >>> ml.load("model.json") == model
     True
     """
-    target = check_writable(path, force=force)
+    target, known = check_writable(path, force=force), as_file(model)
     if isinstance(model, ModelFile):
-        input, output, provenance = model.input, model.output, model.provenance
-    complete, lag_seconds = _complete(provenance), 0.0
-    known: Any = None
-    if isinstance(model, ModelFile):
-        lag, lag_seconds, warnings = model.lag, model.lag_seconds, model.warnings
-        known, model = model.bands, model.model
-    elif isinstance(model, Identified):
-        lag = getattr(model, "lag_of_model", model.lag) if lag is None else lag
-        lag_seconds = model.lag_seconds
-        warnings = model.warnings if warnings is None else warnings
-        complete = {**complete, "scores": {**model.scores, **complete["scores"]}}
-        known, model = getattr(model, "band_model", None), model.model
-    bands: Any = known.in_file() if hasattr(known, "in_file") else msgspec.to_builtins(known)
+        input, output, provenance = known.input, known.output, known.provenance
+        lag, warnings = known.lag, known.warnings
+    said = known.warnings if warnings is None else warnings
+    bands: Any = known.bands
     content = {
         "format": FORMAT,
-        "version": 0,
+        "version": _version(bands is not None, bool(said)),
         "input": _named(input),
         "output": _named(output),
-        "lag": lag or 0,
-        "model": {"kind": kind_of(model), **plain(model)},
-        "provenance": complete,
+        "lag": known.lag if lag is None else lag,
+        "model": {"kind": known.kind, **plain(known.model)},
+        "provenance": _complete(provenance, known.provenance.scores),
     }
-    if lag_seconds:
-        content["lag_s"] = float(lag_seconds)
-    if warnings:
-        content["warnings"] = [text[:LONGEST_WARNING] for text in warnings][:MOST_WARNINGS]
+    if known.lag_seconds:
+        content["lag_s"] = float(known.lag_seconds)
+    if said:
+        content["warnings"] = [text[:LONGEST_WARNING] for text in said][:MOST_WARNINGS]
     if bands is not None:
-        content["bands"] = bands
-    content["version"] = _version(bool(bands), bool(warnings))
+        content["bands"] = (
+            bands.in_file() if hasattr(bands, "in_file") else msgspec.to_builtins(bands)
+        )
     try:
         _check_words(msgspec.convert(content, Content).provenance)
         data = f"{layout(content)}\n".encode()
@@ -528,6 +504,25 @@ def save(
     if flood := _flood(data):
         raise ParameterError(f"this cannot go into a model file: {flood}; use fewer levels")
     write_atomically(target, data)
+
+
+def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
+    """Return a model, the result of an identification, or the file at a path, as a `ModelFile`.
+
+    Raises a `ParameterError` if the model is none of these.
+    """
+    if isinstance(model, str | os.PathLike):
+        return read(model)
+    if isinstance(model, ModelFile):
+        return model
+    names = Quantity("input"), Quantity("output")
+    if not isinstance(model, Identified):
+        kind_of(model)
+        return ModelFile(model, *names, 0, Provenance())
+    lag = getattr(model, "lag_of_model", model.lag)
+    scores, said = Provenance(scores=dict(model.scores)), tuple(model.warnings)
+    bands = getattr(model, "band_model", None)
+    return ModelFile(model.model, *names, lag, scores, said, model.lag_seconds, bands)
 
 
 def load(path: PathLike) -> Model:
@@ -691,22 +686,24 @@ def _named(quantity: str | Quantity) -> dict[str, str]:
     return {"name": known.name, "unit": known.unit}
 
 
-def _complete(provenance: Provenance | Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the provenance to write, with date and version filled in."""
+def _complete(
+    provenance: Provenance | Mapping[str, Any] | None, scores: Mapping[str, float | None]
+) -> dict[str, Any]:
+    """Return the provenance to write, with scores, date and version filled in."""
     try:
         if isinstance(provenance, Provenance):
             provenance = msgspec.structs.asdict(provenance)
         fields = {"scores": {}, **(provenance or {})}
-        for name, score in dict(fields["scores"]).items():
+        fields["scores"] = {**scores, **fields["scores"]}
+        for name, score in fields["scores"].items():
             as_finite(f"score {name}", 0.0 if score is None else score)
         known = msgspec.convert(fields, Provenance)
     except (TypeError, ValueError) as error:
         raise ParameterError(f"provenance cannot be used: {reason(error)}") from None
-    created = known.created or datetime.now(UTC).replace(microsecond=0)
+    created = (known.created or datetime.now(UTC).replace(microsecond=0)).astimezone(UTC)
+    minorloop = known.minorloop or __version__
     complete: dict[str, Any] = msgspec.to_builtins(
-        msgspec.structs.replace(
-            known, created=created.astimezone(UTC), minorloop=known.minorloop or __version__
-        )
+        msgspec.structs.replace(known, created=created, minorloop=minorloop)
     )
     return complete
 

@@ -44,7 +44,7 @@ from minorloop.lab.faults import far_from_others
 from minorloop.lab.gaps import known_memory, with_lost_rows
 from minorloop.lab.logs import check_order, read_times
 from minorloop.lab.records import Origin, Quantity, Record
-from minorloop.modelfile import Identified, Model, ModelFile, Provenance, read
+from minorloop.modelfile import Identified, Model, ModelFile, as_file
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Saturation, StartOfCurve
 from minorloop.operators.polynomial import Polynomial
@@ -128,7 +128,7 @@ def simulate(
     between : {"band", "straight", "held"}, optional
         Force of an oscillator between rows; ``"band"`` if not given.
     """
-    known, log = _as_file(model), _checked(record).cut()
+    known, log = as_file(model), _checked(record).cut()
     u = _in_unit(np.asarray(log.u), log.input, known.input)
     parts = as_curves(log.curves, u.size, log.start, log.start_of_curve)
     if isinstance(known.model, Oscillator):
@@ -178,26 +178,6 @@ def simulate(
             "as in the record of the model; --time takes it in seconds"
         )
     return Simulation(known, u, y, parts, times if log.timed else None, tuple(notes))
-
-
-def _as_file(model: AnyModel) -> ModelFile:
-    """Return a model with what a file says of it."""
-    if isinstance(model, str | PathLike):
-        return read(model)
-    if isinstance(model, ModelFile):
-        return model
-    names = Quantity("input"), Quantity("output")
-    if isinstance(model, Model):
-        return ModelFile(model, *names, 0, Provenance())
-    if not isinstance(model, Identified):
-        raise ParameterError(
-            f"the model is a {type(model).__name__}; give a model, its file or the result of an "
-            "identification, and then the record"
-        )
-    scores = Provenance(scores=dict(model.scores))
-    warnings = tuple(model.warnings)
-    bands = getattr(model, "band_model", None)
-    return ModelFile(model.model, *names, model.lag, scores, warnings, model.lag_seconds, bands)
 
 
 def _checked(record: Record) -> Record:
@@ -604,7 +584,7 @@ def score(
     >>> ml.score(model, ml.Record(u, model.simulate(u))).nrmse
     0.0
     """
-    known, log = _as_file(model), _checked(record).cut()
+    known, log = as_file(model), _checked(record).cut()
     found = simulate(known, log, between=between)
     y = _in_unit(np.asarray(log.y), log.output, known.output)
     rows = np.isfinite(y) & np.isfinite(found.y) & ~_early(found)

@@ -124,7 +124,7 @@ REFUSED = [
     (NotInvertibleError, "right half plane", lambda: inverse(Linear.from_poles([-1, -2], [3]))),
     (NotInvertibleError, "unstable", lambda: inverse(Linear.from_poles([-1.0, 2.0]))),
     (NotInvertibleError, "on the imaginary axis", lambda: inverse(Linear([1.0, 0.0], [1.0, 1.0]))),
-    (ParameterError, "DC gain 1", lambda: Trajectory(PLANE, LAG, Linear.lags(2.0, dc_gain=1.1))),
+    (ParameterError, "DC gain 1", lambda: Trajectory(PLANE, LAG, Linear([1.1], [2.0, 1.0]))),
     (ParameterError, "DC gain 1", lambda: Trajectory(PLANE, LAG, Linear([-1.0], [1.0, -1.0]))),
     (ParameterError, "DC gain 1", lambda: Trajectory(PLANE, Linear([1], [1, 0]))),
     (SignalError, "does not increase", lambda: Trajectory(PLANE, LAG).simulate([0, 0], [0, 1])),

@@ -21,7 +21,7 @@ from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
-LAGS = Linear.lags(0.05, 0.02, dc_gain=1.5, delay=0.03).discretise(0.01)
+LAGS = Linear.from_poles([-20.0, -50.0], dc_gain=1.5, delay=0.03).discretise(0.01)
 INTERVAL = 0.1
 TIMELESS = compiled.HARNESS.replace("minorloop_error_bound(&state)", "0")
 """For models whose C has no bound of an error."""

@@ -13,7 +13,7 @@ from minorloop.operators.preisach import Preisach
 fmpy = pytest.importorskip("fmpy", reason="needs fmpy, which minorloop[fmi] brings")
 validation = pytest.importorskip("fmpy.validation")
 pytestmark = pytest.mark.filterwarnings("ignore")  # fmpy's own
-LAGS = Linear.lags(0.05, 0.02, dc_gain=1.5, delay=0.03).discretise(0.01)
+LAGS = Linear.from_poles([-20.0, -50.0], dc_gain=1.5, delay=0.03).discretise(0.01)
 
 
 @pytest.fixture

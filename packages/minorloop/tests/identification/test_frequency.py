@@ -51,7 +51,7 @@ def test_describing_function_of_a_play(amplitude, share):
     b = 1 - 2 * share
     wanted = (np.pi / 2 + np.arcsin(b) + b * np.sqrt(1 - b**2)) / np.pi
     wanted = wanted - 1j * (1 - b**2) / np.pi
-    got = describing_function(PrandtlIshlinskii([radius], [1.0]), amplitude, bias=0.3)
+    got = describing_function(PrandtlIshlinskii([radius], [1.0]), amplitude)
     np.testing.assert_allclose(got, wanted, atol=1e-5)
 
 
@@ -68,7 +68,7 @@ def test_describing_function_of_a_cubic_and_a_line():
     cubic = Polynomial([0.0, 1.0, 0.0, 2.0], -3.0, 3.0)
     np.testing.assert_allclose(describing_function(cubic, 0.5), 1 + 0.75 * 2 * 0.25, atol=1e-9)
     np.testing.assert_allclose(
-        describing_function(Polynomial([4.0, 3.0], -9, 9), 2.0, 1.5), 3.0, atol=1e-12
+        describing_function(Polynomial([4.0, 3.0], -9, 9), 2.0), 3.0, atol=1e-12
     )
 
 

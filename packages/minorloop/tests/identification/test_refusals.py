@@ -121,7 +121,6 @@ REFUSED = [
     (ParameterError, "give", lambda: Recursive(GRID, forgetting=0.0)),
     (ParameterError, "give", lambda: Recursive(GRID, forgetting=1.1)),
     (ParameterError, "give", lambda: Recursive(GRID, prior=0.0)),
-    (ParameterError, "give", lambda: Recursive(GRID, sweeps=0)),
     (ParameterError, "finite", lambda: Recursive(GRID).run(Recursive(GRID).begin(), np.nan, 0.0)),
     (ParameterError, "finite", lambda: Recursive(GRID).run(Recursive(GRID).begin(), 0.0, np.inf)),
     (ParameterError, "other levels", lambda: Recursive(GRID).begin(model=PLANE)),

@@ -154,19 +154,6 @@ def test_range_of_a_signed_model_is_that_of_all_its_memories(seed, relay):
     np.testing.assert_allclose(model.range, (everything.min(), everything.max()), atol=1e-12)
 
 
-@pytest.mark.parametrize(("relay", "diagonal"), KINDS)
-def test_the_model_is_recovered_from_its_reversal_values(relay, diagonal):
-    model = a_model(11, relay=relay, diagonal=diagonal, slope=0.2)
-    n = LEVELS.size
-    f = np.full((n, n), np.nan)
-    for a in range(n):
-        for b in range(a + 1):
-            f[a, b] = model.simulate([LEVELS[a], LEVELS[b]])[-1]
-    back = Preisach.from_reversal_values(LEVELS, f, relay=relay, diagonal=diagonal, slope=0.2)
-    np.testing.assert_allclose(back.weights, model.weights, atol=1e-13)
-    assert back.offset == pytest.approx(model.offset, abs=1e-12)
-
-
 def test_densities_are_integrated_over_each_cell():
     model = Preisach.from_density(LEVELS, lambda alpha, beta: np.exp(alpha - 2 * beta))
     expected, _ = integrate.dblquad(

@@ -105,20 +105,18 @@ class Linear(ByValue, Drawn):
         return cls(numerator * dc_gain / unit._finite_dc_gain, denominator, delay=delay)
 
     @classmethod
-    def lags(cls, *times: float, dc_gain: float = 1.0, delay: float = 0.0) -> Linear:
-        """Return first-order lags in series.
+    def lags(cls, *times: float, delay: float = 0.0) -> Linear:
+        """Return first-order lags in series, with DC gain 1.
 
         Parameters
         ----------
         *times : float
             Time constants, in seconds.
-        dc_gain : float
-            Settled output per input.
         delay : float
             Dead time, in seconds.
         """
         each = [-1 / as_seconds("time constant", time) for time in times]
-        return cls.from_poles(each, dc_gain=dc_gain, delay=delay)
+        return cls.from_poles(each, delay=delay)
 
     @property
     def order(self) -> int:

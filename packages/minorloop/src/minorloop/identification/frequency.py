@@ -292,7 +292,7 @@ def response_of(
     )
 
 
-def describing_function(model: Operator, amplitude: float, bias: float = 0.0) -> complex:
+def describing_function(model: Operator, amplitude: float) -> complex:
     """Gain of the fundamental component of an operator for a periodic sine.
 
     Parameters
@@ -300,9 +300,7 @@ def describing_function(model: Operator, amplitude: float, bias: float = 0.0) ->
     model : Operator
         Any rate-independent operator.
     amplitude : float
-        Amplitude of the input, in its unit.
-    bias : float
-        Mean of the input.
+        Amplitude of the input, in its unit; its mean is 0.
 
     Raises
     ------
@@ -316,7 +314,7 @@ def describing_function(model: Operator, amplitude: float, bias: float = 0.0) ->
     if as_finite("amplitude", amplitude) <= 0:
         raise ParameterError(f"amplitude is {amplitude:g}; give a positive number")
     phase = 2 * np.pi * np.arange(1, 2 * _SAMPLES + 1) / _SAMPLES
-    u = as_finite("bias", bias) + amplitude * np.sin(phase)
+    u = amplitude * np.sin(phase)
     w = model.simulate(u)[-_SAMPLES:]
     return complex(fundamental(w, 1) / fundamental(u[-_SAMPLES:], 1))
 

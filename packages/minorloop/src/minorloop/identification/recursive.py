@@ -29,6 +29,9 @@ from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import RELAYS, Relay, relay_outputs
 from minorloop.operators.preisach import Diagonal, Preisach
 
+_SWEEPS = 2
+"""Sweeps of coordinate descent an update."""
+
 
 @dataclass(frozen=True, eq=False)
 class RecursiveState:
@@ -70,8 +73,6 @@ class Recursive:
     samples."""
     prior: float = 0.1
     """Strength of the leak towards the present weights, in samples; positive."""
-    sweeps: int = 2
-    """Sweeps of coordinate descent an update."""
     relay: Relay = "bipolar"
     diagonal: Diagonal = "uniform"
     """As in `Preisach`."""
@@ -84,8 +85,6 @@ class Recursive:
             raise ParameterError(f"forgetting is {self.forgetting}; give more than 0, up to 1")
         if not as_finite("prior", self.prior) > 0:
             raise ParameterError(f"prior is {self.prior}; give a positive number of samples")
-        if self.sweeps < 1:
-            raise ParameterError(f"sweeps is {self.sweeps}; give at least 1")
 
     @property
     def spec(self) -> PlaneSpec:
@@ -166,7 +165,7 @@ class Recursive:
         theta = state.theta.copy()
         row = self.regressor(memory)
         _kernels.absorb(information, vector, row, output, self.forgetting, self.prior, theta)
-        _kernels.descend(information, vector, theta, self._bounded, self.sweeps)
+        _kernels.descend(information, vector, theta, self._bounded, _SWEEPS)
         return RecursiveState(memory, theta, information, vector, state.updates + 1)
 
     def run(self, state: RecursiveState, u: npt.ArrayLike, y: npt.ArrayLike) -> RecursiveState:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Levels, as_levels, as_samples
+from minorloop.arrays import Levels, as_levels, as_pair
 from minorloop.errors import SignalError
+from minorloop.operators import plane
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -20,35 +21,32 @@ _TOLERANCE = 1e-9
 and far below a band."""
 
 
-def _reversal_values(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> FloatArray:
-    """Sort a record of reversal curves into a mesh of reversal values.
+def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> Preisach:
+    """Model that passes through every measured reversal value, its mean where there are several.
 
     Parameters
     ----------
     u : (T,) array_like
-        Inputs applied, from negative saturation, in any order of curves; those that count are
-        level values.
+        Inputs applied, from negative saturation, in any order of curves, such as those of
+        `minorloop.excitation.reversal_curves`; those that count are level values.
     y : (T,) array_like
         Outputs; NaN where nothing was measured.
     levels : (L + 1,) array_like
         Thresholds.
 
-    Returns
-    -------
-    (L + 1, L + 1) array
-        ``f[a, b]``, b <= a: mean output after rising from saturation to level a and falling
-        to level b; NaN where it was not measured, and above the diagonal.
-
     Raises
     ------
     SignalError
-        If lengths differ.
+        If lengths differ, or a reversal value was not measured.
+
+    References
+    ----------
+    Mayergoyz, 1991, eq. 1.24: the mixed difference of reversal curves is the weight times the
+    swing of a relay, which is 2 for relays between -1 and +1.
     """
-    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
+    inputs, outputs = as_pair(u, y)
     grid = as_levels(levels)
-    if inputs.shape != outputs.shape or inputs.ndim != 1:
-        raise SignalError(f"u has shape {inputs.shape} and y {outputs.shape}; give two of (T,)")
-    total, count = np.zeros((grid.size, grid.size)), np.zeros((grid.size, grid.size))
+    total, count = np.zeros((2, grid.size, grid.size))
     low, high = float(grid[0]), float(grid[-1])
     memory = Memory.negative(low)
     for value, output in zip(inputs, outputs, strict=True):
@@ -57,29 +55,9 @@ def _reversal_values(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) 
         if place is not None and np.isfinite(output):
             total[place] += output
             count[place] += 1
-    values = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    values[:, 0] = values[0, 0]  # falling to the lowest level wipes everything out
-    return np.where(np.tri(grid.size) > 0, values, np.nan)
-
-
-def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> Preisach:
-    """Model that passes through every measured reversal value.
-
-    Parameters
-    ----------
-    u, y : (T,) array_like
-        Record of the inputs of `minorloop.excitation.reversal_curves`.
-    levels : (L + 1,) array_like
-        Thresholds.
-
-    Raises
-    ------
-    SignalError
-        If a reversal value was not measured.
-    """
-    grid = as_levels(levels)
-    values = _reversal_values(u, y, grid)
-    missing = np.argwhere(np.isnan(values) & (np.tri(grid.size) > 0))
+    # Falling to the lowest level wipes everything out.
+    total[:, 0], count[:, 0] = total[0, 0], count[0, 0]
+    missing = np.argwhere(np.tril(count == 0))
     if len(missing):
         a, b = missing[0]
         raise SignalError(
@@ -87,7 +65,9 @@ def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.Arr
             f"{grid[a]:g} at {grid[b]:g}; measure excitation.reversal_curves(levels) in full, or "
             "use identify, which needs no complete mesh"
         )
-    return Preisach.from_reversal_values(grid, values)
+    values = total / np.maximum(count, 1)
+    weights = plane.weights_from_nodes(np.tril(values.diagonal()[:, None] - values) / 2)
+    return Preisach(grid, weights, float(values[0, 0] + weights.sum()))
 
 
 def _place(grid: Levels, extrema: tuple[float, ...]) -> tuple[int, int] | None:

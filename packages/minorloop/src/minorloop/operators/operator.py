@@ -5,7 +5,6 @@ An implementation says only what differs. ``T`` is the number of samples, ``S`` 
 
 from __future__ import annotations
 
-from os import PathLike
 from typing import Any, Protocol
 
 import numpy.typing as npt
@@ -268,24 +267,4 @@ class Result(Protocol):
             As of the model's own `invert`.
         start : start state, optional
             Memory before the first input; that of the record if not given.
-        """
-
-
-class WrittenTable(Protocol):
-    """What is written as a table."""
-
-    def to_csv(self, path: str | PathLike[str], *, force: bool = False) -> None:
-        """Write a CSV file.
-
-        Parameters
-        ----------
-        path : str or path
-            The file.
-        force : bool
-            Whether an existing file may be replaced.
-
-        Raises
-        ------
-        OutputError
-            If the file exists and ``force`` is false, or it cannot be written.
         """

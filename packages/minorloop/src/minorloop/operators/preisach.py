@@ -116,59 +116,6 @@ class Preisach(ByValue, Drawn):
         values = as_triangle(density, levels.size - 1, name="density")
         return cls(levels, values * plane.cell_areas(levels), **options)
 
-    @classmethod
-    def from_reversal_values(
-        cls,
-        levels: npt.ArrayLike,
-        f: npt.ArrayLike,
-        *,
-        relay: Relay = "bipolar",
-        diagonal: Diagonal = "uniform",
-        slope: float = 0.0,
-    ) -> Preisach:
-        """Return the operator that reproduces first-order reversal curves on the levels.
-
-        Parameters
-        ----------
-        levels : (L + 1,) array_like
-            Thresholds.
-        f : (L + 1, L + 1) array_like
-            ``f[a, b]``, b <= a: output after rising from negative saturation to level a and
-            falling to level b. Values above the diagonal are ignored.
-        relay, diagonal, slope
-            As in `Preisach`; the offset follows from ``f[0, 0]``.
-
-        Raises
-        ------
-        ParameterError
-            If the shape is wrong or a value on or below the diagonal is not finite.
-
-        References
-        ----------
-        Mayergoyz, 1991, eq. 1.24: the mixed difference of reversal curves is the weight times the
-        swing of a relay, which is 2 for relays between -1 and +1.
-        """
-        levels = as_levels(levels)
-        values = np.asarray(f, dtype=np.float64)
-        if values.shape != (levels.size, levels.size):
-            raise ParameterError(
-                f"reversal values have shape {values.shape}; {levels.size} levels need "
-                f"{(levels.size, levels.size)}"
-            )
-        read = np.tril(np.ones(values.shape, dtype=bool))
-        if not np.isfinite(values[read]).all():
-            a, b = np.argwhere(read & ~np.isfinite(values))[0]
-            raise ParameterError(
-                f"reversal value f[{a}, {b}] is {values[a, b]}; measure it, or identify from "
-                "the record with NaN where nothing was measured"
-            )
-        values = np.where(read, values - slope * levels[None, :], 0.0)
-        swing = plane.swing(relay)
-        nodes = np.tril(values.diagonal()[:, None] - values) / swing
-        weights = plane.weights_from_nodes(nodes)
-        offset = float(values[0, 0]) - plane.off_output(relay) * float(weights.sum())
-        return cls(levels, weights, offset, relay, diagonal, slope)
-
     def __repr__(self) -> str:
         low, high = self.levels[0], self.levels[-1]
         return (
