@@ -40,8 +40,7 @@ def sines():
 
 
 def test_behind_the_operator_gains_are_those_of_the_linear_system(sines):
-    response, notes = sine_response([measured_periods(one, PLANE) for one in sines])
-    assert notes == []
+    response = sine_response([measured_periods(one, PLANE) for one in sines])
     np.testing.assert_array_equal(response.amplitudes, [0.4, 0.8])
     expected = np.broadcast_to(G.response(response.frequencies), (2, 2))
     np.testing.assert_allclose(response.after, expected, rtol=2e-3)
@@ -63,7 +62,7 @@ def test_a_log_gives_the_gains_of_its_last_whole_periods(sines, rows_between):
     log = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
     found = logged_periods(*log, PLANE)
     assert [one.frequency for one in found] == [one.sine.frequency for one in sines[: len(found)]]
-    response, _ = sine_response(found)
+    response = sine_response(found)
     expected = np.broadcast_to(G.response(response.frequencies), response.after.shape)
     np.testing.assert_allclose(response.after, expected, rtol=3e-3)
     np.testing.assert_allclose(response.amplitudes, [0.4, 0.8][: len(response.amplitudes)])
@@ -83,9 +82,9 @@ def test_held_inputs_are_corrected_for_their_delay():
 
 
 def test_frequencies_without_every_amplitude_are_left_out(sines):
-    response, notes = sine_response([measured_periods(one) for one in sines[:3]])
+    response = sine_response([measured_periods(one) for one in sines[:3]])
     assert response.frequencies.tolist() == [0.1]
-    assert notes == ["0.5 Hz left out: not measured at every amplitude"]
+    assert list(response.notes) == ["0.5 Hz left out: not measured at every amplitude"]
     with pytest.raises(SignalError, match="no frequency is measured at all of the 2 amplitudes"):
         sine_response([measured_periods(sines[0]), measured_periods(sines[3])])
     with pytest.raises(SignalError, match="no sine is finished yet"):
@@ -109,7 +108,7 @@ def test_gaps_in_the_output_are_found(sines):
 def test_different_offsets_are_noted(sines):
     one, other = measured_periods(sines[0]), measured_periods(sines[2])
     moved = SinePeriods(0.5, 0.4, 0.2, 2, other.u, other.y)
-    assert "the offsets differ, from 0 to 0.2" in sine_response([one, moved])[1][0]
+    assert "the offsets differ, from 0 to 0.2" in sine_response([one, moved]).notes[0]
 
 
 def test_a_preamble_that_does_not_saturate_is_noted():

@@ -70,15 +70,10 @@ def run(
         )
     if known is not None:
         _common.print_warnings(known.warnings)
-
-    def show() -> None:
-        typer.echo(f"{found.names[1]} against {found.names[0]}\n{found.response}")
-        _common.print_advice(found.notes)
-
     _common.finish(
         as_json,
         found.to_dict,
-        show,
+        lambda: typer.echo(f"{found.names[1]} against {found.names[0]}\n{found}"),
         _common.table(save, found.columns(), force),
         _common.drawn(report, partial(found.report, file.name), force),
     )

@@ -18,6 +18,7 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import Drawn
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
+from minorloop.lab.records import Quantity
 from minorloop.operators.operator import Operator
 from minorloop.report import Picture, Report, Table
 
@@ -137,6 +138,10 @@ class FrequencyResponse(Drawn):
     fundamental."""
     unsettled: FloatArray
     """Shape (A, F). Relative change of the fundamental between the last two periods."""
+    names: tuple[str, str] = ("input", "output")
+    """Names and units of input and output, such as ``voltage [V]``."""
+    notes: tuple[str, ...] = ()
+    """What was left out, and what is wrong with the sines, one sentence each."""
 
     def gain_spread(self, low: float = 0.0, high: float = np.inf) -> GainSpread:
         """Largest difference between gains at frequencies from ``low`` to ``high``, in Hz.
@@ -173,29 +178,47 @@ class FrequencyResponse(Drawn):
         """
         return fit_response(self.frequencies, self._after, **options)
 
-    def report(self, source: str, names: tuple[str, str], notes: Sequence[str] = ()) -> Report:
+    def to_dict(self) -> dict[str, Any]:
+        """Return gains, phases, their spreads and advice by name."""
+        gains = self.gain_spread() if self._several else None
+        before, after = self.phase_spread() if self._several else (None, None)
+        return {
+            "input": self.names[0],
+            "output": self.names[1],
+            "frequencies_hz": self.frequencies,
+            "amplitudes": self.amplitudes,
+            "offset": self.bias,
+            "gain_db": decibels(self.plant),
+            "phase_deg": degrees(self.plant),
+            "after_gain_db": None if self.after is None else decibels(self.after),
+            "after_phase_deg": None if self.after is None else degrees(self.after),
+            "distortion": self.distortion,
+            "unsettled": self.unsettled,
+            "gain_spread_before_db": gains and gains.before,
+            "gain_spread_after_db": gains and gains.after,
+            "phase_spread_before_deg": before,
+            "phase_spread_after_deg": after,
+            "advice": list(self.advice),
+        }
+
+    def report(self, source: str) -> Report:
         """Return a report: a Bode plot and a table.
 
         Parameters
         ----------
         source : str
             Name of the store or log.
-        names : (str, str)
-            Name and unit of input and output, such as ``voltage [V]``.
-        notes : sequence of str
-            Advice.
         """
-        several = self.after is not None and self.amplitudes.size > 1
-        spread = f" {self.gain_spread()}." if several else ""
+        spread = f" {self.gain_spread()}." if self._several else ""
         report = Report(
-            f"Frequency response of {names[1]} to {names[0]}",
+            f"Frequency response of {self.names[1]} to {self.names[0]}",
             f"{source}: gain and phase of the fundamental component at {self.frequencies.size} "
             f"frequencies and {self.amplitudes.size} amplitudes.{spread}".replace(". g", ". G"),
         )
         caption = "Gain and phase from input to output"
         if self.after is not None:
             caption += ", and from the output of the model to that of the actuator"
-        report.add("Bode plot", pictures=[Picture(self.plot(), f"{caption}.")], notes=notes)
+        report.add("Bode plot", pictures=[Picture(self.plot(), f"{caption}.")], notes=self.advice)
         rows = [[part.strip() for part in row] for row in self._rows]
         report.add("Gains", table=Table([part.strip() for part in self._head], rows))
         return report
@@ -205,25 +228,22 @@ class FrequencyResponse(Drawn):
         """Sentences about what is weak and what to do; empty if nothing is weak."""
         worst = float(self.unsettled.max())
         if worst <= _UNSETTLED:
-            return ()
+            return self.notes
         row, column = np.unravel_index(int(np.argmax(self.unsettled)), self.unsettled.shape)
         return (
+            *self.notes,
             f"the fundamental still changes by {worst:.1%} per period at "
             f"{self.frequencies[column]:g} Hz and amplitude {self.amplitudes[row]:g}; increase the "
             "settling time",
         )
 
-    def columns(self, amplitude: str = "amplitude") -> dict[str, FloatArray]:
-        """Return the columns of a table, with a row for each frequency and amplitude.
-
-        Parameters
-        ----------
-        amplitude : str
-            Header of the amplitudes.
-        """
+    def columns(self) -> dict[str, FloatArray]:
+        """Return the columns of a table, with a row for each frequency and amplitude."""
         found = {
             "frequency [Hz]": np.repeat(self.frequencies, self.amplitudes.size),
-            amplitude: np.tile(self.amplitudes, self.frequencies.size),
+            str(Quantity("amplitude", Quantity.parse(self.names[0]).unit)): np.tile(
+                self.amplitudes, self.frequencies.size
+            ),
             "gain [dB]": decibels(self.plant).T.ravel(),
             "phase [deg]": degrees(self.plant).T.ravel(),
             "distortion": self.distortion.T.ravel(),
@@ -232,6 +252,11 @@ class FrequencyResponse(Drawn):
             found["gain after operator [dB]"] = decibels(self.after).T.ravel()
             found["phase after operator [deg]"] = degrees(self.after).T.ravel()
         return found
+
+    @property
+    def _several(self) -> bool:
+        """Whether gains of several amplitudes behind the operator can be compared."""
+        return self.after is not None and self.amplitudes.size > 1
 
     @property
     def _head(self) -> list[str]:
@@ -245,7 +270,7 @@ class FrequencyResponse(Drawn):
 
     def __str__(self) -> str:
         lines = [" ".join(row) for row in (self._head, *self._rows)]
-        if self.after is not None and self.amplitudes.size > 1:
+        if self._several:
             lines.append(str(self.gain_spread()))
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
@@ -270,6 +295,7 @@ def response_of(
     frequencies: npt.ArrayLike,
     amplitudes: npt.ArrayLike,
     bias: float,
+    notes: Sequence[str] = (),
 ) -> FrequencyResponse:
     """Return the gains of sines; `FrequencyResponse` has the other parameters.
 
@@ -289,6 +315,7 @@ def response_of(
         gains[:, :, 1] if all(sine.w is not None for row in sines for sine in row) else None,
         np.array([[_harmonic_distortion(sine.y, sine.periods) for sine in row] for row in sines]),
         np.array([[sine.unsettled() for sine in row] for row in sines]),
+        notes=tuple(notes),
     )
 
 

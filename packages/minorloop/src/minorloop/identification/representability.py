@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples
+from minorloop.arrays import FloatArray, as_pair
 from minorloop.errors import SignalError
 from minorloop.operators.memory import Memory
 
@@ -62,9 +62,7 @@ def representability(u: npt.ArrayLike, y: npt.ArrayLike) -> Representability:
     SignalError
         If lengths differ, or fewer than two outputs are finite.
     """
-    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
-    if inputs.ndim != 1 or inputs.shape != outputs.shape:
-        raise SignalError(f"u has shape {inputs.shape} and y {outputs.shape}; give two of (T,)")
+    inputs, outputs = as_pair(u, y)
     if np.count_nonzero(np.isfinite(outputs)) < 2:
         raise SignalError("fewer than two outputs are finite; there is nothing to compare")
     step = max(_SAME * np.ptp(inputs), np.finfo(float).tiny)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,21 +22,18 @@ from minorloop.files import PathLike
 from minorloop.identification.frequency import (
     FrequencyResponse,
     SinePeriods,
-    decibels,
-    degrees,
     fundamental_of_sine,
     response_of,
 )
 from minorloop.lab.columns import read_headers
 from minorloop.lab.conversion import read_column
 from minorloop.lab.logs import AUTO, read_log
-from minorloop.lab.records import Quantity, Record
+from minorloop.lab.records import Record
 from minorloop.lab.run import measured_sines
 from minorloop.lab.sines import FEWEST_SAMPLES, HELD, SLOW, MeasuredSine, Sine, grid
 from minorloop.lab.store import Store, is_store
 from minorloop.modelfile import ModelFile
 from minorloop.operators.operator import Operator
-from minorloop.report import Report
 
 Drive: TypeAlias = Callable[[FloatArray, FloatArray], Record]
 """Drives a plant with inputs u at times t, linear in between, and returns its record."""
@@ -257,8 +254,8 @@ def at_every_amplitude(
     return complete, f"{left} Hz left out: not measured at every amplitude" if left else ""
 
 
-def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list[str]]:
-    """Return gains at the frequencies that were measured at every amplitude, and notes.
+def sine_response(sines: Sequence[SinePeriods]) -> FrequencyResponse:
+    """Return gains at the frequencies that were measured at every amplitude.
 
     Raises a `SignalError` if no frequency was measured at every amplitude, or a sine does not
     oscillate.
@@ -283,7 +280,7 @@ def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list
             "different offsets cannot be compared"
         )
     grid = [[table[i, f] for f in complete] for i in range(len(amplitudes))]
-    return response_of(grid, complete, amplitudes, float(np.mean(offsets))), notes
+    return response_of(grid, complete, amplitudes, float(np.mean(offsets)), notes)
 
 
 def _last_periods(
@@ -363,52 +360,6 @@ def unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
             return
 
 
-@dataclass(frozen=True, eq=False)
-class FileResponse:
-    """Gain and phase of the sines in a file, before and after a model."""
-
-    response: FrequencyResponse
-    """The gains."""
-    names: tuple[str, str]
-    """Name and unit of input and output."""
-    notes: tuple[str, ...]
-    """What was left out, and what is wrong with the sines, one sentence each."""
-
-    def columns(self) -> dict[str, FloatArray]:
-        """Return the columns of a table, as of `FrequencyResponse.columns`."""
-        unit = Quantity.parse(self.names[0]).unit
-        return self.response.columns(str(Quantity("amplitude", unit)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return gains, phases, their spreads and advice by name."""
-        found, after = self.response, self.response.after
-        several = found.amplitudes.size > 1 and after is not None
-        gains = found.gain_spread() if several else None
-        phases = found.phase_spread() if several else (None, None)
-        return {
-            "input": self.names[0],
-            "output": self.names[1],
-            "frequencies_hz": found.frequencies,
-            "amplitudes": found.amplitudes,
-            "offset": found.bias,
-            "gain_db": decibels(found.plant),
-            "phase_deg": degrees(found.plant),
-            "after_gain_db": None if after is None else decibels(after),
-            "after_phase_deg": None if after is None else degrees(after),
-            "distortion": found.distortion,
-            "unsettled": found.unsettled,
-            "gain_spread_before_db": gains and gains.before,
-            "gain_spread_after_db": gains and gains.after,
-            "phase_spread_before_deg": phases[0],
-            "phase_spread_after_deg": phases[1],
-            "advice": [*self.notes, *found.advice],
-        }
-
-    def report(self, source: str) -> Report:
-        """Return a report as of `FrequencyResponse.report`."""
-        return self.response.report(source, self.names, [*self.notes, *self.response.advice])
-
-
 def response_of_file(
     path: PathLike,
     model: ModelFile | None = None,
@@ -419,7 +370,7 @@ def response_of_file(
     frequency: str = "frequency",
     periods: int = 2,
     progress: Callable[[str], None] | None = None,
-) -> FileResponse:
+) -> FrequencyResponse:
     """Return gain and phase of the sines in an experiment store or a log.
 
     Parameters
@@ -477,12 +428,12 @@ def response_of_file(
         names = str(record.input), str(record.output)
     if model is not None:
         model.check_units(names, "the sines")
-    response, notes = sine_response(sines)
-    notes += unsaturated(operator, [one.sine.preamble for one in measured])
+    response = sine_response(sines)
+    notes = [*response.notes, *unsaturated(operator, [one.sine.preamble for one in measured])]
     slowest = max((one.slow for one in measured), default=1.0)
     if slowest > SLOW:
         notes.append(
             f"the bench took up to {slowest - 1:.1%} longer than planned, so frequencies are lower "
             "by this; give it a slower tick"
         )
-    return FileResponse(response, names, tuple(notes))
+    return replace(response, names=names, notes=tuple(notes))
