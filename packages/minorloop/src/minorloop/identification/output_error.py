@@ -13,8 +13,6 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 
-_PREFILTERED = 8
-"""Steps of Steiglitz and McBride."""
 _EVALUATIONS = 100
 _SMALLEST_GAIN, _SMALLEST_STEP = 1e-10, 1e-13
 _EDGE = 1 - 1e-7
@@ -82,10 +80,6 @@ class Coefficients:
         columns += [_shifted(by_input, self.delay + i) for i in range(self.b.size)]
         return np.column_stack(columns)
 
-    def prefilter(self, x: FloatArray) -> FloatArray:
-        """The signal through 1 / A."""
-        return self._filtered(np.ones(1), x)
-
     @property
     def _whole(self) -> FloatArray:
         return np.concatenate([[1.0], self.a])
@@ -96,9 +90,7 @@ class Coefficients:
         return np.asarray(lfilter(top, self._whole, x))
 
 
-def equation_error(
-    stretches: Sequence[Stretch], structure: Structure, prefilter: Coefficients | None = None
-) -> Coefficients:
+def equation_error(stretches: Sequence[Stretch], structure: Structure) -> Coefficients:
     """ARX by least squares: rows [-y(t-1) ... -y(t-na), u(t-delay) ...].
 
     Parameters
@@ -107,8 +99,6 @@ def equation_error(
         Records from rest.
     structure : Structure
         Numbers of coefficients.
-    prefilter : Coefficients, optional
-        Signals are passed through 1 / A of these first.
 
     References
     ----------
@@ -117,13 +107,10 @@ def equation_error(
     """
     rows, wanted = [], []
     for one in stretches:
-        u, y = one.u, one.y
-        if prefilter is not None:
-            u, y = prefilter.prefilter(u), prefilter.prefilter(y)
-        columns = [-_shifted(y, i + 1) for i in range(structure.na)]
-        columns += [_shifted(u, structure.delay + i) for i in range(structure.nb)]
+        columns = [-_shifted(one.y, i + 1) for i in range(structure.na)]
+        columns += [_shifted(one.u, structure.delay + i) for i in range(structure.nb)]
         rows.append(np.column_stack(columns))
-        wanted.append(y)
+        wanted.append(one.y)
     theta = _solve(np.vstack(rows), np.concatenate(wanted))
     return Coefficients(theta[: structure.na], theta[structure.na :], structure.delay)
 
@@ -131,23 +118,34 @@ def equation_error(
 def output_error(stretches: Sequence[Stretch], structure: Structure) -> Coefficients | None:
     """Find the stable coefficients whose simulated output comes nearest to the measured one.
 
-    A constant is fitted to each stretch too, so that an error of its rest has no effect. None if no
-    stable coefficients were found.
-
-    References
-    ----------
-    Steiglitz and McBride, A technique for the identification of linear systems, IEEE TAC 10,
-    1965, from the equation error; then nonlinear least squares.
+    A trust region method, from the equation error on; None if that is unstable. A constant is
+    fitted to each stretch too, so that an error of its rest has no effect.
     """
-    now = equation_error(stretches, structure)
-    best = now if now.stable else None
-    for _ in range(_PREFILTERED):
-        if not now.stable:
-            now = _reflected(now)
-        now = equation_error(stretches, structure, now)
-        if now.stable and (best is None or cost(stretches, now) < cost(stretches, best)):
-            best = now
-    return None if best is None else _refined(stretches, best)
+    from scipy.optimize import least_squares
+
+    found, samples = equation_error(stretches, structure), sum(one.y.size for one in stretches)
+    if not found.stable:
+        return None
+
+    def at(x: FloatArray) -> Coefficients:
+        return Coefficients(x[: structure.na], x[structure.na :], structure.delay)
+
+    def errors(x: FloatArray) -> FloatArray:
+        if not at(x).stable:
+            return np.full(samples, np.inf)  # then the solver takes a shorter step
+        return np.concatenate(residuals(stretches, at(x)))
+
+    answer = least_squares(
+        errors,
+        np.concatenate([found.a, found.b]),
+        jac=lambda x: -jacobian(stretches, at(x)),
+        x_scale="jac",
+        ftol=_SMALLEST_GAIN,
+        xtol=_SMALLEST_STEP,
+        gtol=None,  # its unit is that of the output squared
+        max_nfev=_EVALUATIONS,
+    )
+    return at(answer.x)
 
 
 def residuals(stretches: Sequence[Stretch], found: Coefficients) -> list[FloatArray]:
@@ -200,50 +198,11 @@ def correlation_time(errors: Sequence[FloatArray]) -> float:
     return total
 
 
-def _refined(stretches: Sequence[Stretch], found: Coefficients) -> Coefficients:
-    """Minimise the output error by a trust region method; stable throughout, never worse."""
-    from scipy.optimize import least_squares
-
-    na, samples = found.a.size, sum(one.y.size for one in stretches)
-
-    def at(x: FloatArray) -> Coefficients:
-        return Coefficients(x[:na], x[na:], found.delay)
-
-    def errors(x: FloatArray) -> FloatArray:
-        if not at(x).stable:
-            return np.full(samples, np.inf)  # then the solver takes a shorter step
-        return np.concatenate(residuals(stretches, at(x)))
-
-    def slopes(x: FloatArray) -> FloatArray:
-        return -jacobian(stretches, at(x))
-
-    answer = least_squares(
-        errors,
-        np.concatenate([found.a, found.b]),
-        jac=slopes,
-        x_scale="jac",
-        ftol=_SMALLEST_GAIN,
-        xtol=_SMALLEST_STEP,
-        gtol=None,  # its unit is that of the output squared
-        max_nfev=_EVALUATIONS,
-    )
-    return at(answer.x)
-
-
 def _solve(rows: FloatArray, wanted: FloatArray) -> FloatArray:
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0] = 1.0
     q, r = np.linalg.qr(rows / scale)
     return np.asarray(np.linalg.lstsq(r, q.T @ wanted, rcond=1e-14)[0] / scale)
-
-
-def _reflected(found: Coefficients) -> Coefficients:
-    """Mirror poles outside or on the unit circle to its inside."""
-    poles = found.poles
-    outside = np.abs(poles) >= _EDGE
-    mirrored = np.where(outside, _EDGE / np.conj(np.where(outside, poles, 1.0)), poles)
-    mirrored = np.where(np.abs(mirrored) >= _EDGE, 0.999 * mirrored, mirrored)
-    return Coefficients(np.real(np.poly(mirrored))[1:], found.b, found.delay)
 
 
 def _shifted(x: FloatArray, samples: int) -> FloatArray:

@@ -125,8 +125,7 @@ class _Bent(NamedTuple):
     """The normalised problem: fit ``S(shift + columns @ theta)`` to y.
 
     S is described by its inverse, whose pieces lie between fixed knots in y. Their slopes
-    (compliances) are unknown, and 1 at the origin. So ``shift + columns @ theta`` equals the sum
-    of compliances times the lengths of y within the pieces, which is linear in all unknowns.
+    (compliances) are unknown, and 1 at the origin.
     """
 
     columns: FloatArray
@@ -137,31 +136,23 @@ class _Bent(NamedTuple):
     def solve(self) -> tuple[FloatArray, float, FloatArray]:
         """Return parameters of the plays, shift and compliances with the least output error.
 
-        The descent begins at the linear fit and at plays without dead zones: on some loops with
-        strong saturation one of both ends in a local minimum, and not always the same one.
+        The descent begins at plays without dead zones.
         """
-        found = [self._refined(start) for start in (self._linear_fit(), self._plain_plays())]
-        theta, shift, compliance = self._parts(min(found, key=self._squared_error))
-        return theta, shift, compliance
-
-    def _refined(self, start: FloatArray) -> FloatArray:
         from scipy.optimize import least_squares
 
-        plays = self.columns.shape[1]
+        plays, mean = self.columns.shape[1], float(self.y.mean())
+        theta = _bounded(self.columns, self.y - mean, self.least)
         low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 1 / _STEEPEST)])
         high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1 / _FLATTEST)])
         found = least_squares(
             self._residual,
-            np.clip(start, low, high),
+            np.concatenate([np.maximum(theta, self.least), [mean], np.ones(self.knots.size)]),
             self._jacobian,
             bounds=(low, high),
             x_scale="jac",
             max_nfev=_MOST_STEPS,
         )
-        return np.asarray(found.x)
-
-    def _squared_error(self, p: FloatArray) -> float:
-        return float(np.sum(self._residual(p) ** 2))
+        return self._parts(np.asarray(found.x))
 
     def corners(self, compliance: FloatArray) -> FloatArray:
         """Return the (K,) knots as outputs of the plays."""
@@ -170,23 +161,6 @@ class _Bent(NamedTuple):
     @property
     def _centre(self) -> int:
         return int(np.count_nonzero(self.knots < 0))
-
-    def _linear_fit(self) -> FloatArray:
-        lengths = self._lengths(self.y)
-        others = np.delete(lengths, self._centre, axis=1)
-        columns = np.hstack([self.columns, -others])
-        mean = columns.mean(axis=0)
-        target = lengths[:, self._centre]
-        least = np.concatenate([self.least, np.full(self.knots.size, 1 / _STEEPEST)])
-        found = _bounded(columns - mean, target - target.mean(), least)
-        plays = self.columns.shape[1]
-        return np.insert(found, plays, target.mean() - mean @ found)
-
-    def _plain_plays(self) -> FloatArray:
-        """Plays without dead zones, the least that a fit has to reach."""
-        mean = float(self.y.mean())
-        theta = _bounded(self.columns, self.y - mean, self.least)
-        return np.concatenate([theta, [mean], np.ones(self.knots.size)])
 
     def _parts(self, p: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         plays = self.columns.shape[1]

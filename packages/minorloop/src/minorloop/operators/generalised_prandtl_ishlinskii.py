@@ -177,13 +177,11 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
         thresholds: npt.ArrayLike = 8,
         start: PlayStart = "negative",
     ) -> GeneralisedPrandtlIshlinskii:
-        """Fit the operator to a record, first by a linear problem, then by a nonlinear one.
+        """Fit the operator to a record, by bounded least squares from plays without dead zones.
 
-        The linear problem fits H of the inputs to the inverse of S of the outputs. From its
-        solution, and from plays without dead zones, bounded least squares fits the output; the
-        better of both results is returned. S has slope 1 at its origin, so H is in the unit of the
-        output. The result always has an inverse: the slope after a reversal is at least 1e-4 times
-        the range of the output over that of the input.
+        S has slope 1 at its origin, so H is in the unit of the output. The result always has an
+        inverse: the slope after a reversal is at least 1e-4 times the range of the output over that
+        of the input.
 
         Parameters
         ----------
