@@ -516,7 +516,7 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
     if isinstance(model, ModelFile):
         return model
     names = Quantity("input"), Quantity("output")
-    if not isinstance(model, Identified):
+    if isinstance(model, Model) or not isinstance(model, Identified):
         kind_of(model)
         return ModelFile(model, *names, 0, Provenance())
     lag = getattr(model, "lag_of_model", model.lag)

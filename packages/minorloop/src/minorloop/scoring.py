@@ -40,7 +40,6 @@ from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.identification.screening import record_faults
 from minorloop.lab.columns import read_labels
 from minorloop.lab.conversion import read_column, unit_factor
-from minorloop.lab.faults import far_from_others
 from minorloop.lab.gaps import known_memory, with_lost_rows
 from minorloop.lab.logs import check_order, read_times
 from minorloop.lab.records import Origin, Quantity, Record
@@ -246,10 +245,10 @@ def _wrong(score: ModelScore) -> Iterator[str]:
 
 
 def _outside(score: ModelScore) -> Iterator[str]:
-    """Name inputs beyond the levels, and readings at the end of the range of the sensor."""
+    """Name inputs beyond the levels, outliers, and readings at the end of the sensor's range."""
     yield from score.simulation.of_levels
     faults = record_faults(score.u, score.y, score.curves, score.lag, searched=True)
-    yield from (str(one) for one in faults if one.kind == "clipped")
+    yield from (str(one) for one in faults if one.kind in ("clipped", "outlier"))
 
 
 def _causes(score: ModelScore) -> Iterator[str]:
@@ -307,8 +306,6 @@ def _causes(score: ModelScore) -> Iterator[str]:
         )
     elif abs(found.drift) > _LEAST:
         yield f"the output drifts by {found.drift:+.2%} of range along the record"
-    if found.outliers:
-        yield str(far_from_others(score.y, np.array(found.outliers)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

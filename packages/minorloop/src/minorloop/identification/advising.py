@@ -91,8 +91,6 @@ def _residual(fit: Fit) -> Iterator[str]:
             f"without being fitted, skip={found.startup.rows} "
             f"(--record skip={found.startup.rows}), or give the start state that the record has"
         )
-    if found.outliers:
-        yield str(far_from_others(fit.y, np.array(found.outliers)))
     if found.step is not None and abs(found.step.size) > _LEAST_DRIFT:
         yield (
             f"from sample {found.step.sample} on the output is shifted by {found.step.size:+.2%} "

@@ -25,15 +25,10 @@ Static: TypeAlias = Callable[[FloatArray, FloatArray], Identification]
 
 _NO_DELAY = 0.5
 """Dead time in samples that counts as none where there are no poles."""
-_ROUNDS, _SETTLED = 25, 2e-3
-"""Most alternations; they end when one with either filter gains less than this share."""
-_DEPTH = 4
-"""Alternations that the next one is extrapolated from."""
+_ROUNDS, _SETTLED, _IN_A_ROW = 25, 2e-3, 2
+"""Most alternations; they end when so many in a row gain less than this share."""
 _EVALUATIONS, _STEP, _SMALLEST_GAIN = 8, 1e-4, 1e-4
 """Most steps of the search for the dynamics, their finite difference, and the gain of the last."""
-_FILTERS = (5.0, 1.0)
-"""Factors of the time constant of that filter: a slow one, which converges from any begin, and then
-a fast one, which converges further."""
 _SLOWER, _LONGEST = 5.0, 3.0
 """Creep times: from so many times the slowest time constant to this part of the record."""
 
@@ -77,9 +72,6 @@ def alternate(
 ) -> Found:
     """Alternate between operator and dynamics until the error no longer falls.
 
-    The parameters are extrapolated from the last rounds (Anderson, J. ACM 12, 1965), because
-    operator and dynamics explain part of the record alike, and plain alternation would be slow.
-
     Parameters
     ----------
     record : DynamicRecord
@@ -94,53 +86,27 @@ def alternate(
         Whether to fit creep.
     """
     best, waited = None, 0
-    begun: list[FloatArray] = []
-    reached: list[FloatArray] = []
     for _ in range(_ROUNDS):
-        result = static(*without(dynamics, record, operator, _FILTERS[waited]))
-        operator, began = result.model, dynamics.vector
+        result = static(*without(dynamics, record, operator))
+        operator = result.model
         dynamics = _fitted_poles(record, dynamics, operator)
         if creeping:
             dynamics = replace(dynamics, creep=_fitted_creep(record, dynamics, operator))
-        if dynamics.vector.size != began.size:  # creep has come or gone
-            begun, reached = [], []
-        else:
-            begun.append(began)
-            reached.append(dynamics.vector)
         error = record.error(dynamics.outputs(record, operator), record.fitted)
-        waited = 0 if best is None or error < (1 - _SETTLED) * best.error else waited + 1
-        if waited == len(_FILTERS):
+        if best is not None and error >= best.error:
             break
-        if best is None or error <= best.error:
-            best = Found(record, result, dynamics, error)
-            if begun:
-                ahead = _extrapolated(begun[-_DEPTH:], reached[-_DEPTH:])
-                low, high = dynamics.bounds(float(record.t[-1]))
-                ahead[: low.size] = np.clip(ahead[: low.size], low, high)
-                dynamics = dynamics.at(ahead)
-        else:  # back to where plain alternation does not make the error larger
-            operator, dynamics = best.operator, best.dynamics
-            begun, reached = [], []
+        slow = best is not None and error > (1 - _SETTLED) * best.error
+        best, waited = Found(record, result, dynamics, error), waited + 1 if slow else 0
+        if waited == _IN_A_ROW:
+            break
     assert best is not None
     return best
 
 
-def _extrapolated(begun: list[FloatArray], reached: list[FloatArray]) -> FloatArray:
-    """Return where rounds that began and ended at these vectors seem to converge."""
-    steps = np.array(reached) - np.array(begun)
-    if len(steps) < 2 or not np.diff(steps, axis=0).any():
-        return reached[-1].copy()
-    share = np.linalg.lstsq(np.diff(steps, axis=0).T, steps[-1], rcond=1e-6)[0]
-    return np.asarray(reached[-1] - share @ np.diff(np.array(reached), axis=0))
-
-
 def without(
-    dynamics: DynamicParts, record: DynamicRecord, operator: Preisach | None, slower: float = 1.0
+    dynamics: DynamicParts, record: DynamicRecord, operator: Preisach | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the record that the operator alone would have given, NaN where nothing is fitted.
-
-    The time constant of the filter of the inverse is ``slower`` times as long as usual.
-    """
+    """Return the record that the operator alone would have given, NaN where nothing is fitted."""
     known, u, linear = record.fitted, dynamics.before(record.u), dynamics.linear
     y = np.where(known, record.y, np.nan)
     if operator is None:
@@ -155,7 +121,7 @@ def without(
         y = dynamics.creep.compensate(record.t, whole, before=float(prompt[0]))
     if dynamics.first == "linear":
         return u, np.where(known, y, np.nan)
-    inverse, late = filtered_inverse(linear, slower * dynamics.filter_time)
+    inverse, late = filtered_inverse(linear, dynamics.filter_time)
     left = np.interp(record.t + late, record.t[known], (y - prompt)[known])
     return u, np.where(known, w + inverse.simulate(record.t, left), np.nan)
 
@@ -182,12 +148,11 @@ def _fitted_poles(
         prompt = now.prompt(record, operator) if w is None else now.after(w)
         return (now.crept(record, prompt) - record.y)[record.fitted]
 
-    low, high = (bound[:free] for bound in dynamics.bounds(float(record.t[-1])))
-    begin = dynamics.vector[:free]
+    low, high = dynamics.bounds(float(record.t[-1]))
     margin = np.minimum(1e-3, 0.1 * (high - low))
     answer = least_squares(
         errors,
-        np.clip(begin, low + margin, high - margin),
+        np.clip(dynamics.vector, low + margin, high - margin),
         bounds=(low, high),
         diff_step=np.full(free, _STEP),
         max_nfev=_EVALUATIONS,

@@ -223,43 +223,25 @@ class DynamicParts:
 
     @property
     def vector(self) -> FloatArray:
-        """Logarithms, dead time and strengths of the creep."""
-        strengths = () if self.creep is None else self.creep.strengths
-        return np.array([*self.ahead, *self.behind, self.delay, *strengths])
+        """Logarithms and dead time."""
+        return np.array([*self.ahead, *self.behind, self.delay])
 
     def at(self, vector: FloatArray) -> DynamicParts:
-        """Return the dynamics with other parameters; the last ones are kept where not given."""
-        known = np.append(vector, self.vector[vector.size :]).tolist()
+        """Return the dynamics with other logarithms and dead time."""
+        *logarithms, delay = vector.tolist()
         n = len(self.ahead)
-        creep, strengths = self.creep, np.maximum(known[self.poles + 1 :], 0.0)
-        if creep is not None and strengths.sum() < 1:
-            creep = Creep(creep.times, strengths, 1 - float(strengths.sum()))
-        return replace(
-            self,
-            ahead=tuple(known[:n]),
-            behind=tuple(known[n : self.poles]),
-            delay=max(known[self.poles], 0.0),
-            creep=creep,
-        )
+        ahead, behind = tuple(logarithms[:n]), tuple(logarithms[n:])
+        return replace(self, ahead=ahead, behind=behind, delay=max(delay, 0.0))
 
-    def with_another_pole(self, ahead: bool) -> tuple[DynamicParts, DynamicParts]:
-        """Return two begins of a search with one pole more on a side.
-
-        The pole is faster than all others in the first, and all are equal in the second, which has
-        no dead time.
-        """
+    def with_another_pole(self, ahead: bool) -> DynamicParts:
+        """Return the begin of a search with one pole more on a side, the fastest of all."""
         if self.poles:
             fast = _NEXT_POLE * float(self.time_constants[-1])
             delay = max(self.delay - fast / self.interval, 0.0)
         else:
             fast, delay = self.interval * max(self.delay, 1.0), 0.5
-        late = self.delay * self.interval + float(self.time_constants.sum())
-        time = max(late, self.interval) / (self.poles + 1)
-        before, behind = len(self.ahead) + ahead, len(self.behind) + (not ahead)
         more = _with_pole(self.ahead if ahead else self.behind, fast)
-        faster = replace(self, ahead=more) if ahead else replace(self, behind=more)
-        equal = replace(self, ahead=_equal(time, before), behind=_equal(time, behind))
-        return replace(faster, delay=delay), replace(equal, delay=0.0)
+        return replace(self, delay=delay, **{"ahead" if ahead else "behind": more})
 
     def bounds(self, seconds: float) -> tuple[FloatArray, FloatArray]:
         """Return the least and greatest logarithms and dead time, for a record so long."""
@@ -274,12 +256,6 @@ def _with_pole(side: Logarithms, time: float) -> Logarithms:
     a = np.exp(side).tolist()
     more = [[time], [sum(a[:1]) + time, sum(a[:1]) * time], [*a, time]][len(side)]
     return tuple(np.log(more).tolist())
-
-
-def _equal(time: float, poles: int) -> Logarithms:
-    """Return the logarithms of so many equal poles."""
-    values = [time] if poles == 1 else [2 * time, time**2, time][:poles]
-    return tuple(np.log(values).tolist())
 
 
 def _linear(side: Logarithms, delay: float = 0.0) -> Linear:

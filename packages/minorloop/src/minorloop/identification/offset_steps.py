@@ -20,9 +20,8 @@ _SHARE, _OVER_DRIFT = 0.4, 1.3
 _TRUSTED = 0.05
 """Share of a step that the basis cannot take its place of, at least: below, the input decides."""
 _SINGULAR, _ROUNDING = 1e-9, 1e-24
-_DRIFT, _SURE, _SURE_BESIDE_FIT = 0.4, 8.0, 5.0
-"""Share of the variance beside the basis that a drift explains, and its standard errors; and those
-beside basis and fit, by trial: a basis that does not follow the plant can look like a drift."""
+_DRIFT, _SURE = 0.4, 8.0
+"""Share of the variance beside the basis that a drift explains, and its standard errors."""
 _BLOCKS = 40
 """Blocks of rows whose errors are independent, however alike neighbours are."""
 
@@ -70,38 +69,29 @@ def find_offset_step(
     return place, float(step @ y / (step @ step))
 
 
-def find_drift(basis: FloatArray, prediction: FloatArray, y: FloatArray) -> float:
+def find_drift(basis: FloatArray, y: FloatArray) -> float:
     """Return the change of the outputs along the rows in proportion to their number; 0 without.
 
     Parameters
     ----------
-    basis, prediction, y
+    basis, y
         As for `find_offset_step`.
     """
     size, columns = basis.shape
     if size < 2 * columns or size < _BLOCKS:
         return 0.0
-    change, sure, share = _drift_beside(basis, y)
-    if share < _DRIFT or sure < _SURE:
-        return 0.0
-    beside, sure, _ = _drift_beside(np.column_stack([basis, prediction]), y)
-    return change if sure >= _SURE_BESIDE_FIT and change * beside > 0 else 0.0
-
-
-def _drift_beside(columns: FloatArray, y: FloatArray) -> tuple[float, float, float]:
-    """Return a change along the rows beside columns, its standard errors and share of variance."""
-    q = _orthonormal(columns)
+    q = _orthonormal(basis)
     rest = y - q @ (q.T @ y)
     time = np.linspace(-0.5, 0.5, y.size)
     line = time - q @ (q.T @ time)
     own, squares = float(line @ line), float(rest @ rest)
     if own <= _SINGULAR * float(time @ time) or squares <= _ROUNDING * float(y @ y):
-        return 0.0, 0.0, 0.0
+        return 0.0
     change = float(line @ rest) / own
     scores = line * (rest - change * line)
     blocks = np.array([part.sum() for part in np.array_split(scores, _BLOCKS)])
-    error = max(float(np.linalg.norm(blocks)) / own, np.finfo(np.float64).tiny)
-    return change, abs(change) / error, change**2 * own / squares
+    sure = abs(change) * own >= _SURE * float(np.linalg.norm(blocks))
+    return change if sure and change**2 * own >= _DRIFT * squares else 0.0
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

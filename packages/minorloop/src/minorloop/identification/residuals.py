@@ -1,4 +1,4 @@
-"""What the residual of a fit shows: a start-up, drift, a step, outliers, and where it is large."""
+"""What the residual of a fit shows: a start-up, drift, a step, and where it is large."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.offset_steps import MOST_ROWS, find_drift, find_offset_step
-from minorloop.identification.rough_model import beyond_neighbours, one_of_each
-from minorloop.lab.noise import noise_of, spread
+from minorloop.identification.rough_model import one_of_each
+from minorloop.lab.noise import noise_of
 from minorloop.threads import one_thread
 
 _FEWEST = 30
@@ -23,10 +23,6 @@ _BLOCKS, _LEAST_BLOCK = 40, 5
 _DRIFT, _SURE = 0.4, 4.0
 """Share of the variance of these means that a drift explains, and how many of its standard
 deviations it is."""
-_OUTLIER, _LEAST_OUTLIER = 10.0, 0.02
-"""Error of an outlier over the usual one, and in ranges."""
-_LARGE_RECORD = 200
-"""Residuals below which outliers are left to the bands of the fit."""
 _OF_GROUPS = 0.5
 """Share of the squared error that an offset and a gain of each group explain."""
 _SPANNED = 0.5
@@ -100,8 +96,6 @@ class ResidualSummary:
     otherwise."""
     step: OffsetStep | None = None
     """A shift of all outputs from a row on."""
-    outliers: tuple[int, ...] = ()
-    """Samples of a long record that are far from the model and from the readings around them."""
     groups: GroupDifference | None = None
     """What the groups differ by, where this is most of the error."""
     by_amplitude: tuple[tuple[float, float, float], ...] = ()
@@ -144,9 +138,6 @@ def summary(
     startup = find_startup(left, rows)
     later = rows >= (startup.rows if startup else 0)
     rest, places = left[later], rows[later]
-    far = _outliers(rest, y[places])
-    outliers = tuple(places[far].tolist())
-    rest, places = rest[~far], places[~far]
     differ = None if groups is None else _differences(rest, y[places], groups[places])
     step, drift = (None, 0.0) if differ else _step_or_drift(basis, rest, y[places], places)
     few = one_of_each(places.size, _MOST)
@@ -158,7 +149,6 @@ def summary(
         startup,
         drift,
         step,
-        outliers,
         differ,
         _by(amplitudes(u)[some], error_of_some),
         _by(np.abs(u[some] - u[np.maximum(some - 1, 0)]), error_of_some),
@@ -231,13 +221,6 @@ def _autocorrelation(error: FloatArray, rows: IntArray) -> float:
     return float(np.mean((centred[1:] * centred[:-1])[next_to]) / square)
 
 
-def _outliers(error: FloatArray, y: FloatArray) -> BoolArray:
-    """Return which readings of a long record are far from the model, and their neighbours not."""
-    if error.size < _LARGE_RECORD:
-        return np.zeros(error.size, dtype=np.bool_)
-    return beyond_neighbours(error, y, max(_OUTLIER * spread(error), _LEAST_OUTLIER))
-
-
 def _step_or_drift(
     basis: Callable[[IntArray], FloatArray], error: FloatArray, y: FloatArray, rows: IntArray
 ) -> tuple[OffsetStep | None, float]:
@@ -250,7 +233,7 @@ def _step_or_drift(
     with one_thread():
         found = find_offset_step(columns, fitted, measured)
         if found is None:
-            return None, find_drift(columns, fitted, measured) or _drift(error)
+            return None, find_drift(columns, measured) or _drift(error)
     place, size = found
     return OffsetStep(int(rows[some[place]]), size), 0.0
 
