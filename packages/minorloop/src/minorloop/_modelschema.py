@@ -192,7 +192,7 @@ def build(part: msgspec.Struct) -> Any:
 
 LONGEST_WARNING, MOST_WARNINGS = 1000, 20
 """Characters of a warning, and number of warnings in a file: more than identification gives."""
-Sentence: TypeAlias = Annotated[str, msgspec.Meta(max_length=LONGEST_WARNING, pattern="^[ -~]+$")]
+_Sentence: TypeAlias = Annotated[str, msgspec.Meta(max_length=LONGEST_WARNING, pattern="^[ -~]+$")]
 """A sentence of printable ASCII, which every terminal can show."""
 
 
@@ -257,7 +257,7 @@ class Content(_Strict):
     model: AnyModel
     provenance: Provenance
     lag_s: Annotated[float, msgspec.Meta(ge=0)] = 0.0
-    warnings: Annotated[list[Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
+    warnings: Annotated[list[_Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
     bands: BandsPart | None = None
 
 

@@ -31,7 +31,7 @@ from minorloop.operators.after_effect import AfterEffect, TimedTracker
 
 SETTLING_TIMES = 5.0
 """Time constants in saturation: less than 1 % of the slowest creep is left."""
-MOST_INTERVALS = 10_000
+_MOST_INTERVALS = 10_000
 """Most intervals of a delivery: the inputs so far are simulated anew before each."""
 _REMEDY = "give longer intervals (--every), in which more can be reached"
 _SAMPLES = 4 * FEWEST
@@ -84,10 +84,10 @@ class Delivery(Chooser):
                 f"a target is held for {self.hold:g} s and its input renewed every {self.every:g} "
                 "s; give a hold (--hold) of one interval (--every) or more"
             )
-        if self.targets.size * self.intervals > MOST_INTERVALS:
+        if self.targets.size * self.intervals > _MOST_INTERVALS:
             raise ParameterError(
                 f"{self.targets.size} targets take {self.targets.size * self.intervals} intervals "
-                f"of {self.every:g} s, at most {MOST_INTERVALS} can be given; give longer "
+                f"of {self.every:g} s, at most {_MOST_INTERVALS} can be given; give longer "
                 "intervals (--every) or shorter holds (--hold)"
             )
 

@@ -35,11 +35,11 @@ from minorloop.operators.relays import RelayModel
 SURE = 2.0
 """An error below this many standard deviations of the measured value is not corrected."""
 
-SLOWEST, STEEPEST = 0.5, 10.0
+_SLOWEST, _STEEPEST = 0.5, 10.0
 """The actuator moves by at least and at most so many times what the model predicts. Less would
 make corrections explode; more than ten times is not seen on reversals of a reversible actuator."""
 
-LEAST_GAIN, MOST_GAIN = 1 / 3, 3.0
+_LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
 """Gain of the measured over the predicted outputs, from saturation on, below and above which the
 sensor or its conversion is wrong."""
 ALLOWED_ERRORS, LEAST_ALLOWED = 3.0, 0.05
@@ -347,9 +347,9 @@ class TargetDrive(Chooser):
         if np.ptp(x) <= max(_TELLING * whole, _CLEAR * noise):
             return
         gain = float(x @ y / (x @ x))
-        if LEAST_GAIN <= gain <= MOST_GAIN:
+        if _LEAST_GAIN <= gain <= _MOST_GAIN:
             return
-        sign = ", its sign is turned" if gain < -LEAST_GAIN else ""
+        sign = ", its sign is turned" if gain < -_LEAST_GAIN else ""
         raise MismatchError(
             f"the measured output moves by {gain:.3g} times what the model predicts{sign}; check "
             "the unit and the conversion of the sensor, such as its gain, and that "
@@ -434,7 +434,7 @@ class _DriveState:
         if self.before is not None and predicted != self.before[1]:
             gain = (achieved - self.before[0]) / (predicted - self.before[1])
         self.before = achieved, predicted
-        self.correction -= error / min(max(gain, SLOWEST), STEEPEST)
+        self.correction -= error / min(max(gain, _SLOWEST), _STEEPEST)
 
 
 def saturation_of(model: StaticModel, channel: Channel) -> float:

@@ -2,16 +2,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from later import Later
 from minorloop.dynamics import state_space
 from minorloop.dynamics.state_space import propagate, transitions
 from minorloop.errors import ParameterError
-
-signal = Later("scipy.signal")
 
 A = np.array([[-0.5, -1.0], [1.0, 0.0]])
 B = np.array([1.0, 0.3])
@@ -76,49 +73,6 @@ def test_the_shortest_step_is_one():
     phi, at_begin, at_end, which = transitions(a, b, np.array([5e-324, 1.0]))
     assert phi[which[0], 0, 0] == 1
     assert at_begin[which[0], 0] + at_end[which[0], 0] == 0
-
-
-POLES = st.lists(st.floats(-4, -0.05), min_size=1, max_size=4, unique_by=lambda p: round(4 * p))
-NUMBERS = st.lists(st.floats(-3, 3), min_size=5, max_size=5)
-
-
-def polynomials(poles, numbers):
-    bottom = np.poly(poles)
-    return np.array(numbers[: bottom.size]), bottom
-
-
-@given(POLES, NUMBERS)
-def test_canonical_form_has_the_transfer_function(poles, numbers):
-    top, bottom = polynomials(poles, numbers)
-    a, b, c, d = state_space.canonical(top, bottom)
-    for s in (0.7, 1j, -9.0, 2 - 3j):
-        ratio = np.polyval(top, s) / np.polyval(bottom, s)
-        got = c @ np.linalg.solve(s * np.eye(b.size) - a, b) + d
-        np.testing.assert_allclose(got, ratio, atol=1e-7 * (1 + abs(ratio)))
-
-
-@given(POLES, NUMBERS, st.floats(0.05, 2))
-def test_sampled_equals_scipy(poles, numbers, interval):
-    top, bottom = polynomials(poles, numbers)
-    got = state_space.sampled(top, bottom, interval)
-    system = state_space.canonical(top, bottom)
-    a, b, c, d = (np.atleast_2d(part) for part in system)
-    wanted = signal.cont2discrete((a, b.T, c, d), interval, method="zoh")
-    wanted = signal.ss2tf(*wanted[:4])
-    np.testing.assert_allclose(got[0], np.ravel(wanted[0]), atol=1e-8)
-    np.testing.assert_allclose(got[1], wanted[1], atol=1e-9)
-
-
-@given(POLES, NUMBERS, st.floats(0.1, 1))
-@example([-3.0, -4.0, -3.75], [0.0] * 5, 1.0)
-@settings(max_examples=25)
-def test_continuous_inverts_sampled(poles, numbers, interval):
-    top, bottom = polynomials(poles, numbers)
-    again = state_space.continuous(*state_space.sampled(top, bottom, interval), interval)
-    s = 1j * np.array([0.03, 0.3, 3.0])
-    wanted = np.polyval(top, s) / np.polyval(bottom, s)
-    got = np.polyval(again[0], s) / np.polyval(again[1], s)
-    np.testing.assert_allclose(got, wanted, atol=1e-5 * (1e-3 + np.abs(top).max()))
 
 
 def test_a_pure_gain_does_not_change():

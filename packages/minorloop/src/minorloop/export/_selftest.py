@@ -20,7 +20,7 @@ slope of the inverse is at most 10 in shares of both ranges: rounding is amplifi
 
 
 @dataclass(frozen=True)
-class Asked:
+class _Asked:
     """Inputs that an inverse has to ask for, each after some of the inputs of the self-test."""
 
     after: Sequence[int]
@@ -59,7 +59,7 @@ class Parts:
     """Whether the self-test follows targets."""
     targets: FloatArray | None = None
     """Shape (T,). These targets; the outputs in reverse order without them."""
-    asked: Asked | None = None
+    asked: _Asked | None = None
     """Inputs of the inverse to compare, of a model with a linear part."""
     digit: float = 0.0
     """Effect of a last digit of the inputs, as a share of the range."""
@@ -157,7 +157,7 @@ def selftest(context: dict[str, Any], numbers: Numbers, parts: Parts) -> str:
     return render("selftest.c", {**context, **test})
 
 
-def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> Asked | None:
+def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> _Asked | None:
     """Return inputs of the inverse of the operator for targets where its output is steep enough.
 
     Where it is flat, the last digit of a target changes the input by much. None if it is flat
@@ -179,8 +179,8 @@ def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> As
         return None
     after, targets, inputs = zip(*found, strict=True)
     if first == "operator":
-        return Asked(after, [gain * y for y in targets], inputs, high - low)
-    return Asked(after, targets, [v / gain for v in inputs], (high - low) / abs(gain))
+        return _Asked(after, [gain * y for y in targets], inputs, high - low)
+    return _Asked(after, targets, [v / gain for v in inputs], (high - low) / abs(gain))
 
 
 def _inputs(model: Preisach, count: int, memory: int) -> FloatArray:

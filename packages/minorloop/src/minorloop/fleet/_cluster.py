@@ -18,7 +18,7 @@ from minorloop.errors import FleetError, MissingExtraError, ParameterError
 from minorloop.fleet._fitting import Found, Task
 from minorloop.fleet._worker import FitProcesses, Work
 
-CONNECT = 10.0
+_CONNECT = 10.0
 """Seconds to wait for the first answer of a scheduler."""
 SILENT = 4.0
 """Seconds without a report after which a message says so; workers report up to twice a second."""
@@ -36,7 +36,7 @@ _workers = FitProcesses()
 atexit.register(_workers.close)
 
 
-def fit_on_worker(work: Work, task: Task, limit: float, topic: str) -> Found:
+def _fit_on_worker(work: Work, task: Task, limit: float, topic: str) -> Found:
     """Do as `FitProcesses.run` on a worker of the cluster, with messages in a topic of Dask."""
     from distributed import get_worker
 
@@ -56,7 +56,7 @@ class Cluster:
     ) -> None:
         self._address, self._patience, self._say = address, patience, say
         self._topic = f"minorloop-fleet-{uuid.uuid4().hex}"
-        self._fit = partial(fit_on_worker, work, limit=limit, topic=self._topic)
+        self._fit = partial(_fit_on_worker, work, limit=limit, topic=self._topic)
         self.ahead = _AHEAD
         self._sent: dict[str, Future[Found | None]] = {}
         self._reports: dict[str, tuple[float, float]] = {}
@@ -188,7 +188,7 @@ def _connect(address: str) -> Any:
     # Losses are reported in one sentence; Dask would add a page of traceback.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
-        socket.create_connection((host.strip("[]"), int(port)), CONNECT).close()
-        return Client(address, timeout=CONNECT, set_as_default=False)
+        socket.create_connection((host.strip("[]"), int(port)), _CONNECT).close()
+        return Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, OverflowError, ValueError, TimeoutError) as error:
         raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None

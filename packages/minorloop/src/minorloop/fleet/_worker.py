@@ -38,9 +38,9 @@ APART = 4.0
 """Least seconds between two messages of one kind, for fleets in which all are slow."""
 STOPPED = 3.0
 """Seconds after which a worker that is stopped is replaced; debuggers stop one for less."""
-LOADING = 300.0
+_LOADING = 300.0
 """Seconds that a worker may take to load what it needs; compiling it takes less than a minute."""
-ATTEMPTS = 2
+_ATTEMPTS = 2
 """Workers that may end during the fit of the same specimen."""
 STARTS = 3
 """Workers in a row that may end before they are ready."""
@@ -72,17 +72,17 @@ class FitProcesses:
 
         Raises a `FleetError` if no process can be started, or this is closed meanwhile.
         """
-        for attempt in range(1, ATTEMPTS + 1):
+        for attempt in range(1, _ATTEMPTS + 1):
             worker = self._ready()
             found = self._follow(worker, work, task, limit, say)
             if not isinstance(found, str):
                 return found
             self._end(worker)
-            if attempt < ATTEMPTS and not self._closed:
+            if attempt < _ATTEMPTS and not self._closed:
                 name = task.specimen.name
                 say(f"the worker of specimen {name} {found}; the specimen is tried once more")
         self._check_open()
-        reason = f"{ATTEMPTS} workers ended during its fit, the last one {found}"
+        reason = f"{_ATTEMPTS} workers ended during its fit, the last one {found}"
         return task.failed(f"{reason}; look for a lack of memory")
 
     def close(self) -> None:
@@ -105,7 +105,7 @@ class FitProcesses:
             self._all.add(worker)
             self._check_open()
             try:
-                worker.ready.result(LOADING)
+                worker.ready.result(_LOADING)
             except Exception:
                 why = self._end(worker)
             else:

@@ -100,7 +100,7 @@ def identify_fleet(
         If the folder holds something else, another fleet, or cannot be written to.
     """
     _check(specimens, workers, limit, patience, options)
-    try_options(options)
+    _try_options(options)
     say = say or (lambda sentence: None)
     backend: Cluster | LocalWorkers
     if isinstance(workers, str):
@@ -270,7 +270,7 @@ def _check(
         raise ParameterError("options of a fleet are numbers, words and lists of them") from None
 
 
-def try_options(options: Mapping[str, Any]) -> None:
+def _try_options(options: Mapping[str, Any]) -> None:
     """Check options by identifying a small record."""
     from minorloop.identification.design_matrix import MOST_BANDS
     from minorloop.identification.pipeline import Options

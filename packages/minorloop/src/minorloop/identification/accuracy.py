@@ -14,7 +14,7 @@ from minorloop.identification.loops import closed_loops, loop_areas
 _MOST_CURVES = 10
 """Curves up to which each has a row; of more, those with the largest errors."""
 _CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
-CurveTable: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]], str]
+_CurveTable: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]], str]
 """Headings, rows and title of a table of curves."""
 
 
@@ -139,7 +139,7 @@ def worst_error(errors: Accuracy, sample: str = "") -> str:
     return f"{errors.worst:+.1%}{sample}" if abs(errors.worst) >= 0.0005 else "0.0%"
 
 
-def curve_table(curves: Sequence[CurveAccuracy]) -> CurveTable:
+def curve_table(curves: Sequence[CurveAccuracy]) -> _CurveTable:
     """Return headings, rows and title of a table of errors on each curve or group.
 
     Of more than ten curves, these are the ten with the largest errors, the largest first. The last

@@ -48,7 +48,7 @@ class TriedLaw:
     smoothness: float
 
 
-class Uncertain(Protocol):
+class _Uncertain(Protocol):
     """Uncertainty of the weights of a fit."""
 
     def variance(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
@@ -142,7 +142,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
     """Operators with other settling times, and how likely they are over the best."""
     groups: IntArray | None = None
     """Shape (T,). Number of the run of each row."""
-    weights: Uncertain | None = None
+    weights: _Uncertain | None = None
     """Uncertainty of the weights."""
 
     @cached_property

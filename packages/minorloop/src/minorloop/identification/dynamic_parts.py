@@ -241,7 +241,8 @@ class DynamicParts:
         else:
             fast, delay = self.interval * max(self.delay, 1.0), 0.5
         more = _with_pole(self.ahead if ahead else self.behind, fast)
-        return replace(self, delay=delay, **{"ahead" if ahead else "behind": more})
+        one, other = (more, self.behind) if ahead else (self.ahead, more)
+        return replace(self, delay=delay, ahead=one, behind=other)
 
     def bounds(self, seconds: float) -> tuple[FloatArray, FloatArray]:
         """Return the least and greatest logarithms and dead time, for a record so long."""

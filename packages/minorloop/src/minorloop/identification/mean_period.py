@@ -23,7 +23,7 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPeriod:
+class _MeanPeriod:
     """Mean of the periods of a record."""
 
     u: FloatArray
@@ -36,7 +36,7 @@ class MeanPeriod:
     later ones."""
 
 
-def mean_period(u: FloatArray, y: FloatArray, period: int) -> MeanPeriod:
+def mean_period(u: FloatArray, y: FloatArray, period: int) -> _MeanPeriod:
     """Return the mean of the settled periods of a record.
 
     Raises a `SignalError` if T is no multiple of the period, or the force does not repeat.
@@ -64,7 +64,7 @@ def mean_period(u: FloatArray, y: FloatArray, period: int) -> MeanPeriod:
     unsettled = 0
     while unsettled < turns - 1 and _differs(outputs[unsettled], outputs[unsettled + 1 :]):
         unsettled += 1
-    return MeanPeriod(forces[unsettled:].mean(axis=0), *_average(outputs[unsettled:]), unsettled)
+    return _MeanPeriod(forces[unsettled:].mean(axis=0), *_average(outputs[unsettled:]), unsettled)
 
 
 def larger_beginning(errors: FloatArray) -> float:

@@ -135,10 +135,13 @@ def output_error(stretches: Sequence[Stretch], structure: Structure) -> Coeffici
             return np.full(samples, np.inf)  # then the solver takes a shorter step
         return np.concatenate(residuals(stretches, at(x)))
 
+    def slopes(x: FloatArray) -> FloatArray:
+        return -jacobian(stretches, at(x))
+
     answer = least_squares(
         errors,
         np.concatenate([found.a, found.b]),
-        jac=lambda x: -jacobian(stretches, at(x)),
+        jac=slopes,
         x_scale="jac",
         ftol=_SMALLEST_GAIN,
         xtol=_SMALLEST_STEP,

@@ -98,7 +98,7 @@ class Ridge:
 
 
 @dataclass(frozen=True, eq=False)
-class RidgeFit:
+class _RidgeFit:
     """A ridge fitted to a record."""
 
     ridge: Ridge
@@ -109,7 +109,7 @@ class RidgeFit:
     """Root-mean-square error on the fitted samples, over their range."""
 
 
-def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KINDS) -> RidgeFit:
+def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KINDS) -> _RidgeFit:
     """Fit a ridge to outputs by least squares.
 
     The shape is searched; for each shape, the sums of the irreversible and the reversible weights,
@@ -137,7 +137,7 @@ def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KIN
     return min((_fit_kind(matrix, y, kind) for kind in kinds), key=lambda fit: fit.nrmse)
 
 
-def _fit_kind(matrix: DesignMatrix, y: FloatArray, kind: Kind) -> RidgeFit:
+def _fit_kind(matrix: DesignMatrix, y: FloatArray, kind: Kind) -> _RidgeFit:
     from scipy.optimize import least_squares
 
     weight = np.ones(y.size) if matrix.counts is None else np.sqrt(matrix.counts)
@@ -154,7 +154,7 @@ def _fit_kind(matrix: DesignMatrix, y: FloatArray, kind: Kind) -> RidgeFit:
     best = columns(found.x)
     x = best @ _error(matrix, y, weight, best)[0]
     ridge = _shape(matrix.spec, kind, found.x)
-    return RidgeFit(ridge, x, nrmse(matrix.forward(x) - y, y))
+    return _RidgeFit(ridge, x, nrmse(matrix.forward(x) - y, y))
 
 
 def _searched(values: tuple[float, ...]) -> FloatArray:

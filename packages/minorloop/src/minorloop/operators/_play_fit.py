@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_pair, frozen
 from minorloop.errors import ParameterError, SignalError
 
-LEAST_SLOPE = 1e-4
+_LEAST_SLOPE = 1e-4
 """Least slope of plays, in ranges of the output over that of the input: a fitted operator stays
 invertible, and the slope is too small to show in a record."""
 
@@ -24,7 +24,7 @@ _MOST_STEPS = 100
 """Evaluations of the refinement, which converges within a few tens."""
 
 
-class BentPlays(NamedTuple):
+class _BentPlays(NamedTuple):
     """A fit of plays followed by dead zones, in the units of the record."""
 
     weights: FloatArray
@@ -83,7 +83,7 @@ def choose_knots(y: FloatArray, thresholds: npt.ArrayLike) -> FloatArray:
 
 def fit_bent_plays(
     u: FloatArray, y: FloatArray, positions: FloatArray, knots: FloatArray
-) -> BentPlays:
+) -> _BentPlays:
     """Return plays and dead zones with which ``centre + S(shift + plays)`` fits a record best.
 
     Raises a `SignalError` if there are fewer measured samples than unknowns.
@@ -103,7 +103,7 @@ def fit_bent_plays(
     across, up = _half_range(u), _half_range(y)
     centre = _middle_piece(y, knots)
     least, mean = np.zeros(plays.shape[1]), plays.mean(axis=0)
-    least[0] = LEAST_SLOPE
+    least[0] = _LEAST_SLOPE
     problem = _Bent(
         columns=_columns(plays, across),
         y=(y - centre) / up,
@@ -112,7 +112,7 @@ def fit_bent_plays(
     )
     theta, shift, compliance = problem.solve()
     weights = theta * up / across
-    return BentPlays(
+    return _BentPlays(
         weights=weights,
         shift=float(shift * up - mean @ weights),
         knots=problem.corners(compliance) * up,
