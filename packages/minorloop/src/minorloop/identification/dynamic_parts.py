@@ -223,15 +223,24 @@ class DynamicParts:
 
     @property
     def vector(self) -> FloatArray:
-        """Logarithms and dead time."""
-        return np.array([*self.ahead, *self.behind, self.delay])
+        """Logarithms, dead time and strengths of the creep."""
+        strengths = () if self.creep is None else self.creep.strengths
+        return np.array([*self.ahead, *self.behind, self.delay, *strengths])
 
     def at(self, vector: FloatArray) -> DynamicParts:
-        """Return the dynamics with other logarithms and dead time."""
-        *logarithms, delay = vector.tolist()
+        """Return the dynamics with other parameters; the last ones are kept where not given."""
+        known = np.append(vector, self.vector[vector.size :]).tolist()
         n = len(self.ahead)
-        ahead, behind = tuple(logarithms[:n]), tuple(logarithms[n:])
-        return replace(self, ahead=ahead, behind=behind, delay=max(delay, 0.0))
+        creep, strengths = self.creep, np.maximum(known[self.poles + 1 :], 0.0)
+        if creep is not None and strengths.sum() < 1:
+            creep = Creep(creep.times, strengths, 1 - float(strengths.sum()))
+        return replace(
+            self,
+            ahead=tuple(known[:n]),
+            behind=tuple(known[n : self.poles]),
+            delay=max(known[self.poles], 0.0),
+            creep=creep,
+        )
 
     def with_another_pole(self, ahead: bool) -> DynamicParts:
         """Return the begin of a search with one pole more on a side, the fastest of all."""
