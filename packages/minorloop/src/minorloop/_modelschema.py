@@ -81,12 +81,8 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
         Raises a `RecordError` if the file cannot be read.
 
-        Parameters
-        ----------
-        data : str or path
-            The file; its name without the folder and the digest of its bytes are kept.
-        scores : mapping of str to float, optional
-            As in the class.
+        ``data``: the file; its name without the folder and the digest of its bytes are kept;
+        ``scores`` is as in the class.
         """
         try:
             with open(data, "rb") as file:

@@ -264,13 +264,9 @@ class TargetDrive(Chooser):
     def check(self, channel: Channel) -> None:
         """Refuse a model or targets that this actuator cannot serve, before anything is applied.
 
-        Raises
-        ------
-        ParameterError
-            If the limits of the actuator do not include the saturation of the model.
-        UnreachableError
-            If targets are beyond what the model reaches within the limits. Targets from the zero
-            of the sensor are not checked: its offset is not known yet.
+        Raises a `ParameterError` if the limits of the actuator do not include the saturation of the
+        model; an `UnreachableError` if targets are beyond what the model reaches within the limits.
+        Targets from the zero of the sensor are not checked: its offset is not known yet.
         """
         if not channel.low <= self.saturation <= channel.high:
             raise ParameterError(
@@ -299,10 +295,7 @@ class TargetDrive(Chooser):
         measured in saturation, its offset is larger than the range of the model, or it moves by
         less than a third or more than three times what the model predicts.
 
-        Parameters
-        ----------
-        points : sequence of Point
-            The points so far; the same points give the same input.
+        ``points``: the points so far; the same points give the same input.
         """
         if not points:
             return self.saturation

@@ -305,6 +305,9 @@ class ModelFile:
     ) -> TargetInversion:
         """Return the inputs that bring the output to each target in a table.
 
+        Raises a `ParameterError` if both a hold and times are given; a `RecordError` if a column
+        cannot be used, or times run backwards; an `UnreachableError` if a target is out of reach.
+
         Parameters
         ----------
         path : str or path
@@ -321,15 +324,6 @@ class ModelFile:
             input is the one at which the output settles.
         progress : callable
             Called with what is done next, as text.
-
-        Raises
-        ------
-        ParameterError
-            If both a hold and times are given.
-        RecordError
-            If a column cannot be used, or times run backwards.
-        UnreachableError
-            If a target is out of reach.
         """
         if hold is not None and time is not None:
             raise ParameterError(

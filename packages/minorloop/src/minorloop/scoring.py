@@ -636,6 +636,9 @@ def read_inputs(
 ) -> Record:
     """Return the inputs of a table with their times and curves, for `simulate`; outputs are NaN.
 
+    Raises a `ParameterError` if the model needs times; a `RecordError` if the file or a column
+    cannot be used, the unit is another one, or times run backwards.
+
     Parameters
     ----------
     known : ModelFile
@@ -646,13 +649,6 @@ def read_inputs(
         Columns, as of `minorloop.read`.
     start_of_curve : {"negative", "positive", "demagnetised", "as-left"}, optional
         Memory before each curve, as of `Record`.
-
-    Raises
-    ------
-    ParameterError
-        If the model needs times.
-    RecordError
-        If the file or a column cannot be used, the unit is another one, or times run backwards.
     """
     if time is None and known.has_time:
         raise ParameterError(

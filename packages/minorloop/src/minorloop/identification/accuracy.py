@@ -108,12 +108,8 @@ def by_curve(
 ) -> tuple[CurveAccuracy, ...]:
     """Return the errors on each curve that has scored samples, in the order of the record.
 
-    Parameters
-    ----------
-    u, y, predicted, scored, curves
-        As of `accuracy`.
-    left_out : (T,) array, optional
-        Outputs predicted without the group of each row; NaN where there are none.
+    ``u``, ``y``, ``predicted``, ``scored``, ``curves`` are as of `accuracy`; ``left_out`` (T,):
+    outputs predicted without the group of each row; NaN where there are none.
     """
     span, found = float(np.ptp(y[scored])), []
     for number, (first, last) in enumerate(curves.parts(u.size)):

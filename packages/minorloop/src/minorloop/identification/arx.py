@@ -156,10 +156,7 @@ def _identified(
 def chosen(candidates: Sequence[TriedEquation]) -> TriedEquation:
     """Choose the candidate that predicts best with the fewest coefficients.
 
-    Parameters
-    ----------
-    candidates : sequence of TriedEquation
-        At least one.
+    ``candidates``: at least one.
     """
     plain = [one for one in candidates if one.kind == "plain"]
     least = min(one.score for one in candidates)

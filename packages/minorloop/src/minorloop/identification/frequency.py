@@ -171,10 +171,7 @@ class FrequencyResponse(Drawn):
 
         Raises a `ParameterError` if there was no operator.
 
-        Parameters
-        ----------
-        **options
-            ``order`` and ``zeros`` of `fit_response`.
+        ``**options``: ``order`` and ``zeros`` of `fit_response`.
         """
         return fit_response(self.frequencies, self._after, **options)
 
@@ -204,10 +201,7 @@ class FrequencyResponse(Drawn):
     def report(self, source: str) -> Report:
         """Return a report: a Bode plot and a table.
 
-        Parameters
-        ----------
-        source : str
-            Name of the store or log.
+        ``source``: name of the store or log.
         """
         spread = f" {self.gain_spread()}." if self._several else ""
         report = Report(
@@ -301,10 +295,7 @@ def response_of(
 
     Raises a `SignalError` if input, operator or output of one does not oscillate.
 
-    Parameters
-    ----------
-    sines : (A, F) sequence of SinePeriods
-        One of each amplitude and frequency.
+    ``sines`` (A, F): one of each amplitude and frequency.
     """
     gains = np.array([[sine.gains() for sine in row] for row in sines])
     return FrequencyResponse(

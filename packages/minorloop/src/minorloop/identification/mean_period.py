@@ -41,12 +41,8 @@ def mean_period(u: FloatArray, y: FloatArray, period: int) -> _MeanPeriod:
 
     Raises a `SignalError` if T is no multiple of the period, or the force does not repeat.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Force and displacement; NaN in y where nothing was measured.
-    period : int
-        Samples of a period.
+    ``u``, ``y`` (T,): force and displacement; NaN in y where nothing was measured; ``period``:
+    samples of a period.
     """
     turns, rest = divmod(u.size, period)
     if rest or not turns:

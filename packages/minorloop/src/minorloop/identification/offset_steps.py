@@ -72,10 +72,7 @@ def find_offset_step(
 def find_drift(basis: FloatArray, y: FloatArray) -> float:
     """Return the change of the outputs along the rows in proportion to their number; 0 without.
 
-    Parameters
-    ----------
-    basis, y
-        As for `find_offset_step`.
+    ``basis``, ``y`` are as for `find_offset_step`.
     """
     size, columns = basis.shape
     if size < 2 * columns or size < _BLOCKS:

@@ -93,12 +93,7 @@ class Coefficients:
 def equation_error(stretches: Sequence[Stretch], structure: Structure) -> Coefficients:
     """ARX by least squares: rows [-y(t-1) ... -y(t-na), u(t-delay) ...].
 
-    Parameters
-    ----------
-    stretches : sequence of Stretch
-        Records from rest.
-    structure : Structure
-        Numbers of coefficients.
+    ``stretches``: records from rest; ``structure``: numbers of coefficients.
 
     References
     ----------

@@ -40,12 +40,8 @@ class RecordAdvice:
     ) -> tuple[str, ...]:
         """Return all advice: warnings, what was found in the record, then the rest.
 
-        Parameters
-        ----------
-        warnings, advice : sequence of str
-            Those about the record and the model, and all advice about the model.
-        samples : bool
-            Whether these sentences name samples.
+        ``warnings``, ``advice``: those about the record and the model, and all advice about the
+        model; ``samples``: whether these sentences name samples.
         """
         said = [*warnings, *self.notes, *advice]
         if self.first and samples:

@@ -161,12 +161,8 @@ def noise_in(error: FloatArray, y: FloatArray) -> float:
     Noise is what neighbours do not share. It leaves no hole between readings: where a residual of
     independent rows does, as by a bit of the converter that never changes, none of it is noise.
 
-    Parameters
-    ----------
-    error : (M,) array
-        Residual of the fitted samples, model less measured, in order.
-    y : (M,) array
-        Measured outputs, in the same unit.
+    ``error`` (M,): residual of the fitted samples, model less measured, in order; ``y`` (M,):
+    measured outputs, in the same unit.
     """
     from scipy.special import ndtr
 
@@ -186,12 +182,7 @@ def noise_in(error: FloatArray, y: FloatArray) -> float:
 def find_startup(error: FloatArray, rows: IntArray) -> Startup | None:
     """Find the first rows of a record if they have much of the squared error.
 
-    Parameters
-    ----------
-    error : (M,) array
-        Residual of the fitted samples in ranges.
-    rows : (M,) array of int
-        These samples.
+    ``error`` (M,): residual of the fitted samples in ranges; ``rows`` (M,): these samples.
     """
     size = error.size
     if size < _FEWEST:

@@ -24,6 +24,8 @@ and far below a band."""
 def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> Preisach:
     """Model that passes through every measured reversal value, its mean where there are several.
 
+    Raises a `SignalError` if lengths differ, or a reversal value was not measured.
+
     Parameters
     ----------
     u : (T,) array_like
@@ -33,11 +35,6 @@ def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.Arr
         Outputs; NaN where nothing was measured.
     levels : (L + 1,) array_like
         Thresholds.
-
-    Raises
-    ------
-    SignalError
-        If lengths differ, or a reversal value was not measured.
 
     References
     ----------

@@ -130,12 +130,8 @@ class OscillatorRecord:
 
         None where the simulation is not finite.
 
-        Parameters
-        ----------
-        model : Oscillator
-            The model.
-        tie : (float, float), optional
-            Spring and damper between the model and the measured displacement.
+        ``model``: the model; ``tie``: spring and damper between the model and the
+        measured displacement.
         """
         force = self.force
         if tie is not None:

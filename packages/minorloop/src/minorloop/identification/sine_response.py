@@ -136,12 +136,8 @@ def _driven(drive: Drive, sine: Sine) -> MeasuredSine:
 def measured_periods(one: MeasuredSine, operator: Operator | None = None) -> SinePeriods:
     """Return the measured periods of a sine of an experiment store.
 
-    Parameters
-    ----------
-    one : MeasuredSine
-        The sine and its samples.
-    operator : Operator, optional
-        Model of the hysteresis; it gets all inputs since the preamble.
+    ``one``: the sine and its samples; ``operator``: model of the hysteresis; it gets all inputs
+    since the preamble.
     """
     sine = one.sine
     count = sine.measured * sine.samples
@@ -260,10 +256,7 @@ def sine_response(sines: Sequence[SinePeriods]) -> FrequencyResponse:
     Raises a `SignalError` if no frequency was measured at every amplitude, or a sine does not
     oscillate.
 
-    Parameters
-    ----------
-    sines : sequence of SinePeriods
-        Sines, in any order; the last of several with one frequency and amplitude is used.
+    ``sines``: sines, in any order; the last of several with one frequency and amplitude is used.
     """
     if not sines:
         raise SignalError("no sine is finished yet; resume the run first")
@@ -343,12 +336,8 @@ def _side(preamble: float, offset: float) -> str:
 def unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
     """Yield a note if an input before a sine does not saturate the operator.
 
-    Parameters
-    ----------
-    operator : model
-        The operator; only one with ``levels`` is checked.
-    preambles : sequence of float
-        Inputs before the sines.
+    ``operator``: the operator; only one with ``levels`` is checked; ``preambles``: inputs before
+    the sines.
     """
     levels = getattr(operator, "levels", None)
     for preamble in preambles:

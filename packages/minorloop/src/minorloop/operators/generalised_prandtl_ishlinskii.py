@@ -59,12 +59,8 @@ class DeadZones(ByValue):
 
         Raises a `ParameterError` if a knot is zero or the lengths differ.
 
-        Parameters
-        ----------
-        knots : (K,) array_like
-            Where the slope changes, strictly increasing, none of them zero; may be empty.
-        slopes : (K + 1,) array_like
-            Slope of each piece, from left to right.
+        ``knots`` (K,): where the slope changes, strictly increasing, none of them zero; may be
+        empty; ``slopes`` (K + 1,): slope of each piece, from left to right.
         """
         knots, slopes = np.asarray(knots, dtype=np.float64), np.asarray(slopes, dtype=np.float64)
         if knots.ndim != 1 or slopes.shape != (knots.size + 1,):
