@@ -25,14 +25,17 @@ def test_outputs_are_those_of_the_cascade(ahead, behind):
 
 @pytest.mark.parametrize("ahead", [True, False])
 @pytest.mark.parametrize("poles", [((), ()), ((-3.0,), ()), ((), (-3.0, -7.0))])
-def test_another_pole_keeps_the_others_and_is_the_fastest(ahead, poles):
+def test_another_pole_keeps_the_others_or_makes_all_equal(ahead, poles):
     dynamics = DynamicParts(STEP, 2.0, *poles)
-    faster = dynamics.with_another_pole(ahead)
+    faster, equal = dynamics.with_another_pole(ahead)
     slow = dynamics.time_constants
     np.testing.assert_allclose(faster.time_constants[: slow.size], slow, rtol=1e-6)
+    assert faster.poles == equal.poles == dynamics.poles + 1
     assert len(faster.ahead) == len(dynamics.ahead) + ahead
-    low, high = faster.bounds(6.0)
-    assert low.size == high.size == faster.poles + 1 == dynamics.poles + 2
+    late = slow.sum() + 2 * STEP
+    np.testing.assert_allclose(equal.time_constants, late / equal.poles, rtol=1e-5)
+    low, high = equal.bounds(6.0)
+    assert low.size == high.size == equal.poles + 1
 
 
 def test_dead_time_is_behind_the_operator_unless_all_poles_are_before_it():

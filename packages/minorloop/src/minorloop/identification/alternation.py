@@ -25,12 +25,15 @@ Static: TypeAlias = Callable[[FloatArray, FloatArray], Identification]
 
 _NO_DELAY = 0.5
 """Dead time in samples that counts as none where there are no poles."""
-_ROUNDS, _SETTLED, _IN_A_ROW = 25, 2e-3, 2
-"""Most alternations; they end when so many in a row gain less than this share."""
+_ROUNDS, _SETTLED = 25, 2e-3
+"""Most alternations; they end when one with either filter gains less than this share."""
 _DEPTH = 4
 """Alternations that the next one is extrapolated from."""
 _EVALUATIONS, _STEP, _SMALLEST_GAIN = 8, 1e-4, 1e-4
 """Most steps of the search for the dynamics, their finite difference, and the gain of the last."""
+_FILTERS = (5.0, 1.0)
+"""Factors of the time constant of that filter: a slow one, which converges from any begin, and then
+a fast one, which converges further."""
 _SLOWER, _LONGEST = 5.0, 3.0
 """Creep times: from so many times the slowest time constant to this part of the record."""
 
@@ -94,7 +97,7 @@ def alternate(
     begun: list[FloatArray] = []
     reached: list[FloatArray] = []
     for _ in range(_ROUNDS):
-        result = static(*without(dynamics, record, operator))
+        result = static(*without(dynamics, record, operator, _FILTERS[waited]))
         operator, began = result.model, dynamics.vector
         dynamics = _fitted_poles(record, dynamics, operator)
         if creeping:
@@ -106,7 +109,7 @@ def alternate(
             reached.append(dynamics.vector)
         error = record.error(dynamics.outputs(record, operator), record.fitted)
         waited = 0 if best is None or error < (1 - _SETTLED) * best.error else waited + 1
-        if waited == _IN_A_ROW:
+        if waited == len(_FILTERS):
             break
         if best is None or error <= best.error:
             best = Found(record, result, dynamics, error)
@@ -132,9 +135,12 @@ def _extrapolated(begun: list[FloatArray], reached: list[FloatArray]) -> FloatAr
 
 
 def without(
-    dynamics: DynamicParts, record: DynamicRecord, operator: Preisach | None
+    dynamics: DynamicParts, record: DynamicRecord, operator: Preisach | None, slower: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the record that the operator alone would have given, NaN where nothing is fitted."""
+    """Return the record that the operator alone would have given, NaN where nothing is fitted.
+
+    The time constant of the filter of the inverse is ``slower`` times as long as usual.
+    """
     known, u, linear = record.fitted, dynamics.before(record.u), dynamics.linear
     y = np.where(known, record.y, np.nan)
     if operator is None:
@@ -149,7 +155,7 @@ def without(
         y = dynamics.creep.compensate(record.t, whole, before=float(prompt[0]))
     if dynamics.first == "linear":
         return u, np.where(known, y, np.nan)
-    inverse, late = filtered_inverse(linear, dynamics.filter_time)
+    inverse, late = filtered_inverse(linear, slower * dynamics.filter_time)
     left = np.interp(record.t + late, record.t[known], (y - prompt)[known])
     return u, np.where(known, w + inverse.simulate(record.t, left), np.nan)
 

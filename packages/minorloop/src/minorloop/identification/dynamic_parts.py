@@ -242,16 +242,24 @@ class DynamicParts:
             creep=creep,
         )
 
-    def with_another_pole(self, ahead: bool) -> DynamicParts:
-        """Return the begin of a search with one pole more on a side, the fastest of all."""
+    def with_another_pole(self, ahead: bool) -> tuple[DynamicParts, DynamicParts]:
+        """Return two begins of a search with one pole more on a side.
+
+        The pole is faster than all others in the first, and all are equal in the second, which has
+        no dead time.
+        """
         if self.poles:
             fast = _NEXT_POLE * float(self.time_constants[-1])
             delay = max(self.delay - fast / self.interval, 0.0)
         else:
             fast, delay = self.interval * max(self.delay, 1.0), 0.5
+        late = self.delay * self.interval + float(self.time_constants.sum())
+        time = max(late, self.interval) / (self.poles + 1)
+        before, behind = len(self.ahead) + ahead, len(self.behind) + (not ahead)
         more = _with_pole(self.ahead if ahead else self.behind, fast)
-        one, other = (more, self.behind) if ahead else (self.ahead, more)
-        return replace(self, delay=delay, ahead=one, behind=other)
+        faster = replace(self, ahead=more) if ahead else replace(self, behind=more)
+        equal = replace(self, ahead=_equal(time, before), behind=_equal(time, behind))
+        return replace(faster, delay=delay), replace(equal, delay=0.0)
 
     def bounds(self, seconds: float) -> tuple[FloatArray, FloatArray]:
         """Return the least and greatest logarithms and dead time, for a record so long."""
@@ -266,6 +274,12 @@ def _with_pole(side: Logarithms, time: float) -> Logarithms:
     a = np.exp(side).tolist()
     more = [[time], [sum(a[:1]) + time, sum(a[:1]) * time], [*a, time]][len(side)]
     return tuple(np.log(more).tolist())
+
+
+def _equal(time: float, poles: int) -> Logarithms:
+    """Return the logarithms of so many equal poles."""
+    values = [time] if poles == 1 else [2 * time, time**2, time][:poles]
+    return tuple(np.log(values).tolist())
 
 
 def _linear(side: Logarithms, delay: float = 0.0) -> Linear:

@@ -148,11 +148,11 @@ def _one_more(
             sides = len(parent.dynamics.ahead) + ahead, len(parent.dynamics.behind) + (not ahead)
             if max(sides) > (_BOTH_SIDES if min(sides) else _ONE_SIDE):
                 continue
-            begin = parent.dynamics.with_another_pole(ahead)
-            found = alternate(record, begin, static, parent.operator)
-            known = best.get(found.dynamics.structure)
-            if known is None or found.error < known.error:
-                best[found.dynamics.structure] = found
+            for begin in parent.dynamics.with_another_pole(ahead):
+                found = alternate(record, begin, static, parent.operator)
+                known = best.get(found.dynamics.structure)
+                if known is None or found.error < known.error:
+                    best[found.dynamics.structure] = found
     return list(best.values())
 
 
