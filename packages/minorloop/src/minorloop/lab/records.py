@@ -555,6 +555,13 @@ class Record(Drawn):
         """Write the record as CSV: time, inputs, outputs, with name and unit as headers.
 
         Reading the numbers gives the same float64.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        force : bool
+            Whether an existing file may be replaced.
         """
         check_writable(path, force=force)
         header = [str(q) for q in (self.time, *self.inputs, *self.outputs)]
