@@ -1,0 +1,363 @@
+"""A-scans of a line or a raster that somebody else recorded, and the files that hold them.
+
+MATLAB files of any version, HDF5, NDE, NPZ and CSV. A file is known by its content, and a field by
+its name, in the ways in which people call it: `NAMES`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError, RecordError
+
+NAMES = {
+    "traces": "ptx ptxy ascans ascan traces bscan cscan amplitude signals signal data rf p",
+    "rate": "fs samplingfrequency samplingrate samplerate rate",
+    "interval": "dt sampleinterval interval tstep timestep",
+    "times": "t time times tvec",
+    "start": "tdelay t0 delay start tstart",
+    "x_step": "xstep dx stepx scanstep step pitch",
+    "y_step": "ystep dy stepy indexstep",
+    "x": "x xpos xpositions positions",
+    "y": "y ypos ypositions",
+    "speeds": "cc c speeds speed velocity velocities soundspeed wavevel",
+    "thicknesses": "thick thickness thicknesses layerthick",
+    "frequency": "fc frequency centrefrequency centerfrequency f0",
+    "low": "flow",
+    "high": "fhigh",
+    "disc": "transdiam disc discdiameter diameter elementdiameter",
+    "gain": "gain gaindb",
+}
+"""Names of each field, in the order in which they are looked for, without capitals and underscores.
+All are in SI units, and the gain in dB."""
+_TIME_FIRST = ("ptx", "ptxy")
+"""Names of arrays whose first axis is time; of others it is the longest."""
+_SPEEDS, _LONGEST = (100.0, 15_000.0), 1e-3
+"""Speeds of sound in m/s, and longest interval between samples in s, that are taken for such."""
+_UNEVEN = 0.05
+"""Largest deviation of a step from the mean one, as a share of it."""
+_EDGE = 0.05
+"""Share of the largest part of a spectrum, beyond which it does not belong to the pulse."""
+_CLIPPED = 3
+"""Equal samples at the largest value in an A-scan that count as clipped."""
+_ROUND = 0.5
+"""Bandwidth of a pulse of which only the centre is known, as a share of it to either side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A-scans at equal steps along a line or in a raster.
+
+    Raises
+    ------
+    RecordError
+        If it is one A-scan, has no steps or no speeds, or a sample is not finite.
+    """
+
+    traces: FloatArray
+    """Shape (T, X, Y); Y is 1 for a line."""
+    interval: float
+    """Between samples, in seconds."""
+    start: float
+    """Of the first sample since the pulse was fired, in seconds."""
+    steps: tuple[float, float]
+    """Between places along x and y, in metres; that along y is NaN for a line."""
+    speeds: tuple[float, ...]
+    """Of sound in the layers from the probe on, in m/s; the first is that of water, if there is
+    any."""
+    thicknesses: tuple[float, ...] = ()
+    """Of the layers as known, in metres; may be shorter, and NaN."""
+    band: tuple[float, float] = (math.nan, math.nan)
+    """Lowest and highest frequency of the pulse, in Hz; that of the spectrum if not known."""
+    disc: float = math.nan
+    """Diameter of the disc of the probe, in metres."""
+    gain: float = math.nan
+    """In dB."""
+
+    def __post_init__(self) -> None:
+        traces, (dx, dy) = self.traces, self.steps
+        if traces.ndim != 3 or traces.shape[1] * traces.shape[2] < 2:
+            raise RecordError(
+                "it is one A-scan, which says nothing of places; give a scan of two or more"
+            )
+        bad = ~np.isfinite(traces)
+        if bad.any():
+            place = np.argwhere(bad)[0]
+            raise RecordError(
+                f"{bad.sum()} of {traces.size} samples are not finite, the first at sample "
+                f"{place[0]} of the A-scan at {place[1]}, {place[2]}; leave these A-scans out"
+            )
+        if not (dx > 0 and (traces.shape[2] == 1 or dy > 0)):
+            raise RecordError(
+                f"its steps are {dx} and {dy} m, so that it has no places; give the distance "
+                "between A-scans with --step, in mm"
+            )
+        if not 0 < self.interval < _LONGEST or not math.isfinite(self.start):
+            raise RecordError(
+                f"the interval between samples is {self.interval} s, and the first is at "
+                f"{self.start} s; give the sampling rate with --rate, in MHz, and --start, in us"
+            )
+        low, high = _SPEEDS
+        if not self.speeds or not all(low <= each <= high for each in self.speeds):
+            raise RecordError(
+                f"speeds of sound are {list(self.speeds)}; give those of the layers with --speeds, "
+                f"{low:g} to {high:g} m/s"
+            )
+
+    @property
+    def pulse_band(self) -> tuple[float, float]:
+        """The band, or the part of the mean spectrum above a twentieth of its largest value."""
+        if all(np.isfinite(self.band)):
+            return self.band
+        flat = self.traces.reshape(len(self.traces), -1)
+        spectrum = np.abs(np.fft.rfft(flat - flat.mean(axis=0), axis=0)).mean(axis=1)
+        known = np.flatnonzero(spectrum[1:] > _EDGE * spectrum[1:].max()) + 1
+        unit = 1 / (len(flat) * self.interval)
+        return float(known[0] * unit), float((known[-1] + 1) * unit)
+
+    @property
+    def clipped(self) -> bool:
+        """Whether most A-scans stay at their largest value for several samples."""
+        size = np.abs(self.traces)
+        return bool(np.median((size >= size.max(axis=0)).sum(axis=0)) >= _CLIPPED)
+
+    @property
+    def resolution(self) -> float:
+        """The smallest difference of two samples: that of the digitiser, unless it is finer."""
+        return float(np.diff(np.unique(self.traces)).min(initial=np.inf))
+
+    def fields(self) -> dict[str, Any]:
+        """Return the scan as fields whose names `read_scan` knows."""
+        return {
+            "traces": self.traces,
+            "dt": self.interval,
+            "t0": self.start,
+            "dx": self.steps[0],
+            "dy": self.steps[1],
+            "speeds": np.array(self.speeds),
+            "thicknesses": np.array(self.thicknesses),
+            "fLow": self.band[0],
+            "fHigh": self.band[1],
+            "disc": self.disc,
+            "gain": self.gain,
+        }
+
+
+def read_scan(
+    path: str | os.PathLike[str],
+    *,
+    names: Mapping[str, str] | None = None,
+    **values: Any,
+) -> Scan:
+    """Read a scan.
+
+    Parameters
+    ----------
+    path : path
+        A MATLAB, HDF5, NDE, NPZ or CSV file. A CSV file has a row for each sample and a column for
+        each place, and before them lines such as ``# fs: 25e6`` or ``# speeds: 1480, 5900``.
+    names : mapping, optional
+        How the file calls a field of `NAMES`.
+    **values
+        Fields of `NAMES` that the file does not have, or that are to replace those of the file, in
+        SI units.
+
+    Raises
+    ------
+    RecordError
+        If the file is of another kind, or has no scan.
+    ParameterError
+        If a name is none of a field, or the file does not have it.
+    """
+    place = Path(path)
+    found, ordered = _content(place)
+    fields = _fields(found, dict(names or {}), place) | values
+    if "traces" not in fields:
+        raise RecordError(
+            f"{place} has no A-scans, but {', '.join(sorted(found)) or 'nothing'}; name them with "
+            "--field traces=NAME"
+        )
+    if any(key.lower().startswith("phistep") for key in found):
+        raise RecordError(f"{place} is a scan of a cylinder; give one of a plane")
+    called = next((key for key, value in found.items() if value is fields["traces"]), "")
+    try:
+        return _scan(fields, time_first=ordered or called.lower() in _TIME_FIRST)
+    except RecordError as error:
+        raise RecordError(f"{place}: {error}") from None
+
+
+def _scan(fields: Mapping[str, Any], *, time_first: bool) -> Scan:
+    """Return the scan of known fields."""
+    traces = np.asarray(fields["traces"])
+    if traces.dtype.kind not in "iuf" or not 1 <= traces.ndim <= 3:
+        raise RecordError(
+            f"A-scans have the shape {traces.shape} of {traces.dtype}; give samples by places"
+        )
+    traces = np.atleast_2d(traces.T).T.astype(np.float64)
+    times = _vector(fields, "times")
+    if not time_first and (times.size < 2 or traces.shape[0] != times.size):
+        wanted = times.size if times.size in traces.shape else max(traces.shape)
+        traces = np.moveaxis(traces, traces.shape.index(wanted), 0)
+    traces = traces.reshape(*traces.shape[:2], -1)
+    interval = _number(fields, "interval", 1 / _number(fields, "rate"))
+    start = _number(fields, "start", 0.0)
+    if times.size == len(traces) > 1:
+        interval, start = float(times[-1] - times[0]) / (times.size - 1), float(times[0])
+    steps = tuple(_step(fields, axis) for axis in "xy")
+    band = _number(fields, "low"), _number(fields, "high")
+    middle = _number(fields, "frequency")
+    if not all(np.isfinite(band)) and middle > 0:
+        band = (1 - _ROUND) * middle, (1 + _ROUND) * middle
+    return Scan(
+        traces,
+        interval,
+        start,
+        (steps[0], steps[1] if traces.shape[2] > 1 else math.nan),
+        tuple(_vector(fields, "speeds").tolist()),
+        tuple(_vector(fields, "thicknesses").tolist()),
+        band,
+        _number(fields, "disc"),
+        _number(fields, "gain"),
+    )
+
+
+def _vector(fields: Mapping[str, Any], name: str) -> FloatArray:
+    return np.asarray(fields.get(name, ()), dtype=np.float64).ravel()
+
+
+def _number(fields: Mapping[str, Any], name: str, default: float = math.nan) -> float:
+    values = _vector(fields, name)
+    return float(values[0]) if values.size else default
+
+
+def _step(fields: Mapping[str, Any], axis: str) -> float:
+    """Return the step along an axis, by itself or by the places."""
+    places = _vector(fields, axis)
+    if f"{axis}_step" in fields or places.size < 2:
+        return _number(fields, f"{axis}_step", float(places[0]) if places.size else math.nan)
+    steps = np.diff(np.unique(places))
+    if np.ptp(steps) > _UNEVEN * steps.mean():
+        raise RecordError(
+            f"steps along {axis} are {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} mm; give a "
+            "scan with equal ones"
+        )
+    return float(steps.mean())
+
+
+def _fields(found: Mapping[str, Any], names: dict[str, str], place: Path) -> dict[str, Any]:
+    """Return what a file has of the fields of `NAMES`."""
+    for name, called in names.items():
+        if name not in NAMES or called not in found:
+            raise ParameterError(
+                f"--field {name}={called}: fields are {', '.join(NAMES)}, and {place} has "
+                f"{', '.join(sorted(found))}"
+            )
+    plain = {key.lower().replace("_", ""): key for key in reversed(list(found))}
+    known = {}
+    for name, usual in NAMES.items():
+        called = names.get(name) or next((plain[n] for n in usual.split() if n in plain), "")
+        if called and np.asarray(found[called]).dtype.kind in "iufb":
+            known[name] = found[called]
+    if np.ndim(known.get("traces", 0)) < 2 and "traces" not in names:
+        known.pop("traces", None)
+        arrays = [value for value in found.values() if np.ndim(value) in (2, 3)]
+        large = max(arrays, key=np.size, default=np.empty(0))
+        if np.size(large) > 100 and np.asarray(large).dtype.kind in "iuf":
+            known["traces"] = large
+    return known
+
+
+def _content(place: Path) -> tuple[dict[str, Any], bool]:
+    """Return the arrays of a file by their names, and whether time is their first axis."""
+    try:
+        with place.open("rb") as file:
+            begin = file.read(1024)
+        if begin.startswith(b"\x89HDF") or begin[512:516] == b"\x89HDF":
+            return _hdf(place, matlab=begin.startswith(b"MATLAB"))
+        if begin.startswith(b"MATLAB"):
+            from scipy.io import loadmat
+
+            content = loadmat(place, squeeze_me=False)
+            return {k: v for k, v in content.items() if not k.startswith("__")}, False
+        if begin.startswith(b"PK"):
+            with np.load(place, allow_pickle=False) as archive:
+                return dict(archive), False
+        return _text(place), True
+    except OSError as error:
+        raise RecordError(f"{place} cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise RecordError(
+            f"{place} is no scan ({str(error).splitlines()[0] if str(error) else 'damaged'}); give "
+            "a MATLAB, HDF5, NDE, NPZ or CSV file"
+        ) from None
+
+
+def _text(place: Path) -> dict[str, Any]:
+    """Read a CSV file: lines ``# name: value, ...``, then a row for each sample."""
+    found: dict[str, Any] = {}
+    lines = place.read_text(encoding="utf-8").splitlines()
+    for line in lines:
+        name, colon, numbers = line.lstrip("# ").partition(":")
+        if line.startswith("#") and colon:
+            found[name.strip()] = np.array([float(x) for x in numbers.split(",") if x.strip()])
+    rows = [line for line in lines if line.strip() and not line.startswith("#")]
+    return {**found, "traces": _table(rows)}
+
+
+def _table(rows: Iterable[str]) -> FloatArray:
+    return np.loadtxt(rows, delimiter=",", ndmin=2)
+
+
+def _hdf(place: Path, *, matlab: bool) -> tuple[dict[str, Any], bool]:
+    """Read the arrays and attributes of an HDF5 file, which MATLAB writes with axes reversed."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    with h5py.File(place, "r") as file:
+        if "Public/Setup" in file:
+            return _nde(file, json.loads(file["Public/Setup"][()])), True
+
+        def visit(name: str, item: Any) -> None:
+            found.update({key: np.asarray(value) for key, value in item.attrs.items()})
+            if isinstance(item, h5py.Dataset):
+                found[name.rpartition("/")[2]] = np.asarray(item).T if matlab else np.asarray(item)
+
+        visit("", file)
+        file.visititems(visit)
+    return found, False
+
+
+def _nde(file: Any, setup: Mapping[str, Any]) -> dict[str, Any]:
+    """Read the first A-scans of an NDE file, version 4: its ``Setup`` says what the axes are."""
+    for group in setup["groups"]:
+        for data in group.get("datasets", ()):
+            if data.get("dataClass") != "AScanAmplitude":
+                continue
+            axes = {axis["axis"]: axis for axis in data["dimensions"]}
+            if not set(axes) <= {"UCoordinate", "VCoordinate", "Ultrasound"}:
+                raise ValueError(f"its A-scans have the axes {', '.join(axes)}, of an array")
+            order = [list(axes).index(a) for a in ("Ultrasound", "UCoordinate", "VCoordinate")
+                     if a in axes]  # fmt: skip
+            time = axes["Ultrasound"]
+            found = {"traces": np.transpose(np.asarray(file[data["path"]]), order)}
+            found |= {"dt": time["resolution"], "t0": time.get("offset", 0.0)}
+            for name, axis in (("dx", "UCoordinate"), ("dy", "VCoordinate")):
+                if axis in axes:
+                    found[name] = axes[axis]["resolution"]
+            for shape in [v for one in setup.get("specimens", ())[:1] for v in one.values()]:
+                if isinstance(shape, Mapping) and "material" in shape:
+                    wave = shape["material"].get("longitudinalWave", {})
+                    found["speeds"] = np.array([wave["nominalVelocity"]])
+            return found
+    raise ValueError("it has no A-scans")
+

@@ -1,0 +1,399 @@
+"""Flaws in the layers of a recorded scan: their places, depths and sizes.
+
+::
+
+    found = scan_flaws(read_scan("block.mat"))
+    found.flaws, found.layers, found.tilt, found.advice
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import maximum_filter
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError, RecordError
+from minorloop_head.ultrasound.echoes import vertex
+from minorloop_head.ultrasound.recorded_scan import Scan
+from minorloop_head.ultrasound.scan_surfaces import (
+    Surfaces,
+    contradictions,
+    find_surfaces,
+    pulse_length,
+)
+from minorloop_head.ultrasound.synthetic_aperture import Field, depth_step, recorded_field
+
+_LEAST = 6.0
+"""Amplitude over the noise at its depth from which on a place is a flaw. Noise alone has it in one
+of 7e7 independent places; the rest is for the grain of a material, whose tails are longer."""
+_SURE = 2.0
+"""How often this least amplitude a flaw has that is certain, or that is wide."""
+_WIDE = 4.0
+"""Widths of a point from which on a flaw is wide, and may be what is left of a surface."""
+_MOST, _TAILED = 0.97, 2.65
+"""Share of the places of a layer whose amplitude is below this one over that of noise, if it is
+noise; where more is above it, grain or sparks make the tail, and noise counts as so much louder.
+Flaws take less than the rest."""
+_RAYLEIGH = 1.1774
+"""Median of the amplitude of noise over the standard deviation of each of its parts."""
+_POINT = 0.6
+"""Width of a focused point at half its amplitude over the diameter of the disc: the spectrum of its
+directivity there and back, as a Gaussian."""
+_WIDER = 1.3
+"""Width over that of a point from which on it is a size and not a bound."""
+_BESIDE = 4.0
+"""Reach of the side lobes of a point, in widths."""
+_LOBES = ((2.0, 0.25), (4.0, 0.06))
+"""Pulses before and after a point in which they lie, and their largest amplitude over that of it:
+what the ends of the scan and gaps in it leave of the branches of its hyperbola."""
+_TAIL = 6.0
+"""Pulses after an echo in which what crept round a flaw arrives, quieter than a first lobe."""
+_NARROW = 0.5
+"""Least width of a flaw over that of a point: what is narrower is grain or noise."""
+_UNDERSIDE = 5.0
+"""Pulses by which the underside of a flaw makes the way from the surface below shorter."""
+_BEFORE, _AFTER = 1.5, 3.0
+"""Pulses before and after a surface in which its echo hides others. Before the first it is as long
+as after it: its rise, which may be clipped, is not level."""
+_SAME = 2.0
+"""Pulses between the parts of one flaw."""
+_FEWEST = 8
+"""Places along a line without which noise is not told from flaws."""
+
+
+@dataclass(frozen=True)
+class ScanFlaw:
+    """A flaw; lengths in metres, NaN if unknown."""
+
+    layer: int
+    """From 1 on; the first is that in front of the probe."""
+    x: float
+    y: float
+    """Place, counted from the first A-scan; y is NaN on a line."""
+    place_sd: float
+    """Standard deviation of either."""
+    depth: float
+    depth_sd: float
+    """Below the top of the layer, with the standard deviation at the speed as given."""
+    below: float
+    """Depth below the probe."""
+    width: float
+    length: float
+    """At half the amplitude, focused, along x and along y: 6 dB drop."""
+    size: float
+    """The larger of both where it is more than that of a point, else NaN: it is at most this."""
+    level: float
+    """Amplitude over that of noise and structure at its depth, in dB."""
+    time: float
+    """Of its echo, in seconds after the pulse, with the first surface at its mean time."""
+    amplitude: float
+    grade: str
+    """``confirmed`` if twice as loud as a flaw must be, else ``probable``."""
+    why: str = ""
+    """What else explains the echo, if anything does; empty for a flaw."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanLayer:
+    """A layer of a scan, and its picture."""
+
+    number: int
+    speed: float
+    """Of sound, in m/s."""
+    top: float
+    bottom: float
+    """Times of the echoes of its surfaces in seconds; the bottom may be the end of the scan."""
+    thickness: float
+    """In metres; NaN without a surface at its bottom."""
+    depths: FloatArray
+    """Shape (Z,). Of the picture below the top of the layer, in metres."""
+    above: float
+    """Depth of its top below the probe, in metres."""
+    picture: FloatArray
+    """Shape (Z, X, Y). Focused amplitude."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanFlaws:
+    """What a scan shows."""
+
+    scan: Scan
+    surfaces: Surfaces
+    layers: tuple[ScanLayer, ...]
+    flaws: tuple[ScanFlaw, ...]
+    """In the order of layers, then of places."""
+    repeats: tuple[ScanFlaw, ...]
+    """Echoes that other echoes explain."""
+    advice: tuple[str, ...]
+    """Sentences on what limits the result."""
+
+    @property
+    def tilt(self) -> float:
+        """Of the first surface, in radians; NaN without one."""
+        return self.surfaces.tilt
+
+
+def scan_flaws(scan: Scan, *, least: float = _LEAST) -> ScanFlaws:
+    """Return the layers and the flaws of a recorded scan.
+
+    Parameters
+    ----------
+    scan : Scan
+    least : float
+        Amplitude over the noise and structure at its depth from which on a place is a flaw.
+
+    Raises
+    ------
+    RecordError
+        If speeds and thicknesses contradict the surfaces, or there are too few A-scans.
+
+    Notes
+    -----
+    What most places have in common, once they are aligned by the echo of the first surface, are
+    surfaces and their ringing; their median is subtracted. The field is brought down to the first
+    surface, each place by the time of its own echo, so that the layers below are level. In each
+    layer it is focused by phase shift, and compared with its median amplitude at each depth.
+    """
+    if not 1.0 < least < 1e3:
+        raise ParameterError(f"least is {least}; give 1 to 1000")
+    if scan.traces.shape[1] * scan.traces.shape[2] < _FEWEST:
+        places = scan.traces.shape[1] * scan.traces.shape[2]
+        raise RecordError(f"{places} A-scans do not tell flaws from surfaces; give {_FEWEST}")
+    field = recorded_field(scan)
+    surfaces = find_surfaces(scan, field)
+    field = field.earlier(surfaces.offsets).local().earlier(-surfaces.offsets)
+    advice = [*contradictions(scan, surfaces), *_advice(scan, surfaces)]
+    layers, found = [], list[ScanFlaw]()
+    for layer, hidden in _pictures(scan, surfaces, field):
+        layers.append(layer)
+        found += _candidates(scan, surfaces, layer, hidden, least)
+    flaws, repeats = _explained(found, surfaces.times, scan)
+    return ScanFlaws(scan, surfaces, tuple(layers), flaws, repeats, tuple(advice))
+
+
+def _advice(scan: Scan, surfaces: Surfaces) -> list[str]:
+    said = []
+    if scan.clipped and surfaces.times.size:
+        long = surfaces.plateaus[0]
+        off = 0.25 * scan.speeds[min(1, len(scan.speeds) - 1)] * long
+        said.append(
+            f"the echo of the first surface is clipped; the middle of the {1e6 * long:.1f} us for "
+            "which it is loud is taken for its time, so that all depths below it may be off by "
+            f"{1e3 * off:.1f} mm; record with less gain"
+        )
+    missing = len(scan.speeds) - surfaces.times.size
+    if missing > 1:
+        said.append(
+            f"{surfaces.times.size} surfaces are seen, and {len(scan.speeds)} layers are given; "
+            "those after the last surface are taken for one"
+        )
+    return said
+
+
+def _pictures(scan: Scan, surfaces: Surfaces, field: Field) -> Any:
+    """Yield each layer, and what surfaces hide of its picture (Z, X, Y)."""
+    end = scan.start + len(scan.traces) * scan.interval
+    times = [0.0, *surfaces.times]
+    half, pulse = 0.5 * surfaces.plateaus, pulse_length(scan)
+    above = 0.0
+    for n, speed in enumerate(scan.speeds[: len(surfaces.times) + 1]):
+        top, last = times[n], n >= len(surfaces.times)
+        bottom = end if last else times[n + 1]
+        begin = max(scan.start - top, 0.0)
+        latest = bottom + (surfaces.offsets.max() if n == 0 else 0.0) - top
+        step = depth_step(field, speed)
+        depths = np.arange(0.5 * speed * begin, 0.5 * speed * min(latest, end - top), step)
+        if depths.size < 2:
+            break
+        hides = 0.0 if last else half[n] + (_BEFORE if n else _AFTER) * pulse
+        ends = bottom - hides + surfaces.offsets * (n == 0)
+        # The first surface may be tilted, and is taken away before it is filtered and focused.
+        shown = field if n or last else recorded_field(_until(scan, ends)).local()
+        picture = np.abs(shown.image(speed, depths))
+        after = 2 * depths[:, None, None] / speed + top
+        hidden = after > ends
+        if n:
+            hidden = hidden | (after < top + half[n - 1] + _AFTER * pulse)
+        thick = math.nan if last else 0.5 * speed * (bottom - top)
+        layer = ScanLayer(n + 1, speed, top, bottom, thick, depths, above, picture)
+        yield layer, np.broadcast_to(hidden, picture.shape)
+        if last:
+            break
+        field = field.down(speed, thick)
+        if n == 0:
+            # From here on the first surface is at time 0 everywhere.
+            field = field.earlier(surfaces.offsets)
+        above += thick
+
+
+def _until(scan: Scan, times: FloatArray) -> Scan:
+    """Return a scan without what arrives at each place (X, Y) after a time in seconds."""
+    at = scan.start + scan.interval * np.arange(len(scan.traces))
+    centred = scan.traces - scan.traces.mean(axis=0)
+    return replace(scan, traces=np.where(at[:, None, None] < times, centred, 0.0))
+
+
+def _candidates(
+    scan: Scan,
+    surfaces: Surfaces,
+    layer: ScanLayer,
+    hidden: Any,
+    least: float,
+) -> list[ScanFlaw]:
+    """Return the places of a layer that stand out from the others at their depth."""
+    loud = np.where(hidden, np.nan, layer.picture)
+    seen = np.isfinite(loud).any(axis=(1, 2))
+    noise = np.full(len(loud), np.nan)
+    noise[seen] = np.nanmedian(loud[seen], axis=(1, 2)) / _RAYLEIGH
+    step = float(layer.depths[1] - layer.depths[0])
+    pulse = max(int(0.5 * layer.speed * pulse_length(scan) / step), 1)
+    floor = max(np.nanmedian(noise), scan.resolution / math.sqrt(12))
+    noise = np.maximum(maximum_filter(np.nan_to_num(noise), 2 * pulse + 1), floor)
+    ratio = loud / noise[:, None, None]
+    ratio /= max(1.0, float(np.nanquantile(ratio, _MOST)) / _TAILED)
+    ratio = np.nan_to_num(ratio)
+    unsure = (
+        0.25 * layer.speed * float(surfaces.plateaus[layer.number - 2 : layer.number - 1].sum())
+    )
+    unsure = unsure if scan.clipped else 0.0
+    beside = [2 * _cells(scan, axis) + 1 for axis in (0, 1)]
+    tops = maximum_filter(ratio, (2 * pulse + 1, *beside))
+    found = []
+    for place in np.argwhere((ratio == tops) & (ratio >= least)):
+        z, x, y = (int(each) for each in place)
+        inside = all(0 < k < n - 1 or n == 1 for k, n in zip(place, loud.shape, strict=True))
+        if not inside:  # its middle is beyond the scan or behind a surface
+            continue
+        level, shape = float(ratio[z, x, y]), np.nan_to_num(loud)
+        fine = vertex(shape[:, x, y], z)[0]
+        across = [
+            _half(line, n, step) for line, n, step in (
+                (shape[z, :, y], x, scan.steps[0]), (shape[z, x], y, scan.steps[1])
+            )
+        ]  # fmt: skip
+        depth = float(layer.depths[0] + fine * step)
+        width, length = across[0][1], across[1][1]
+        sd = 0.5 * layer.speed * pulse_length(scan) / level
+        found.append(
+            ScanFlaw(
+                layer.number,
+                across[0][0],
+                across[1][0],
+                max(width / level, 0.1 * scan.steps[0]),
+                depth,
+                math.hypot(sd, step, unsure),
+                layer.above + depth,
+                width,
+                length,
+                float(np.nanmax([width, length])),
+                20 * math.log10(level),
+                layer.top + 2 * depth / layer.speed,
+                float(loud[z, x, y]),
+                "confirmed" if level >= _SURE * least else "probable",
+            )
+        )
+    wide = _point(scan, layer, found)
+    return [
+        replace(one, size=one.size if one.size > _WIDER * wide else math.nan)
+        for one in found
+        if one.size > _NARROW * wide and (one.size < _WIDE * wide or one.grade == "confirmed")
+    ]
+
+
+def _cells(scan: Scan, axis: int) -> int:
+    """Return how many steps a focused point is wide, at least one on an axis that there is."""
+    if scan.traces.shape[1 + axis] == 1:
+        return 0
+    size = _POINT * scan.disc if scan.disc > 0 else 0.0
+    return max(int(np.ceil(size / scan.steps[axis])), 1)
+
+
+def _point(scan: Scan, layer: ScanLayer, found: Sequence[ScanFlaw]) -> float:
+    """Return the width of a focused point at half its amplitude, in metres.
+
+    If the disc is not known it is the usual one of those found, so that a size is not claimed.
+    """
+    low, high = scan.pulse_band
+    if scan.disc > 0:
+        wave = 2 * layer.speed / (low + high)
+        return max(_POINT * scan.disc, 0.25 * wave, float(np.nanmax(scan.steps)))
+    sure = [one for one in found if one.grade == "confirmed"] or found
+    return float(np.median([np.nanmax([one.width, one.length]) for one in sure])) if sure else 0.0
+
+
+def _half(line: FloatArray, n: int, step: float) -> tuple[float, float]:
+    """Return place and width at half the amplitude of a peak in a line of places, in metres."""
+    if line.size == 1:
+        return math.nan, math.nan
+    half = 0.5 * line[n]
+    ends = []
+    for side in (-1, 1):
+        m = n
+        while 0 <= m + side < line.size and line[m] > half:
+            m += side
+        here, before = line[m], line[m - side]
+        ends.append(m - side * (half - here) / (before - here) if here < half < before else m)
+    place = vertex(line, n)[0] if 0 < n < line.size - 1 else float(n)
+    return place * step, float(ends[1] - ends[0]) * step
+
+
+def _explained(
+    found: Sequence[ScanFlaw], times: FloatArray, scan: Scan
+) -> tuple[tuple[ScanFlaw, ...], tuple[ScanFlaw, ...]]:
+    """Return the flaws, and the echoes that louder ones explain."""
+    flaws, repeats = list[ScanFlaw](), list[ScanFlaw]()
+    pulse = pulse_length(scan)
+    for each in sorted(found, key=lambda one: -one.amplitude):
+        if any(_is_part(each, one, pulse) for one in flaws):
+            continue
+        why = next((said for one in flaws if (said := _why(each, one, times, scan))), "")
+        if why:
+            repeats.append(replace(each, why=why, grade="look again"))
+        else:
+            flaws.append(each)
+    for group in (flaws, repeats):
+        group.sort(key=lambda one: (one.layer, one.x, one.depth))
+    return tuple(flaws), tuple(repeats)
+
+
+def _apart(one: ScanFlaw, other: ScanFlaw) -> float:
+    return math.hypot(one.x - other.x, np.nan_to_num(one.y - other.y))
+
+
+def _is_part(each: ScanFlaw, one: ScanFlaw, pulse: float) -> bool:
+    """Return whether a place is a part of a flaw at another."""
+    near = _apart(each, one) < 0.75 * np.nanmax([one.width, one.length])
+    return bool(each.layer == one.layer and near and abs(each.time - one.time) < _SAME * pulse)
+
+
+def _why(each: ScanFlaw, one: ScanFlaw, times: FloatArray, scan: Scan) -> str:
+    """Return how a louder echo explains another, or an empty string."""
+    away = _apart(each, one)
+    wide = float(np.nanmax([one.width, one.length, each.width]))
+    pulse, share = pulse_length(scan), each.amplitude / one.amplitude
+    at = f"that at {1e3 * one.x:.1f} mm, {1e3 * one.below:.1f} mm below the probe"
+    later = each.time - one.time
+    if each.layer == one.layer:
+        near = (abs(later) < far * pulse and share < most for far, most in _LOBES)
+        if away < _BESIDE * wide and any(near):
+            return f"a side lobe of {at}"
+        if away < wide and 0 < later < _TAIL * pulse and share < _LOBES[0][1]:
+            return f"what crept round {at}"
+    if away > wide or share > 0.5:
+        return ""
+    tops = [0.0, *times]
+    for n, bottom in enumerate(times):
+        if n and abs(later - (bottom - tops[n])) < pulse:
+            return f"{at}, once more through layer {n + 1}"
+        if n + 1 == one.layer and -pulse < bottom + (bottom - one.time) - each.time < (
+            _UNDERSIDE * pulse
+        ):
+            return f"the underside of {at}, by way of the surface below"
+    if one.layer > 1 and abs(later - (one.time - tops[one.layer - 1])) < pulse:
+        return f"{at}, there and back twice"
+    return ""
