@@ -36,9 +36,11 @@ def travel(away, depths, speeds):
     slow, fast = np.zeros_like(away), np.full_like(away, 1 / max(speeds) * (1 - 1e-9))
     for _ in range(60):
         p = 0.5 * (slow + fast)
-        reach = sum(d * c * p / np.sqrt(1 - (c * p) ** 2) for d, c in zip(depths, speeds))
+        reach = sum(
+            d * c * p / np.sqrt(1 - (c * p) ** 2) for d, c in zip(depths, speeds, strict=True)
+        )
         slow, fast = np.where(reach < away, p, slow), np.where(reach < away, fast, p)
-    times = sum(d / c / np.sqrt(1 - (c * p) ** 2) for d, c in zip(depths, speeds))
+    times = sum(d / c / np.sqrt(1 - (c * p) ** 2) for d, c in zip(depths, speeds, strict=True))
     return times, p * speeds[0]
 
 
@@ -149,7 +151,7 @@ def matched(block, found, *, near=3e-3, deep=1.5e-3):
     A flaw is that of the nearest hole of its layer within 3 mm, and 1.5 mm of depth.
     """
     left, errors, missed = list(found.flaws), [], 0
-    for layer, place, depth in zip(block.layers, block.places, block.depths):
+    for layer, place, depth in zip(block.layers, block.places, block.depths, strict=True):
         around = [
             (np.hypot(one.x - place[0], np.nan_to_num(one.y) - place[1]), abs(one.depth - depth), n)
             for n, one in enumerate(left)

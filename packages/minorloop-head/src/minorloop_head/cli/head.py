@@ -20,6 +20,7 @@ from minorloop.values import called, parsed
 from minorloop_head.cli import _water
 from minorloop_head.cli._board import board
 from minorloop_head.cli._head_calibration import calibrate, photograph
+from minorloop_head.cli._scan import scan
 
 if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
@@ -473,3 +474,6 @@ app.command(
     epilog="Example: minorloop head calibrate --pictures lens --mount mount "
     "--target charuco,squares=9x7,side=3 --head head.json --serial H-07"
 )(calibrate)
+app.command(
+    epilog="Example: minorloop head scan block.mat --speeds 1480,5900 --step 0.5 --out scanned"
+)(scan)

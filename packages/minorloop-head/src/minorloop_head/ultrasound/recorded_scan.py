@@ -360,4 +360,3 @@ def _nde(file: Any, setup: Mapping[str, Any]) -> dict[str, Any]:
                     found["speeds"] = np.array([wave["nominalVelocity"]])
             return found
     raise ValueError("it has no A-scans")
-

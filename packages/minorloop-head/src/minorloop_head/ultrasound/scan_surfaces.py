@@ -15,7 +15,7 @@ from minorloop_head.ultrasound.synthetic_aperture import Field, envelope, record
 
 _STEEPEST, _SLOPES = math.radians(10.0), 161
 """Largest tilt of the first surface in radians, and how many are tried."""
-_MOST = 400
+_MOST = 200
 """A-scans of which the tilt is found first."""
 _OVER = 4.0
 """Amplitude of a surface over the median one around it, within `_AROUND` pulses."""
@@ -207,8 +207,6 @@ def contradictions(scan: Scan, surfaces: Surfaces) -> list[str]:
             f"{1e3 * known:.1f} mm are given, which would need {2 * known / passed:.0f} m/s"
         )
         if abs(thick / known - 1) > _REFUSED and n + 1 < len(scan.speeds):
-            raise RecordError(
-                f"{sentence}; give them as they are, in the order of the layers"
-            )
+            raise RecordError(f"{sentence}; give them as they are, in the order of the layers")
         said.append(sentence)
     return said

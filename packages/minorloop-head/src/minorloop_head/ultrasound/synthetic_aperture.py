@@ -22,7 +22,7 @@ from minorloop_head.ultrasound.recorded_scan import Scan
 ComplexArray: TypeAlias = npt.NDArray[np.complexfloating]
 _BEYOND = 0.2
 """Width of the flanks of the band, as a share of its edges."""
-_DEPTHS = 8
+_DEPTHS = 4
 """Depths in the shortest wave, of which the echoes have two for each of the medium."""
 
 
