@@ -22,7 +22,6 @@ from minorloop_head.ultrasound.synthetic_aperture import envelope, recorded_fiel
 COLUMNS = (
     "no.",
     "grade",
-    "kind",
     "layer",
     "x [mm]",
     "y [mm]",
@@ -30,7 +29,6 @@ COLUMNS = (
     "length [mm]",
     "size [mm]",
     "depth [mm]",
-    "verdict",
 )
 """Of the table of flaws, as of the findings of an inspection where it has the same."""
 _DIGITS = {"x [mm]": 1, "y [mm]": 1, "width [mm]": 1, "length [mm]": 1, "depth [mm]": 2}
@@ -38,7 +36,7 @@ _MEANING = (
     "x and y are counted from the first A-scan, depths from the top of the layer along its normal; "
     "the number after ± is one standard deviation at the speed of sound as given. Width and length "
     "are those at half the amplitude (6 dB drop) after focusing. A size is given where they are "
-    "more than those of a point; others are at most as large. Confirmed is twice as loud as a "
+    "more than those of a point; others are at most (≤) as large. Confirmed is twice as loud as a "
     "flaw must be over noise and structure at its depth; probable is less."
 )
 _RANGE = 40.0
@@ -109,12 +107,13 @@ def scan_content(found: ScanFlaws, source: str) -> dict[str, Any]:
 
 
 def scan_cells(content: dict[str, Any]) -> list[list[str]]:
-    """Return the flaws as cells of `COLUMNS`."""
+    """Return the flaws as cells of `COLUMNS`; a size is at most that of a point, if it is one."""
     cells = []
     for number, row in enumerate(content["findings"], 1):
         known = {"x_sd [mm]": None, "width_sd [mm]": None, "length_sd [mm]": None, **row}
         numbers = {name: with_sd(known, name, digits) for name, digits in _DIGITS.items()}
-        numbers["size [mm]"] = "-" if row["size [mm]"] is None else f"{row['size [mm]']:.1f}"
+        most = max(row["width [mm]"] or 0.0, row["length [mm]"] or 0.0)
+        numbers["size [mm]"] = f"{'≤ ' if row['size [mm]'] is None else ''}{most:.1f}"
         shown = {**row, **numbers, "no.": number}
         cells.append([str(shown[name]) for name in COLUMNS])
     return cells

@@ -180,7 +180,7 @@ def _advice(scan: Scan, surfaces: Surfaces) -> list[str]:
     said = []
     if scan.clipped and surfaces.times.size:
         long = surfaces.plateaus[0]
-        off = 0.25 * scan.speeds[min(1, len(scan.speeds) - 1)] * long
+        off = _unsure(scan, surfaces, min(2, len(scan.speeds)))
         said.append(
             f"the echo of the first surface is clipped; the middle of the {1e6 * long:.1f} us for "
             "which it is loud is taken for its time, so that all depths below it may be off by "
@@ -193,6 +193,14 @@ def _advice(scan: Scan, surfaces: Surfaces) -> list[str]:
             "those after the last surface are taken for one"
         )
     return said
+
+
+def _unsure(scan: Scan, surfaces: Surfaces, number: int) -> float:
+    """Return by how much a clipped echo of the top of a layer leaves depths open, in metres."""
+    if number < 2 or not scan.clipped:
+        return 0.0
+    long = float(surfaces.plateaus[number - 2]) - pulse_length(scan)
+    return 0.25 * scan.speeds[number - 1] * max(long, 0.0)
 
 
 def _pictures(scan: Scan, surfaces: Surfaces, field: Field) -> Any:
@@ -257,10 +265,7 @@ def _candidates(
     ratio = loud / noise[:, None, None]
     ratio /= max(1.0, float(np.nanquantile(ratio, _MOST)) / _TAILED)
     ratio = np.nan_to_num(ratio)
-    unsure = (
-        0.25 * layer.speed * float(surfaces.plateaus[layer.number - 2 : layer.number - 1].sum())
-    )
-    unsure = unsure if scan.clipped else 0.0
+    unsure = _unsure(scan, surfaces, layer.number)
     beside = [2 * _cells(scan, axis) + 1 for axis in (0, 1)]
     tops = maximum_filter(ratio, (2 * pulse + 1, *beside))
     found = []
