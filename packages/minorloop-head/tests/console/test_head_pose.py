@@ -11,6 +11,7 @@ from minorloop_head.console.head_pose import (
     HeadPoseState,
     gaze,
     into_cone,
+    jumped,
     slewed,
     turn,
 )
@@ -96,11 +97,26 @@ def test_turns_within_the_dead_band_do_nothing(size, way):
     assert state.command == (0.0, 0.0)
 
 
-def test_a_head_that_turns_right_round_is_unwrapped():
+def test_a_head_behind_which_something_happens_is_unwrapped_and_one_that_comes_round_is_not():
     state = HeadPoseState()
-    for yaw in np.arange(0.0, 7.0, 0.1):
+    for yaw in np.arange(0.0, 4.0, 0.1):
         state = gaze(HOW, state, looking(yaw, 0.0), TICK)
-    assert state.turned[0] == pytest.approx(6.9)
+    assert state.turned[0] == pytest.approx(3.9)  # over the right shoulder, at the same edge
+    assert state.command[0] > 0
+    for yaw in np.arange(4.0, 2 * math.pi + 0.35, 0.05):
+        state = gaze(HOW, state, looking(yaw, 0.0), TICK)
+    state = settle(state, looking(0.3, 0.0))
+    assert state.command == pytest.approx(
+        settle(settle(HeadPoseState(), looking(0, 0), 1), looking(0.3, 0.0)).command, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("degrees", "passed", "believed"),
+    [(29, 0.001, True), (31, 0.017, False), (39, 0.04, True), (70, 0.04, False), (90, 0.1, True)],
+)
+def test_a_turn_that_no_neck_makes_is_a_jump(degrees, passed, believed):
+    assert jumped(looking(0, 0), looking(math.radians(degrees), 0), passed) is not believed
 
 
 @given(st.tuples(*(st.floats(-0.2, 0.2),) * 4))

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from console_rig import Pilot
 from minorloop.errors import ParameterError
-from minorloop_head.console.tracker import UdpTracker, angle_between, decoded, listening_for
+from minorloop_head.console.head_pose import angle_between
+from minorloop_head.console.tracker import UdpTracker, decoded, listening_for
 
 LOST = 3  # ticks until an old pose counts as lost
 

@@ -21,6 +21,11 @@ _STEEPEST = 0.1
 """Cosine of the pitch below which the yaw is undefined in practice."""
 _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 """Lengths of a quaternion that is accepted as a pose."""
+_ROUND = math.radians(270.0)
+"""Turn from the reference beyond which a head looks rather at it from the other side."""
+_FASTEST, _LEAST_JUMP = math.radians(1000.0), math.radians(30.0)
+"""Fastest turn of a head in rad/s, and least turn in rad that counts as a jump: a tracker that
+repeats a pose makes up for it in the next, and times of poses are known to a tick."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,13 +108,32 @@ def gaze(
     if state.reference is None:
         return replace(anchored(state), reference=pose)
     turned = _turned(state, pose)
+    if abs(turned[0]) > _ROUND:
+        # It has come round: what it looks at now counts, and not the way there.
+        turned = float(wrapped(turned[0])), turned[1]
+        state = replace(state, turned=turned, smooth=turned)
     smooth, speed = _filtered(config, state, turned, interval)
-    x, y = _beyond(smooth, config.dead_band)
-    wanted = into_cone(
+    command = slewed(config, state.command, aimed(config, state, smooth), interval)
+    return replace(state, turned=turned, smooth=smooth, speed=speed, command=command)
+
+
+def aimed(config: HeadPoseMap, state: HeadPoseState, turned: Pair) -> Pair:
+    """Return the command that a turn of the head from the reference asks for, all in radians."""
+    x, y = _beyond(turned, config.dead_band)
+    return into_cone(
         (state.base[0] + config.scale * x, state.base[1] + config.scale * y), config.cone
     )
-    command = slewed(config, state.command, wanted, interval)
-    return replace(state, turned=turned, smooth=smooth, speed=speed, command=command)
+
+
+def angle_between(one: Quaternion, other: Quaternion) -> float:
+    """Return the angle of the turn from one pose to another, in radians."""
+    cosine = abs(sum(a * b for a, b in zip(_unit(one), _unit(other), strict=True)))
+    return 2.0 * math.acos(min(cosine, 1.0))
+
+
+def jumped(before: Quaternion, after: Quaternion, passed: float) -> bool:
+    """Return whether no head turns from one pose to another in a time in seconds."""
+    return angle_between(before, after) > max(_LEAST_JUMP, _FASTEST * passed)
 
 
 def pose_of(yaw: float, pitch: float, roll: float) -> Quaternion:

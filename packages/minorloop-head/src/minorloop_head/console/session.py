@@ -15,7 +15,8 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop_head.console import messages
 from minorloop_head.console.camera_protocol import CameraLink, CameraReport, CameraRequest
-from minorloop_head.console.head_pose import Quaternion
+from minorloop_head.console.head_pose import Quaternion, aimed, jumped
+from minorloop_head.console.latency import Latency
 from minorloop_head.console.mark import OUT_OF_REACH, ended, reaches, servoed, unmeasured
 from minorloop_head.console.messages import Pair, ReportedFinding
 from minorloop_head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
@@ -44,6 +45,9 @@ _LONGEST_MEMORY = 40
 
 class _HeadTracker(Protocol):
     """A tracker of the operator's head."""
+
+    spacing: float
+    """Seconds between the newest poses; NaN if not known."""
 
     def read(self, now: float) -> tuple[Quaternion | None, float, str]:
         """Return the newest pose, its age in seconds, and what to say if the age is too high."""
@@ -85,6 +89,8 @@ class Session:
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
         self._request: messages.Mode | None = None
+        self._jumped = False  # whether a pose of the page did
+        self.latency = Latency(self.interval)
         self.seen = CameraReport(number=0, zero=self.sensors)
         self._joints: Pair | None = None
         self._scanning = Scanning(self.view, self.control, self.interval, self._out)
@@ -111,6 +117,7 @@ class Session:
     def receive(self, message: messages.ToLoop, at: float) -> None:
         """Take in a message of the server, received at a time in seconds."""
         if isinstance(message, messages.Drive):
+            self._jumped = self._jumped or _jumped(self._drive, message)
             self._drive, self._drive_at = message, at
         elif isinstance(message, messages.SetMode):
             self._request = message.mode
@@ -172,6 +179,7 @@ class Session:
         self.state = advance(self.config, self.state, inputs, self.interval)
         self._stop_after(before)
         self._react(before)
+        self._watch_latency(before, inputs)
         self._request = None
         currents = self._currents()
         u = np.concatenate([currents, self.state.rates])
@@ -272,7 +280,10 @@ class Session:
         if drive is None:
             return TickInput(request=request, blind=blind, servo=servo, scan=scan)
         age = max(now - self._drive_at, 0.0)
-        head = {"pose": drive.pose, "pose_age": age + drive.age}
+        head: dict[str, Any] = {"pose": drive.pose, "pose_age": age + drive.age}
+        if self._jumped:
+            head = {"pose": None, "lost": "the pose of the operator's head jumped"}
+        self._jumped = False
         return TickInput(
             request=request,
             **(head if tracked is None else tracked),
@@ -299,6 +310,25 @@ class Session:
             self._out.command("autofocus")
         if self.scan is not None and mode != "SCAN":
             self._scanning.leave()
+
+    def _watch_latency(self, before: str, inputs: TickInput) -> None:
+        """Note how far the head is behind in HEAD, and say it when it stops after a while."""
+        drive, state = self._drive, self.state
+        if state.mode == before == "HEAD" and drive is not None:
+            own = drive.age if self.tracker is None else 0.5 * self.tracker.spacing
+            waited = inputs.pose_age - drive.age if self.tracker is None else inputs.pose_age
+            self.latency.note(
+                tracker=own,
+                waited=waited + self.interval,
+                aimed=aimed(self.config.gaze, state.gaze, state.gaze.turned),
+                command=state.command,
+                angle=self.position()[:2],
+                picture=(self.ticks - self.seen.number) * self.interval,
+            )
+        elif before == "HEAD":
+            if state.mode == "HOLD" and (words := self.latency.words):
+                self.notice(words)
+            self.latency.clear()
 
     # --- reports of the camera
 
@@ -560,6 +590,13 @@ class Session:
             if axis.unreachable is not None:
                 return f"{name}: {axis.unreachable}"
         return ""
+
+
+def _jumped(before: messages.Drive | None, drive: messages.Drive) -> bool:
+    """Return whether the pose of a page jumped, by the clock of the page."""
+    if before is None or before.pose is None or drive.pose is None or drive.clutch:
+        return False
+    return jumped(before.pose, drive.pose, drive.t - drive.age - (before.t - before.age))
 
 
 def _memory(tracker: Any) -> list[float]:

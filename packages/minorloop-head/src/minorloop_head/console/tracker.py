@@ -8,20 +8,18 @@ reaches the port can turn the head within its cone while it follows the tracker.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 import struct
 
 from minorloop.errors import ParameterError
-from minorloop_head.console.head_pose import Quaternion, pose_of
+from minorloop_head.console.head_pose import Quaternion, jumped, pose_of
 
 _PACKET = struct.Struct("<6d")
 """x, y, z in cm; yaw, pitch, roll in degrees."""
 _FARTHEST, _WIDEST = 1e4, 360.0
 """Largest position in cm and angle in degrees that is accepted."""
-_JUMP = math.radians(30.0)
-"""Largest turn from one packet to the next. A head turns by 600 degrees a second at most, and
-trackers send 30 packets a second or more."""
 _MOST = 1000
 """Packets that are read in a tick; a flood must not delay it."""
 
@@ -37,6 +35,8 @@ class UdpTracker:
         self._socket.setblocking(False)
         self._pose: Quaternion | None = None
         self._at = -math.inf
+        self.spacing = math.nan
+        """Seconds between the newest packets."""
 
     def read(self, now: float) -> tuple[Quaternion | None, float, str]:
         """Read the packets since the last call, without waiting.
@@ -52,24 +52,28 @@ class UdpTracker:
         problem : str
             Why there is no pose, or why it may become too old.
         """
+        packets: list[bytes] = []
         problem = ""
-        for _ in range(_MOST):
-            try:
-                packet = self._socket.recv(_PACKET.size + 1)
-            except OSError:  # there is none
-                break
-            problem = self._take(packet, now) or problem
+        with contextlib.suppress(OSError):  # there is no other
+            while len(packets) < _MOST:
+                packets.append(self._socket.recv(_PACKET.size + 1))
+        # When each came is not known; they are taken as evenly spaced since the last.
+        passed = (now - self._at) / max(len(packets), 1)
+        for packet in packets:
+            problem = self._take(packet, now, passed) or problem
+        if self._at == now and math.isfinite(passed):
+            self.spacing = passed
         if problem:
             return None, math.inf, problem
         return self._pose, now - self._at, "the tracker sends nothing"
 
-    def _take(self, packet: bytes, now: float) -> str:
+    def _take(self, packet: bytes, now: float, passed: float) -> str:
         """Take in a packet; return what is wrong with it, empty if nothing is."""
         pose, before = decoded(packet), self._pose
         if pose is None:
             return "the tracker sent a damaged packet"
         self._pose, self._at = pose, now
-        if before is not None and angle_between(before, pose) > _JUMP:
+        if before is not None and jumped(before, pose, passed):
             return "the pose of the tracker jumped"
         return ""
 
@@ -84,12 +88,6 @@ def decoded(packet: bytes) -> Quaternion | None:
     if not (all(abs(x) <= _FARTHEST for x in place) and all(abs(x) <= _WIDEST for x in angles)):
         return None
     return pose_of(*(math.radians(angle) for angle in angles))
-
-
-def angle_between(one: Quaternion, other: Quaternion) -> float:
-    """Return the angle of the turn from one pose to another, in radians."""
-    cosine = abs(sum(a * b for a, b in zip(one, other, strict=True)))
-    return 2.0 * math.acos(min(cosine, 1.0))
 
 
 def listening_for(address: str) -> socket.socket:

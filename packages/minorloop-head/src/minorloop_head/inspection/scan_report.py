@@ -17,7 +17,7 @@ from minorloop.files import PathLike, new_folder, table_text, write_atomically
 from minorloop.report import Picture, Report, Table
 from minorloop_head.inspection.report import with_sd, written
 from minorloop_head.ultrasound.scan_flaws import ScanFlaw, ScanFlaws
-from minorloop_head.ultrasound.synthetic_aperture import envelope, recorded_field
+from minorloop_head.ultrasound.synthetic_aperture import Field, envelope, recorded_field
 
 COLUMNS = (
     "no.",
@@ -163,8 +163,9 @@ def scan_report(found: ScanFlaws, content: dict[str, Any]) -> Report:
     )
     for line in _lines(found):
         caption = (
-            f"B-scan{_at(found, line)}: as recorded, and focused through the layers, without what "
-            "most places have in common. Dashed lines are surfaces; numbers are those of the table."
+            f"B-scan{_at(found, line)}: as recorded, level with the first surface, and focused "
+            "through the layers, without what most places have in common and where echoes of "
+            "surfaces hide others. Dashed lines are surfaces, numbers those of the table."
         )
         report.add("B-scan", pictures=[Picture(draw_b_scan(found, line), caption)])
     if found.scan.traces.shape[2] > 1:
@@ -214,7 +215,8 @@ def draw_b_scan(found: ScanFlaws, line: int = 0) -> Any:
         for column, picture in zip(focused.T, layer.picture[:, :, line].T, strict=True):
             column[inside] = np.interp(below[inside], layer.depths, picture, right=0.0)
     recorded = recorded_field(scan)
-    one = type(recorded)(recorded.spectrum[:, :, line : line + 1], recorded.omega, scan.steps)
+    recorded = recorded.earlier(found.surfaces.offsets)
+    one = Field(recorded.spectrum[:, :, line : line + 1], recorded.omega, scan.steps)
     before = envelope(one, times)[:, :, 0]
     wide = 1e3 * scan.steps[0] * (scan.traces.shape[1] - 1)
     tall = 1e3 * (deepest - depths[0])
@@ -226,7 +228,7 @@ def draw_b_scan(found: ScanFlaws, line: int = 0) -> Any:
     )  # fmt: skip
     extent = (0.0, wide, 1e3 * deepest, 1e3 * depths[0])
     for axis, picture, name in zip(axes, (before, focused), ("recorded", "focused"), strict=True):
-        drawn = _decibels(axis, picture, extent)
+        drawn = _decibels(axis, picture, np.nanmax(picture), extent)
         axis.set_title(name)
         axis.set_xlabel("x [mm]")
         axis.set_ylabel("below the probe [mm]")
@@ -244,9 +246,10 @@ def draw_c_scan(found: ScanFlaws) -> Any:
     """Draw the loudest echo over each place of each layer of a raster, with the flaws marked."""
     (_, nx, ny), (dx, dy) = found.scan.traces.shape, found.scan.steps
     figure, axes = new_figure(1, len(found.layers), 3.6, grid=False, squeeze=False)
+    loudest = max(float(np.nanmax(layer.picture)) for layer in found.layers)
     for axis, layer in zip(axes[0], found.layers, strict=True):
         extent = (-500 * dx, 1e3 * (nx - 0.5) * dx, 1e3 * (ny - 0.5) * dy, -500 * dy)
-        drawn = _decibels(axis, layer.picture.max(axis=0).T, extent)
+        drawn = _decibels(axis, np.nanmax(layer.picture, axis=0).T, loudest, extent)
         axis.set_title(f"layer {layer.number}")
         axis.set_xlabel("x [mm]")
         for number, flaw in enumerate(found.flaws, 1):
@@ -257,8 +260,8 @@ def draw_c_scan(found: ScanFlaws) -> Any:
     return figure
 
 
-def _decibels(axis: Any, picture: FloatArray, extent: tuple[float, ...]) -> Any:
-    level = 20 * np.log10(np.maximum(picture / max(picture.max(), 1e-30), 1e-9))
+def _decibels(axis: Any, picture: FloatArray, loudest: float, extent: tuple[float, ...]) -> Any:
+    level = 20 * np.log10(np.maximum(picture / max(loudest, 1e-30), 1e-9))
     options = {"cmap": "viridis", "vmin": -_RANGE, "vmax": 0.0, "interpolation": "nearest"}
     return axis.imshow(level, extent=extent, aspect="equal", **options)
 

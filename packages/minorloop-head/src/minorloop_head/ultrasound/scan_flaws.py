@@ -9,9 +9,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter
@@ -115,7 +114,7 @@ class ScanLayer:
     above: float
     """Depth of its top below the probe, in metres."""
     picture: FloatArray
-    """Shape (Z, X, Y). Focused amplitude."""
+    """Shape (Z, X, Y). Focused amplitude; NaN where the echo of a surface hides others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +168,9 @@ def scan_flaws(scan: Scan, *, least: float = _LEAST) -> ScanFlaws:
     field = field.earlier(surfaces.offsets).local().earlier(-surfaces.offsets)
     advice = [*contradictions(scan, surfaces), *_advice(scan, surfaces)]
     layers, found = [], list[ScanFlaw]()
-    for layer, hidden in _pictures(scan, surfaces, field):
+    for layer in _layers(scan, surfaces, field):
         layers.append(layer)
-        found += _candidates(scan, surfaces, layer, hidden, least)
+        found += _candidates(scan, surfaces, layer, least)
     flaws, repeats = _explained(found, surfaces.times, scan)
     return ScanFlaws(scan, surfaces, tuple(layers), flaws, repeats, tuple(advice))
 
@@ -203,8 +202,8 @@ def _unsure(scan: Scan, surfaces: Surfaces, number: int) -> float:
     return 0.25 * scan.speeds[number - 1] * max(long, 0.0)
 
 
-def _pictures(scan: Scan, surfaces: Surfaces, field: Field) -> Any:
-    """Yield each layer, and what surfaces hide of its picture (Z, X, Y)."""
+def _layers(scan: Scan, surfaces: Surfaces, field: Field) -> Iterator[ScanLayer]:
+    """Yield each layer with its picture."""
     end = scan.start + len(scan.traces) * scan.interval
     times = [0.0, *surfaces.times]
     half, pulse = 0.5 * surfaces.plateaus, pulse_length(scan)
@@ -228,8 +227,8 @@ def _pictures(scan: Scan, surfaces: Surfaces, field: Field) -> Any:
         if n:
             hidden = hidden | (after < top + half[n - 1] + _AFTER * pulse)
         thick = math.nan if last else 0.5 * speed * (bottom - top)
-        layer = ScanLayer(n + 1, speed, top, bottom, thick, depths, above, picture)
-        yield layer, np.broadcast_to(hidden, picture.shape)
+        picture = np.where(hidden, np.nan, picture)
+        yield ScanLayer(n + 1, speed, top, bottom, thick, depths, above, picture)
         if last:
             break
         field = field.down(speed, thick)
@@ -246,15 +245,9 @@ def _until(scan: Scan, times: FloatArray) -> Scan:
     return replace(scan, traces=np.where(at[:, None, None] < times, centred, 0.0))
 
 
-def _candidates(
-    scan: Scan,
-    surfaces: Surfaces,
-    layer: ScanLayer,
-    hidden: Any,
-    least: float,
-) -> list[ScanFlaw]:
+def _candidates(scan: Scan, surfaces: Surfaces, layer: ScanLayer, least: float) -> list[ScanFlaw]:
     """Return the places of a layer that stand out from the others at their depth."""
-    loud = np.where(hidden, np.nan, layer.picture)
+    loud = layer.picture
     seen = np.isfinite(loud).any(axis=(1, 2))
     noise = np.full(len(loud), np.nan)
     noise[seen] = np.nanmedian(loud[seen], axis=(1, 2)) / _RAYLEIGH
