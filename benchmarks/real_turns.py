@@ -99,13 +99,13 @@ def replay(turns: Turns, *, udp: bool, seconds: float = math.inf) -> Replay:
         if udp:
             session.tracker = UdpTracker(receiving)
         angles = Rotation.from_quat(turns.poses).as_euler("YXZ", degrees=True) * (-1, 1, 1)
-        silent, n, now, seq, waiting = 0.0, 0, 0.0, 0, False
+        silent, n, now, seq = 0.0, 0, 0.0, 0
         end = min(float(turns.t[-1]), seconds)
         while now < end:
             began = n
             while n < len(turns.t) and turns.t[n] <= now:
                 if udp:
-                    sending.send(struct.pack(0, 0, 0, *angles[n]))
+                    sending.send(PACKET.pack(0, 0, 0, *angles[n]))
                 n += 1
             silent = now - turns.t[n - 1] if n == began else 0.0
             gap = max(turns.t[n - 1] - turns.t[n - 2] if n > 1 else 0.0, silent)
@@ -154,7 +154,7 @@ def loopback(count: int = 200) -> float:
         taken = []
         for _ in range(count):
             began = time.perf_counter()
-            sending.send(struct.pack(*[0.0] * 6))
+            sending.send(PACKET.pack(*[0.0] * 6))
             receiving.recv(PACKET.size)
             taken.append(time.perf_counter() - began)
     return float(np.median(taken))

@@ -332,6 +332,13 @@ def inspect(
             help="File of the head, as head identify writes it. twin:pipe is identified without."
         ),
     ] = None,
+    probe: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file of the pulser and the digitiser of a head of devices, which then also "
+            "scans what the camera finds; the pump must be a line of the bench."
+        ),
+    ] = None,
     specimen: _Specimen = None,
     seed: _PipeSeed = 0,
     pipe: Annotated[
@@ -368,7 +375,9 @@ def inspect(
         )
     opencv()  # before anything moves
     filling = _water.water_of(water)
-    opened = inspected_head(actuator, camera, head, specimen=specimen, seed=seed, water=filling)
+    opened = inspected_head(
+        actuator, camera, head, specimen=specimen, seed=seed, water=filling, probe=probe
+    )
     with _noted(), _common.working("opening the head", logged=True) as now:
         found = inspect_pipe(
             opened,

@@ -112,6 +112,7 @@ def inspected_head(
     specimen: int | None = None,
     seed: int = 0,
     water: Water = Water(),
+    probe: Path | None = None,
 ) -> InspectedHead:
     """Return the head at an address, for `inspect`.
 
@@ -125,16 +126,20 @@ def inspected_head(
         Of the simulated head, and of its noise and its pipe.
     water : Water
         What fills the simulated pipe.
+    probe : path, optional
+        File of the pulser and digitiser of a head of devices.
 
     Raises
     ------
     ParameterError
-        If a device lacks its camera or file, or the simulated pipe is given a camera, or water that
-        cannot be.
+        If a device lacks its camera or file, or the simulated pipe is given a camera or a probe, or
+        water that cannot be.
     """
     if is_pipe(actuator):
         if camera is not None:
             raise ParameterError(f"{PIPE} has a camera of its own; leave --camera out")
+        if probe is not None:
+            raise ParameterError(f"{PIPE} has a probe of its own; leave --probe out")
         known = None if head is None else head_at(actuator, specimen, head)[0]
         about = _about(HeadFile(serial=_serial(specimen)) if known is None else known)
         return _simulated(actuator, specimen, seed, water, about, known, turned=True)
@@ -152,7 +157,10 @@ def inspected_head(
         )
     known = read_head(head)
     begun = {**_about(known), "actuator": actuator, "camera": camera}
-    return InspectedHead(begun, known.calibration, partial(rig_at, actuator, camera, head))
+    if probe is not None:
+        begun["probe"] = str(probe)
+    opened = partial(rig_at, actuator, camera, head, probe=probe)
+    return InspectedHead(begun, known.calibration, opened, None if probe is None else Probing())
 
 
 def swept_head(

@@ -16,6 +16,7 @@ from minorloop_head.sources import Frame, Shot
 
 if TYPE_CHECKING:
     from minorloop.lab.drivers.bench import Clock
+    from minorloop_head.procedures.digitiser import Digitiser
 
 _PUMP = "pump"
 """Name of the digital line that floods the pipe."""
@@ -188,13 +189,13 @@ class ActuatorPlant:
 
 
 class BenchTip:
-    """The tip of a head on a bench: lights and a pump, and neither focus nor probe.
+    """The tip of a head on a bench: lights and a pump, perhaps a probe, and no focus.
 
     Its pictures come from a camera of its own, see `minorloop_head.procedures.camera_tip`.
     """
 
-    def __init__(self, wires: Wires) -> None:
-        self._wires = wires
+    def __init__(self, wires: Wires, probe: Digitiser | None = None) -> None:
+        self._wires, self._probe = wires, probe
 
     def frame(self) -> Frame:
         """Raise an error: the camera is not part of the bench.
@@ -221,8 +222,10 @@ class BenchTip:
         self._wires.flood(on)
 
     def shots(self, count: int) -> list[Shot]:
-        """Raise an error: there is no probe.
+        """Fire pulses, one after the other.
 
-        Raises an `InstrumentError` always.
+        Raises an `InstrumentError` if there is no probe, or it does not answer.
         """
+        if self._probe is not None:
+            return self._probe.shots(count)
         raise InstrumentError(NO_PROBE)

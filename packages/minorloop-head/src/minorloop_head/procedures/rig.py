@@ -32,6 +32,7 @@ from minorloop_head.geometry import AXES
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.camera_tip import CameraTip
+from minorloop_head.procedures.digitiser import open_digitiser
 from minorloop_head.procedures.head_file import read_head
 from minorloop_head.procedures.meter import Light
 from minorloop_head.procedures.seen_angles import LONGEST, SeenAngles, unknown_zero, unseen
@@ -384,12 +385,16 @@ class InspectionRig:
 
 @contextmanager
 def rig_at(
-    address: str, camera: str, file: PathLike, told: Callable[[LogEntry], None] = lambda entry: None
+    address: str,
+    camera: str,
+    file: PathLike,
+    told: Callable[[LogEntry], None] = lambda entry: None,
+    *,
+    probe: PathLike | None = None,
 ) -> Iterator[InspectionRig]:
     """Yield the loop on a head of devices; make it safe and close them at the end.
 
-    It has no probe: a procedure that fires raises an `InstrumentError`. The first picture is taken
-    before the wires are heated.
+    The first picture is taken before the wires are heated.
 
     Parameters
     ----------
@@ -401,6 +406,9 @@ def rig_at(
         Of the head, with wires and calibration.
     told : callable, optional
         As in `InspectionRig`.
+    probe : str or path, optional
+        File of its pulser and digitiser, as of `open_digitiser`; without it a procedure that fires
+        raises an `InstrumentError`.
 
     Raises
     ------
@@ -430,7 +438,8 @@ def rig_at(
         known.check_lights(plant.leds, file)
         control = known.control(interval=plant.tick, by_camera=not plant.sensors)
         seen = None if plant.sensors else SeenAngles(view, control.cold)
-        tip = CameraTip(BenchTip(plant), pictures, view)
+        echoes = probe and ends.enter_context(closing(open_digitiser(probe)))
+        tip = CameraTip(BenchTip(plant, echoes or None), pictures, view)
         rig = InspectionRig(plant, tip, control, view, seen=seen, computing=computing, told=told)
         rig.reading(Request(lights=ALL_LIGHTS))
         if not pictures.exposes:
