@@ -107,11 +107,17 @@ class Scan:
                 f"the interval between samples is {self.interval} s, and the first is at "
                 f"{self.start} s; give the sampling rate with --rate, in MHz, and --start, in us"
             )
-        low, high = _SPEEDS
-        if not self.speeds or not all(low <= each <= high for each in self.speeds):
+        slow, fast = _SPEEDS
+        if not self.speeds or not all(slow <= each <= fast for each in self.speeds):
             raise RecordError(
                 f"speeds of sound are {list(self.speeds)}; give those of the layers with --speeds, "
-                f"{low:g} to {high:g} m/s"
+                f"{slow:g} to {fast:g} m/s"
+            )
+        low, high = self.pulse_band
+        if not 0 < low < high or low > 0.5 / self.interval:
+            raise RecordError(
+                f"the band of the pulse is {1e-6 * low:.3g} to {1e-6 * high:.3g} MHz, and the "
+                f"sampling rate {1e-6 / self.interval:.3g} MHz; give --band and --rate, in MHz"
             )
 
     @property
@@ -204,6 +210,8 @@ def _scan(fields: Mapping[str, Any], *, time_first: bool) -> Scan:
             f"A-scans have the shape {traces.shape} of {traces.dtype}; give samples by places"
         )
     traces = np.atleast_2d(traces.T).T.astype(np.float64)
+    if traces.ndim == 2 and 1 in traces.shape:
+        traces = traces.reshape(-1, 1)
     times = _vector(fields, "times")
     if not time_first and (times.size < 2 or traces.shape[0] != times.size):
         wanted = times.size if times.size in traces.shape else max(traces.shape)
