@@ -46,8 +46,9 @@ _SPEEDS, _LONGEST = (100.0, 15_000.0), 1e-3
 """Speeds of sound in m/s, and longest interval between samples in s, that are taken for such."""
 _UNEVEN = 0.05
 """Largest deviation of a step from the mean one, as a share of it."""
-_EDGE = 0.05
-"""Share of the largest part of a spectrum, beyond which it does not belong to the pulse."""
+_EDGE, _SMOOTHED = 0.2, 50
+"""Share of the top of a spectrum over its median from which on it belongs to the pulse, and parts
+over which the spectrum is smooth."""
 _CLIPPED = 3
 """Equal samples at the largest value in an A-scan that count as clipped."""
 _ROUND = 0.5
@@ -122,14 +123,19 @@ class Scan:
 
     @property
     def pulse_band(self) -> tuple[float, float]:
-        """The band, or the part of the mean spectrum above a twentieth of its largest value."""
+        """The band as known, or the part of the spectrum around its top that stands out of noise."""
         if all(np.isfinite(self.band)):
             return self.band
         flat = self.traces.reshape(len(self.traces), -1)
-        spectrum = np.abs(np.fft.rfft(flat - flat.mean(axis=0), axis=0)).mean(axis=1)
-        known = np.flatnonzero(spectrum[1:] > _EDGE * spectrum[1:].max()) + 1
+        power = (np.abs(np.fft.rfft(flat - flat.mean(axis=0), axis=0)) ** 2).mean(axis=1)
+        width = max(len(power) // _SMOOTHED, 1)
+        smooth = np.sqrt(np.convolve(power, np.full(width, 1 / width), mode="same"))
+        over = smooth - np.median(smooth)
+        top = int(over.argmax())
+        low = np.flatnonzero(over < _EDGE * over[top])
+        first, last = low[low < top].max(initial=0) + 1, low[low > top].min(initial=len(over))
         unit = 1 / (len(flat) * self.interval)
-        return float(known[0] * unit), float((known[-1] + 1) * unit)
+        return float(first * unit), float(last * unit)
 
     @property
     def clipped(self) -> bool:

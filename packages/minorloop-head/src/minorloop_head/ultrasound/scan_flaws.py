@@ -53,7 +53,8 @@ what the ends of the scan and gaps in it leave of the branches of its hyperbola.
 _TAIL = 6.0
 """Pulses after an echo in which what crept round a flaw arrives, quieter than a first lobe."""
 _NARROW = 0.5
-"""Least width of a flaw over that of a point: what is narrower is grain or noise."""
+"""Least width of a faint flaw over the usual one of the certain ones: what is narrower is grain or
+noise."""
 _UNDERSIDE = 5.0
 """Pulses by which the underside of a flaw makes the way from the surface below shorter."""
 _BEFORE, _AFTER = 1.5, 3.0
@@ -61,6 +62,8 @@ _BEFORE, _AFTER = 1.5, 3.0
 as after it: its rise, which may be clipped, is not level."""
 _SAME = 2.0
 """Pulses between the parts of one flaw."""
+_LATER = 0.5
+"""Time that branches of hyperbolas take beyond that of their tops, as a share of the layer's."""
 _FEWEST = 8
 """Places along a line without which noise is not told from flaws."""
 
@@ -85,7 +88,8 @@ class ScanFlaw:
     length: float
     """At half the amplitude, focused, along x and along y: 6 dB drop."""
     size: float
-    """The larger of both where it is more than that of a point, else NaN: it is at most this."""
+    """The larger of both where it is more than that of a point, or, if the disc is not known, than
+    the usual one of flaws in the layer; else NaN: it is at most this."""
     level: float
     """Amplitude over that of noise and structure at its depth, in dB."""
     time: float
@@ -221,6 +225,8 @@ def _layers(scan: Scan, surfaces: Surfaces, field: Field) -> Iterator[ScanLayer]
         ends = bottom - hides + surfaces.offsets * (n == 0)
         # The first surface may be tilted, and is taken away before it is filtered and focused.
         shown = field if n or last else recorded_field(_until(scan, ends)).local()
+        begin, ending = 2 * depths[[0, -1]] / speed
+        shown = shown.within(begin - pulse, ending + _LATER * (ending - begin) + 4 * pulse)
         picture = np.abs(shown.image(speed, depths))
         after = 2 * depths[:, None, None] / speed + top
         hidden = after > ends
@@ -295,11 +301,13 @@ def _candidates(scan: Scan, surfaces: Surfaces, layer: ScanLayer, least: float) 
                 "confirmed" if level >= _SURE * least else "probable",
             )
         )
-    wide = _point(scan, layer, found)
+    sure = [one.size for one in found if one.grade == "confirmed"]
+    usual = float(np.median(sure)) if sure else 0.0
+    point = _point(scan, layer) if scan.disc > 0 else usual
     return [
-        replace(one, size=one.size if one.size > _WIDER * wide else math.nan)
+        replace(one, size=one.size if one.size > _WIDER * point else math.nan)
         for one in found
-        if one.size > _NARROW * wide and (one.size < _WIDE * wide or one.grade == "confirmed")
+        if one.grade == "confirmed" or _NARROW * usual < one.size < _WIDE * (point or math.inf)
     ]
 
 
@@ -311,17 +319,11 @@ def _cells(scan: Scan, axis: int) -> int:
     return max(int(np.ceil(size / scan.steps[axis])), 1)
 
 
-def _point(scan: Scan, layer: ScanLayer, found: Sequence[ScanFlaw]) -> float:
-    """Return the width of a focused point at half its amplitude, in metres.
-
-    If the disc is not known it is the usual one of those found, so that a size is not claimed.
-    """
+def _point(scan: Scan, layer: ScanLayer) -> float:
+    """Return the width of a focused point at half its amplitude, in metres."""
     low, high = scan.pulse_band
-    if scan.disc > 0:
-        wave = 2 * layer.speed / (low + high)
-        return max(_POINT * scan.disc, 0.25 * wave, float(np.nanmax(scan.steps)))
-    sure = [one for one in found if one.grade == "confirmed"] or found
-    return float(np.median([np.nanmax([one.width, one.length]) for one in sure])) if sure else 0.0
+    quarter = 0.5 * layer.speed / (low + high)
+    return max(_POINT * scan.disc, quarter, float(np.nanmax(scan.steps)))
 
 
 def _half(line: FloatArray, n: int, step: float) -> tuple[float, float]:

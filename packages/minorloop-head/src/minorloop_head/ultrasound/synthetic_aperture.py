@@ -22,6 +22,8 @@ from minorloop_head.ultrasound.recorded_scan import Scan
 ComplexArray: TypeAlias = npt.NDArray[np.complexfloating]
 _BEYOND = 0.2
 """Width of the flanks of the band, as a share of its edges."""
+_ROOM = 64
+"""Places beside the scan into which waves run, so that they do not come back around."""
 _DEPTHS = 4
 """Depths in the shortest wave, of which the echoes have two for each of the medium."""
 
@@ -72,6 +74,23 @@ class Field:
         wave -= 1j * np.median(wave.imag, axis=(1, 2), keepdims=True)
         return replace(self, spectrum=fft.fft(wave, axis=0))
 
+    def within(self, begin: float, end: float) -> Field:
+        """Return what arrives between two times in seconds, by as few frequencies as it needs.
+
+        Echoes at earlier and later times are left out, so that a picture of what lies between
+        takes less work.
+        """
+        count, step = len(self.omega), self.omega[1] - self.omega[0]
+        kept = int((end - begin) * count * step / (2 * np.pi)) + 1
+        if kept >= count:
+            return self
+        # One sample for each turn of the band, as of a signal that is mixed down.
+        wave = fft.ifft(self.earlier(np.full(self.spectrum.shape[1:], begin)).spectrum, axis=0)
+        spectrum = fft.fft(wave[:kept], axis=0) * (count / kept)
+        omega = self.omega[0] + step * count / kept * np.arange(kept)
+        field = Field(spectrum, omega, self.steps)
+        return field.earlier(np.full(spectrum.shape[1:], -begin))
+
     def image(self, speed: float, depths: FloatArray) -> ComplexArray:
         """Return the picture (Z, X, Y) of a layer at equally spaced depths, in metres."""
         wave = self._vertical(speed)
@@ -106,7 +125,7 @@ class Field:
 
 def _padded(count: int) -> int:
     """Return a count of places with room beside them, so that waves do not come back around."""
-    return int(fft.next_fast_len(2 * count)) if count > 1 else 1
+    return int(fft.next_fast_len(count + min(count, _ROOM))) if count > 1 else 1
 
 
 def recorded_field(scan: Scan) -> Field:
