@@ -43,6 +43,7 @@ ELSEWHERE = {
     "minorloop_head/sources.py": "minorloop_head/vision/test_video.py",
     "minorloop_head/twins/mounted.py": "minorloop_head/twins/test_camera.py",
     "minorloop_head/twins/turbid_water.py": "minorloop_head/twins/test_camera.py",
+    "minorloop_head/ultrasound/scan_surfaces.py": "minorloop_head/ultrasound/test_scan_flaws.py",
     "minorloop_head/ultrasound/wall_echoes.py": "minorloop_head/ultrasound/test_c_scan.py",
     "minorloop_head/version.py": "tests/packaging/test_wheel.py",
     "minorloop_head/vision/crack_evidence.py": "minorloop_head/vision/test_cracks.py",

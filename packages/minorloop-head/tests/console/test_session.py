@@ -225,6 +225,30 @@ def test_silence_holds_and_continuing_does_not_jump():
     assert pilot.session.state.command == pytest.approx(before, abs=1.7e-3)
 
 
+def test_a_pose_of_the_page_that_jumps_holds_and_a_clutch_lets_it_pass():
+    pilot = Pilot().steering()
+    pilot.drive(1, pose=right(60.0))
+    state = pilot.session.state
+    assert (state.mode, state.reason) == (
+        "HOLD", "the pose of the operator's head jumped; press HEAD to continue",
+    )  # fmt: skip
+    pilot.mode("HEAD")
+    pilot.drive(5, pose=right(60.0))
+    pilot.drive(2, pose=right(0.0), clutch=True)
+    pilot.drive(2, pose=right(0.0))
+    assert pilot.session.state.mode == "HEAD"
+
+
+def test_a_head_that_followed_says_how_far_it_was_behind():
+    pilot = Pilot().steering()
+    for n in range(900):
+        pilot.drive(1, pose=right(20.0 * math.sin(0.02 * n)))
+    pilot.silence(5)
+    said = texts(pilot)[-1]
+    assert said.startswith("behind your head: tracker 0 ms, loop ")
+    assert "wire" in said
+
+
 def test_a_pose_that_is_too_old_holds():
     pilot = Pilot().steering(20)
     pilot.drive(1, age=0.2)

@@ -3,9 +3,11 @@ import socket
 import struct
 from contextlib import closing
 
+import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.real_turns import Turns, read_turns, replay
 from console_rig import Pilot
 from minorloop.errors import ParameterError
 from minorloop_head.console.head_pose import angle_between
@@ -138,3 +140,40 @@ def test_a_port_in_use_is_refused(sender):
     port = sender[1].getsockname()[1]
     with pytest.raises(ParameterError, match=f"port {port}.*another port to --tracker"):
         listening_for(f"udp:127.0.0.1:{port}")
+
+
+def test_the_time_between_packets_is_shared_among_those_that_come_together(sender):
+    tracker = UdpTracker(sender[1])
+    for now, angles in ((0.0, [0]), (0.04, [25, 50]), (0.08, [75, 110])):
+        for each in angles:
+            sender[0].send(packet(yaw=each))
+        pose, _, problem = tracker.read(now)
+    assert tracker.spacing == pytest.approx(0.02)
+    assert (pose, problem) == (None, "the pose of the tracker jumped")  # 35 degrees in 20 ms
+
+
+@pytest.mark.parametrize("udp", [True, False])
+def test_a_planted_jump_holds_and_a_fast_turn_does_not(udp):
+    t = np.arange(0.0, 3.0, 0.017)
+    yaw = 60.0 * np.sin(2 * np.pi * t)  # up to 377 degrees a second
+    yaw[t > 2.5] += 120.0
+    poses = Rotation.from_euler("Y", -yaw[:, None], degrees=True).as_quat()
+    seen = replay(Turns(t, poses), udp=udp)
+    assert [round(at, 1) for at, _, _ in seen.holds] == [2.5]
+    assert "jumped" in seen.holds[0][2]
+    assert seen.beyond == 0
+
+
+@pytest.mark.parametrize("udp", [True, False])
+def test_recorded_turns_hold_at_gaps_only_also_when_they_are_faster(shared_data, udp):
+    path = shared_data / "real" / "headset" / "user1_quaternion.txt"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    turns = read_turns(path)
+    fastest = int(np.abs(np.diff(turns.t)).argmin())
+    begin = max(fastest - 100, 100)
+    part = Turns(turns.t[begin : begin + 300] - turns.t[begin], turns.poses[begin : begin + 300])
+    for times in (1.0, 1.5):
+        seen = replay(part.faster(times), udp=udp)
+        assert all(gap > 0.1 for _, gap, _ in seen.holds)
+        assert seen.beyond == 0

@@ -123,7 +123,7 @@ class Scan:
 
     @property
     def pulse_band(self) -> tuple[float, float]:
-        """The band as known, or the part of the spectrum around its top that stands out of noise."""
+        """The band as known, or the part of the spectrum around its top that is above noise."""
         if all(np.isfinite(self.band)):
             return self.band
         flat = self.traces.reshape(len(self.traces), -1)
