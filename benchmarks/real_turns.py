@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import socket
+import struct
 import sys
 import time
 from contextlib import closing
@@ -28,6 +29,7 @@ from minorloop_head.console.tracker import UdpTracker, listening_for
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data" / "real" / "headset"
 ADDRESS = "twin:pipe"
+PACKET = struct.Struct("<6d")
 PICTURE = 2
 """Ticks by which pictures are behind here: they are scripted."""
 

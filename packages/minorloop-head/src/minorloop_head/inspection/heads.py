@@ -160,7 +160,7 @@ def inspected_head(
     if probe is not None:
         begun["probe"] = str(probe)
     opened = partial(rig_at, actuator, camera, head, probe=probe)
-    return InspectedHead(begun, known.calibration, opened, None if probe is None else Probing())
+    return InspectedHead(begun, known.calibration, opened, None if probe is None else "")
 
 
 def swept_head(

@@ -95,13 +95,13 @@ class Reported:
 
 def _finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:
     """Return a finding as cells of `COLUMNS`."""
-    values = [_with_sd(row, name, digits) for name, digits in _DIGITS.items()]
+    values = [with_sd(row, name, digits) for name, digits in _DIGITS.items()]
     if row["kind"] == _THROUGH:
         values[-2:] = ["through", "none"]
     return [str(number), row["grade"], str(row["kind"]), *values, str(row["verdict"])]
 
 
-def _with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
+def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
     """Return a value of a finding with its standard deviation, ``-`` if it is not known."""
     what, unit = name.split(" ", 1)
     value, sd = row[name], row[f"{what}_sd {unit}"]
