@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import j1
 
-from minorloop_head.ultrasound.recorded_scan import Scan
+from minorloop_head.ultrasound.recorded_scan import RecordedScan
 
 SPEEDS = (2700.0, 5900.0, 6320.0, 4700.0)
 
@@ -20,7 +20,7 @@ SPEEDS = (2700.0, 5900.0, 6320.0, 4700.0)
 class LayeredBlock:
     """What a scan shows: lengths in metres."""
 
-    scan: Scan
+    scan: RecordedScan
     layers: np.ndarray
     """(H,) layer of each hole, from 1 on."""
     places: np.ndarray
@@ -131,7 +131,7 @@ def drawn_block(
     trace += noise * draw.standard_normal(trace.shape)
     trace = np.clip(np.rint(trace), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     low, high = (1 - bandwidth) * frequency, (1 + bandwidth) * frequency
-    scan = Scan(
+    scan = RecordedScan(
         trace,
         1 / rate,
         start,

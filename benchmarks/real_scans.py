@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks._layered_scans import drawn_block, matched
 from benchmarks._timing import Row
-from minorloop_head.ultrasound.recorded_scan import Scan, read_scan
+from minorloop_head.ultrasound.recorded_scan import RecordedScan, read_scan
 from minorloop_head.ultrasound.scan_flaws import ScanFlaw, ScanFlaws, scan_flaws
 from minorloop_head.ultrasound.synthetic_aperture import envelope, recorded_field
 
@@ -67,7 +67,7 @@ def _errors(what: str, errors: list[float], most: float) -> Row:
     return Row(what, 0.0, required=f"<= {most:g} mm", met=met, accuracy=f"{each} mm by layer")
 
 
-def recorded_width(scan: Scan, flaw: ScanFlaw) -> float:
+def recorded_width(scan: RecordedScan, flaw: ScanFlaw) -> float:
     """Return how wide a flaw is drawn at half its amplitude without focusing, in metres."""
     loud = envelope(recorded_field(scan), flaw.time + np.arange(-20, 21) * 0.02e-6)[:, :, 0]
     loud = loud.max(axis=0)

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from minorloop_head.heated_wire import HeatedWire
     from minorloop_head.twins.sensor import SimulatedFault
     from minorloop_head.twins.surroundings import Course, Surroundings, convection
-    from minorloop_head.ultrasound.recorded_scan import Scan, read_scan
+    from minorloop_head.ultrasound.recorded_scan import RecordedScan, read_scan
     from minorloop_head.ultrasound.scan_flaws import ScanFlaws, scan_flaws
 
 __all__ = [
     "Course",
     "HeadControl",
     "HeatedWire",
-    "Scan",
+    "RecordedScan",
     "ScanFlaws",
     "SimulatedFault",
     "Surroundings",
@@ -43,7 +43,7 @@ _MODULES = {
     "control.limits": ("WireLimits",),
     "twins.sensor": ("SimulatedFault",),
     "twins.surroundings": ("Course", "Surroundings", "convection"),
-    "ultrasound.recorded_scan": ("Scan", "read_scan"),
+    "ultrasound.recorded_scan": ("RecordedScan", "read_scan"),
     "ultrasound.scan_flaws": ("ScanFlaws", "scan_flaws"),
 }
 _MODULE = {name: module for module, names in _MODULES.items() for name in names}

@@ -7,12 +7,12 @@ import pytest
 from scipy.io import savemat
 
 from minorloop.errors import MinorloopError, ParameterError, RecordError
-from minorloop_head.ultrasound.recorded_scan import Scan, read_scan
+from minorloop_head.ultrasound.recorded_scan import RecordedScan, read_scan
 from minorloop_head.ultrasound.scan_flaws import scan_flaws
 
 h5py = pytest.importorskip("h5py")
 RNG = np.random.default_rng(1)
-LINE = Scan(
+LINE = RecordedScan(
     RNG.normal(size=(120, 9, 1)), 4e-8, 1e-5, (1e-3, math.nan), (1480.0, 5900.0), (0.02, 0.01),
     (1e6, 4e6), 6e-3, 30.0,
 )  # fmt: skip
@@ -83,7 +83,7 @@ def test_a_scan_is_read_as_it_was_written(tmp_path, write, scan):
     write(scan, path)
     found = read_scan(path)
     assert np.array_equal(found.traces, scan.traces)
-    for field in fields(Scan)[1:]:
+    for field in fields(RecordedScan)[1:]:
         if write is nde and field.name not in ("interval", "start", "steps"):
             continue
         value = np.asarray(getattr(found, field.name), dtype=float)

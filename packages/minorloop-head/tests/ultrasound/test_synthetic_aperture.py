@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop_head.ultrasound.echoes import Pulse
-from minorloop_head.ultrasound.recorded_scan import Scan
+from minorloop_head.ultrasound.recorded_scan import RecordedScan
 from minorloop_head.ultrasound.synthetic_aperture import depth_step, recorded_field
 
 FREQUENCY, STEP = 2.25e6, 0.8e-3
@@ -24,7 +24,7 @@ def point(x, depth, speed, count=81, lines=1):
     traces = np.exp(-0.5 * (2 * np.pi * width * late) ** 2) * np.cos(2 * np.pi * FREQUENCY * late)
     tilt = away / depth
     traces *= np.exp(-((tilt / 0.3) ** 2))  # a disc sends little to the side
-    return Scan(
+    return RecordedScan(
         traces, interval, 0.0, (STEP, STEP), (speed,), (), (0.7 * FREQUENCY, 1.4 * FREQUENCY)
     )
 
@@ -65,7 +65,9 @@ def test_two_layers_of_one_speed_are_one_layer():
 def test_what_all_places_share_is_taken_away_and_what_few_have_is_not():
     scan = point(30e-3, 20e-3, 1480.0)
     common = np.roll(scan.traces[:, 40], 200, axis=0)[:, None]
-    both = Scan(scan.traces + 30 * common, scan.interval, 0.0, scan.steps, (1480.0,), (), scan.band)
+    both = RecordedScan(
+        scan.traces + 30 * common, scan.interval, 0.0, scan.steps, (1480.0,), (), scan.band
+    )
     left, alone = recorded_field(both).local().spectrum, recorded_field(scan).spectrum
     assert np.abs(left - alone).max() < 0.2 * np.abs(alone).max()
 

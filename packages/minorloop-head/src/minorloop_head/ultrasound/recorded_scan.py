@@ -56,7 +56,7 @@ _ROUND = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
+class RecordedScan:
     """A-scans at equal steps along a line or in a raster.
 
     Raises
@@ -170,7 +170,7 @@ def read_scan(
     *,
     names: Mapping[str, str] | None = None,
     **values: Any,
-) -> Scan:
+) -> RecordedScan:
     """Read a scan.
 
     Parameters
@@ -208,7 +208,7 @@ def read_scan(
         raise RecordError(f"{place}: {error}") from None
 
 
-def _scan(fields: Mapping[str, Any], *, time_first: bool) -> Scan:
+def _scan(fields: Mapping[str, Any], *, time_first: bool) -> RecordedScan:
     """Return the scan of known fields."""
     traces = np.asarray(fields["traces"])
     if traces.dtype.kind not in "iuf" or not 1 <= traces.ndim <= 3:
@@ -232,7 +232,7 @@ def _scan(fields: Mapping[str, Any], *, time_first: bool) -> Scan:
     middle = _number(fields, "frequency")
     if not all(np.isfinite(band)) and middle > 0:
         band = (1 - _ROUND) * middle, (1 + _ROUND) * middle
-    return Scan(
+    return RecordedScan(
         traces,
         interval,
         start,

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError
 from minorloop_head.ultrasound.echoes import vertex
-from minorloop_head.ultrasound.recorded_scan import Scan
+from minorloop_head.ultrasound.recorded_scan import RecordedScan
 from minorloop_head.ultrasound.scan_surfaces import (
     Surfaces,
     contradictions,
@@ -125,7 +125,7 @@ class ScanLayer:
 class ScanFlaws:
     """What a scan shows."""
 
-    scan: Scan
+    scan: RecordedScan
     surfaces: Surfaces
     layers: tuple[ScanLayer, ...]
     flaws: tuple[ScanFlaw, ...]
@@ -141,12 +141,12 @@ class ScanFlaws:
         return self.surfaces.tilt
 
 
-def scan_flaws(scan: Scan, *, least: float = _LEAST) -> ScanFlaws:
+def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
     """Return the layers and the flaws of a recorded scan.
 
     Parameters
     ----------
-    scan : Scan
+    scan : RecordedScan
     least : float
         Amplitude over the noise and structure at its depth from which on a place is a flaw.
 
@@ -179,7 +179,7 @@ def scan_flaws(scan: Scan, *, least: float = _LEAST) -> ScanFlaws:
     return ScanFlaws(scan, surfaces, tuple(layers), flaws, repeats, tuple(advice))
 
 
-def _advice(scan: Scan, surfaces: Surfaces) -> list[str]:
+def _advice(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     said = []
     if scan.clipped and surfaces.times.size:
         long = surfaces.plateaus[0]
@@ -198,7 +198,7 @@ def _advice(scan: Scan, surfaces: Surfaces) -> list[str]:
     return said
 
 
-def _unsure(scan: Scan, surfaces: Surfaces, number: int) -> float:
+def _unsure(scan: RecordedScan, surfaces: Surfaces, number: int) -> float:
     """Return by how much a clipped echo of the top of a layer leaves depths open, in metres."""
     if number < 2 or not scan.clipped:
         return 0.0
@@ -206,7 +206,7 @@ def _unsure(scan: Scan, surfaces: Surfaces, number: int) -> float:
     return 0.25 * scan.speeds[number - 1] * max(long, 0.0)
 
 
-def _layers(scan: Scan, surfaces: Surfaces, field: Field) -> Iterator[ScanLayer]:
+def _layers(scan: RecordedScan, surfaces: Surfaces, field: Field) -> Iterator[ScanLayer]:
     """Yield each layer with its picture."""
     end = scan.start + len(scan.traces) * scan.interval
     times = [0.0, *surfaces.times]
@@ -244,14 +244,16 @@ def _layers(scan: Scan, surfaces: Surfaces, field: Field) -> Iterator[ScanLayer]
         above += thick
 
 
-def _until(scan: Scan, times: FloatArray) -> Scan:
+def _until(scan: RecordedScan, times: FloatArray) -> RecordedScan:
     """Return a scan without what arrives at each place (X, Y) after a time in seconds."""
     at = scan.start + scan.interval * np.arange(len(scan.traces))
     centred = scan.traces - scan.traces.mean(axis=0)
     return replace(scan, traces=np.where(at[:, None, None] < times, centred, 0.0))
 
 
-def _candidates(scan: Scan, surfaces: Surfaces, layer: ScanLayer, least: float) -> list[ScanFlaw]:
+def _candidates(
+    scan: RecordedScan, surfaces: Surfaces, layer: ScanLayer, least: float
+) -> list[ScanFlaw]:
     """Return the places of a layer that stand out from the others at their depth."""
     loud = layer.picture
     seen = np.isfinite(loud).any(axis=(1, 2))
@@ -311,7 +313,7 @@ def _candidates(scan: Scan, surfaces: Surfaces, layer: ScanLayer, least: float) 
     ]
 
 
-def _cells(scan: Scan, axis: int) -> int:
+def _cells(scan: RecordedScan, axis: int) -> int:
     """Return how many steps a focused point is wide, at least one on an axis that there is."""
     if scan.traces.shape[1 + axis] == 1:
         return 0
@@ -319,7 +321,7 @@ def _cells(scan: Scan, axis: int) -> int:
     return max(int(np.ceil(size / scan.steps[axis])), 1)
 
 
-def _point(scan: Scan, layer: ScanLayer) -> float:
+def _point(scan: RecordedScan, layer: ScanLayer) -> float:
     """Return the width of a focused point at half its amplitude, in metres."""
     low, high = scan.pulse_band
     quarter = 0.5 * layer.speed / (low + high)
@@ -343,7 +345,7 @@ def _half(line: FloatArray, n: int, step: float) -> tuple[float, float]:
 
 
 def _explained(
-    found: Sequence[ScanFlaw], times: FloatArray, scan: Scan
+    found: Sequence[ScanFlaw], times: FloatArray, scan: RecordedScan
 ) -> tuple[tuple[ScanFlaw, ...], tuple[ScanFlaw, ...]]:
     """Return the flaws, and the echoes that louder ones explain."""
     flaws, repeats = list[ScanFlaw](), list[ScanFlaw]()
@@ -371,7 +373,7 @@ def _is_part(each: ScanFlaw, one: ScanFlaw, pulse: float) -> bool:
     return bool(each.layer == one.layer and near and abs(each.time - one.time) < _SAME * pulse)
 
 
-def _why(each: ScanFlaw, one: ScanFlaw, times: FloatArray, scan: Scan) -> str:
+def _why(each: ScanFlaw, one: ScanFlaw, times: FloatArray, scan: RecordedScan) -> str:
     """Return how a louder echo explains another, or an empty string."""
     away = _apart(each, one)
     wide = float(np.nanmax([one.width, one.length, each.width]))

@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError
-from minorloop_head.ultrasound.recorded_scan import Scan
+from minorloop_head.ultrasound.recorded_scan import RecordedScan
 from minorloop_head.ultrasound.synthetic_aperture import Field, envelope, recorded_field
 
 _STEEPEST, _SLOPES = math.radians(10.0), 161
@@ -55,18 +55,18 @@ class Surfaces:
         return math.asin(min(math.hypot(*self.slopes), 1.0)) if self.times.size else math.nan
 
 
-def pulse_length(scan: Scan) -> float:
+def pulse_length(scan: RecordedScan) -> float:
     """Return how long a pulse of the band of a scan lasts at half its amplitude, in seconds."""
     low, high = scan.pulse_band
     return 1.2 / (high - low)
 
 
-def find_surfaces(scan: Scan, field: Field | None = None) -> Surfaces:
+def find_surfaces(scan: RecordedScan, field: Field | None = None) -> Surfaces:
     """Return the surfaces of a scan, at most one for each of its speeds.
 
     Parameters
     ----------
-    scan : Scan
+    scan : RecordedScan
     field : Field, optional
         Of the scan, if it is known already.
 
@@ -186,7 +186,7 @@ def _plateau(stack: FloatArray, top: int) -> tuple[int, int]:
     return first, int(low[low > top].min(initial=len(stack))) - 1
 
 
-def contradictions(scan: Scan, surfaces: Surfaces) -> list[str]:
+def contradictions(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     """Return sentences on thicknesses that differ from those by the echoes and the speeds.
 
     Raises

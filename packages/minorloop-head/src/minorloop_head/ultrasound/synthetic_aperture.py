@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from minorloop.arrays import FloatArray
-from minorloop_head.ultrasound.recorded_scan import Scan
+from minorloop_head.ultrasound.recorded_scan import RecordedScan
 
 ComplexArray: TypeAlias = npt.NDArray[np.complexfloating]
 _BEYOND = 0.2
@@ -128,7 +128,7 @@ def _padded(count: int) -> int:
     return int(fft.next_fast_len(count + min(count, _ROOM))) if count > 1 else 1
 
 
-def recorded_field(scan: Scan) -> Field:
+def recorded_field(scan: RecordedScan) -> Field:
     """Return the field of a scan where it was recorded."""
     low, high = scan.pulse_band
     count = len(scan.traces)
