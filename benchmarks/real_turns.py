@@ -176,7 +176,7 @@ def rows(quick: bool = False) -> list[Row]:
             wrong = [each for each in seen.holds if each[1] <= limit]
             gaps = ", ".join(f"{gap:.2f} s" for _, gap, _ in seen.holds)
             stages = {**seen.stages, "network": loopback()}
-            lag = ", ".join(f"{name} {1e3 * stages[name]:.1f}" for name in stages)
+            lag = ", ".join(f"{name} {1e3 * stages[name]:.2f}" for name in stages)
             found += [
                 Row(
                     f"{name}: {seen.ticks * 0.04:.0f} s, up to {turns.fastest:.0f} deg/s",

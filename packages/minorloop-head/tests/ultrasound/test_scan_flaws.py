@@ -99,6 +99,13 @@ def test_more_speeds_than_surfaces_are_said():
     assert "2 surfaces are seen, and 4 layers are given" in found.advice[-1]
 
 
+def test_a_layer_that_its_surfaces_hide_is_said():
+    thin = drawn_block(1003, holes=0, thick=(0.03, 0.004), speeds=np.array([1480.0, 5900.0]))
+    found = scan_flaws(thin.scan)
+    assert found.flaws == ()
+    assert "the echoes of its surfaces hide all of layer 2" in found.advice
+
+
 def test_noise_alone_has_no_surface():
     scan = block(1003)[0].scan
     noise = np.random.default_rng(0).normal(size=scan.traces.shape)

@@ -228,7 +228,7 @@ def draw_b_scan(found: ScanFlaws, line: int = 0) -> Any:
     )  # fmt: skip
     extent = (0.0, wide, 1e3 * deepest, 1e3 * depths[0])
     for axis, picture, name in zip(axes, (before, focused), ("recorded", "focused"), strict=True):
-        drawn = _decibels(axis, picture, np.nanmax(picture), extent)
+        drawn = _decibels(axis, picture, float(np.nan_to_num(picture).max()), extent)
         axis.set_title(name)
         axis.set_xlabel("x [mm]")
         axis.set_ylabel("below the probe [mm]")
@@ -246,10 +246,10 @@ def draw_c_scan(found: ScanFlaws) -> Any:
     """Draw the loudest echo over each place of each layer of a raster, with the flaws marked."""
     (_, nx, ny), (dx, dy) = found.scan.traces.shape, found.scan.steps
     figure, axes = new_figure(1, len(found.layers), 3.6, grid=False, squeeze=False)
-    loudest = max(float(np.nanmax(layer.picture)) for layer in found.layers)
+    loudest = max(float(np.nan_to_num(layer.picture).max()) for layer in found.layers)
     for axis, layer in zip(axes[0], found.layers, strict=True):
         extent = (-500 * dx, 1e3 * (nx - 0.5) * dx, 1e3 * (ny - 0.5) * dy, -500 * dy)
-        drawn = _decibels(axis, np.nanmax(layer.picture, axis=0).T, loudest, extent)
+        drawn = _decibels(axis, np.nan_to_num(layer.picture).max(axis=0).T, loudest, extent)
         axis.set_title(f"layer {layer.number}")
         axis.set_xlabel("x [mm]")
         for number, flaw in enumerate(found.flaws, 1):

@@ -174,6 +174,8 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
     layers, found = [], list[ScanFlaw]()
     for layer in _layers(scan, surfaces, field):
         layers.append(layer)
+        if np.isnan(layer.picture).all():
+            advice.append(f"the echoes of its surfaces hide all of layer {layer.number}")
         found += _candidates(scan, surfaces, layer, least)
     flaws, repeats = _explained(found, surfaces.times, scan)
     return ScanFlaws(scan, surfaces, tuple(layers), flaws, repeats, tuple(advice))
@@ -257,6 +259,8 @@ def _candidates(
     """Return the places of a layer that stand out from the others at their depth."""
     loud = layer.picture
     seen = np.isfinite(loud).any(axis=(1, 2))
+    if not seen.any():
+        return []
     noise = np.full(len(loud), np.nan)
     noise[seen] = np.nanmedian(loud[seen], axis=(1, 2)) / _RAYLEIGH
     step = float(layer.depths[1] - layer.depths[0])
