@@ -578,7 +578,7 @@ def test_an_inspection_refuses_what_it_cannot_open_in_one_sentence(run, options,
 
 def test_an_inspection_prints_its_tables_and_the_notes_of_an_error(run, script, monkeypatch):
     monkeypatch.setattr(
-        "minorloop_head.inspection.heads.rig_at", lambda *given: script.opened(given[-1])
+        "minorloop_head.inspection.heads.rig_at", lambda *given, probe: script.opened(given[-1])
     )
     head = HeadFile(
         serial="H-07", calibration=SCRIPTED, calibrated=datetime(2026, 1, 1, tzinfo=UTC)
