@@ -99,5 +99,5 @@ def test_constrained_relays_have_the_least_error_of_any_that_are_not_negative(se
 
 
 def test_refuses_to_fit_inputs_below_the_lowest_level():
-    with pytest.raises(ParameterError, match="u reaches 0.1, below the lowest level"):
+    with pytest.raises(ParameterError, match=r"u reaches 0\.1, below the lowest level"):
         RelayModel.fit([0.1, 0.5], [0.0, 1.0], LEVELS)
