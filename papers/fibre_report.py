@@ -12,7 +12,7 @@ from minorloop.arrays import FloatArray
 from minorloop.drawing.operators import draw_density
 from minorloop.dynamics.linear import Linear
 from minorloop.report import Table
-from papers.drawing import COLOURS, MINUTE, Paint, bars, draw, panel
+from papers.drawing import ABOVE, COLOURS, MINUTE, Paint, bars, draw, panel
 from papers.fibre import (
     HIGH,
     HOLD,
@@ -226,7 +226,7 @@ def draw_trajectory(study: Results) -> Any:
             "", _LENGTH, (t, steady.record.y, "0.7 - 2.5", "measured"),
             *((t, *each) for each in joined),
             (ends, steady.predictions["square"], "0.1 o 6", "settled, predicted"),
-            legend={"ncols": 4, "loc": "lower center", "bbox_to_anchor": (0.5, 1.0)},
+            legend={**ABOVE, "ncols": 4},
         ),
         panel(
             "time [min]", "model less measured [um]",

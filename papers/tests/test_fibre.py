@@ -3,11 +3,13 @@ import pytest
 
 from minorloop.identification import excitation
 from papers import fibre, fibre_report
+from truth import hidden_truth
 
 
 @pytest.fixture(scope="module")
 def study():
-    return fibre.run_study(1)
+    with hidden_truth():
+        return fibre.run_study(1)
 
 
 def test_one_specimen_keeps_every_bound(study):
