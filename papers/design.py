@@ -29,8 +29,6 @@ from papers.claims import figure
 from papers.facts import identify_settled
 from papers.harness import Results, medians, rms
 
-NOISE = 0.0053
-"""Standard deviation of every measurement, over full scale."""
 BANDS, STAIRS = 20, 10
 """Bands of the models with the prior, and of the staircase."""
 HOLDS = (8, 12, 16, 20, 28)
@@ -42,8 +40,11 @@ MARGIN = 0.05
 """Share of full scale at each end without targets."""
 PROBABILITY = 0.9
 METHODS = ("staircase", "random", "design", "adaptive")
-TWINS = {"ipmc": (-1.2, 1.2, 200.0), "fibre": (0.20, 0.65, 300.0)}
-"""Range of the input in V, and seconds of a hold."""
+TWINS = {"ipmc": (-1.2, 1.2, 200.0, 0.1), "fibre": (0.20, 0.65, 300.0, 1.0)}
+"""Range of the input in V, seconds of a hold, and standard deviation of a measurement in 1/m or um:
+half a percent of full scale."""
+ROUGH_NOISE = 0.01
+"""The same of the rough operator, whose full scale is 2."""
 ROUGH_BANDS = 20
 """Bands of the rough operator: as many as the models with the prior have."""
 
@@ -58,6 +59,8 @@ class DesignSetup:
     name: str
     low: float
     high: float
+    noise: float
+    """Standard deviation of a measurement, which is known as that of a sensor is."""
     begin: Callable[[float, int], Hold]
 
 
@@ -146,22 +149,22 @@ def compare(plant: DesignSetup, seed: int) -> Results:
 
 
 class _Trial:
-    """A plant with its full scale, and inputs and targets that are not fitted."""
+    """A plant, and inputs and targets that are not fitted; errors are over its true full scale."""
 
     def __init__(self, plant: DesignSetup, seed: int) -> None:
         self.plant, self.seed = plant, seed
         rng = np.random.default_rng([seed, 1])
         self.unseen = rng.uniform(plant.low, plant.high, UNSEEN)
-        low, high = self.settled(np.array([plant.low, plant.high]), noise=0.0)
-        self.scale = float(high - low)
+        ends = np.array([plant.low, plant.high])
+        self.scale = float(np.ptp(self.settled(ends, noise=0.0)))
         self.unseen_outputs = self.settled(np.append(plant.low, self.unseen), noise=0.0)[1:]
-        edge = MARGIN * self.scale
+        low, high = self.settled(ends)
+        edge = MARGIN * (high - low)
         self.targets = rng.uniform(low + edge, high - edge, TARGETS)
 
     def settled(self, u: FloatArray, noise: float | None = None) -> FloatArray:
         """Return settled outputs for inputs, from rest."""
-        sensor = NOISE * self.scale if noise is None else noise
-        hold = self.plant.begin(sensor, self.seed)
+        hold = self.plant.begin(self.plant.noise if noise is None else noise, self.seed)
         return np.array([hold(float(value)) for value in u])
 
     def plain(self, u: FloatArray) -> Identification:
@@ -175,7 +178,7 @@ class _Trial:
 
     def adaptive(self, grid: Levels, first: FloatArray) -> tuple[dict[int, Identification], float]:
         """Return models after `HOLDS` chosen inputs, and the time of the longest choice."""
-        hold = self.plant.begin(NOISE * self.scale, self.seed)
+        hold = self.plant.begin(self.plant.noise, self.seed)
         u, y = list(first), [hold(float(value)) for value in first]
         found, longest = {}, 0.0
         while True:
@@ -210,7 +213,7 @@ class _Trial:
 
     def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
         law = Plane(grid, diagonal="reversible", slope=False, lag=0)
-        return identify(Record(u, y, sd=NOISE * self.scale), law, prior=Gaussian())
+        return identify(Record(u, y, sd=self.plant.noise), law, prior=Gaussian())
 
 
 def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
@@ -233,13 +236,13 @@ def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
 
 
 def _twin(name: str, seed: int) -> DesignSetup:
-    low, high, seconds = TWINS[name]
+    low, high, seconds, sensor = TWINS[name]
 
     def begin(noise: float, noise_seed: int) -> Hold:
         twin = connect(f"twin:{name}", specimen=seed, noise=noise, seed=noise_seed)
         return lambda u: float(hold_each(twin, [u], seconds, seconds)[1][0])
 
-    return DesignSetup(name, low, high, begin)
+    return DesignSetup(name, low, high, sensor, begin)
 
 
 def _rough(seed: int) -> DesignSetup:
@@ -263,4 +266,4 @@ def _rough(seed: int) -> DesignSetup:
         sensor = np.random.default_rng([noise_seed, 4])
         return lambda u: float(tracker.push(u) + noise * sensor.standard_normal())
 
-    return DesignSetup("rough", 0.0, 1.0, begin)
+    return DesignSetup("rough", 0.0, 1.0, ROUGH_NOISE, begin)
