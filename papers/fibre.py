@@ -64,9 +64,6 @@ def run_steady(seed: int) -> Results:
         "uniform": identify_settled(*settled, levels=even, diagonal="uniform").model,
         # Part of the doping responds to the smallest reversal at once.
         "curves": identify_settled(*settled, levels=even).model,
-        "staircase": identify_settled(
-            *_settled(seed, 1, excitation.decaying_staircase(even)), levels=even
-        ).model,
         "plays": GeneralisedPrandtlIshlinskii.fit(*settled),
         "polynomial": Polynomial.fit(*settled, degree=_DEGREE, low=LOW, high=HIGH),
     }

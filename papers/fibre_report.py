@@ -31,7 +31,6 @@ _NAMES = {
     "dots": ("dots, constrained", "C9"),
     "uniform": ("uniform cells", "C7"),
     "curves": ("ours: reversible diagonal", "C0"),
-    "staircase": ("ours, from a staircase", "C6"),
     "plays": ("play operators", COLOURS["plays"]),
     "polynomial": ("cubic", COLOURS["polynomial"]),
 }

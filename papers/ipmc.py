@@ -33,7 +33,7 @@ from minorloop.twins.ipmc_laser import NOISE
 from papers.facts import ProbeInputs, identify_settled, twin_facts
 from papers.harness import Results, rms
 from papers.short_holds import run_short_holds
-from papers.tracking import run_tracking, synthetic_figures
+from papers.tracking import run_tracking
 
 CURVATURE_NOISE = 0.025
 """Standard deviation of the curvature in the other experiments, in 1/m: the laser's, converted."""
@@ -78,7 +78,6 @@ def run_study(seed: int) -> Results:
     sweep = _sweep(seed, Cascade(models["ours"], dynamics.model))
     tracking = run_tracking(seed)
     repetition = _repetition(seed, laser)
-    sensing = _sensing(seed)
     short_holds = run_short_holds(seed)
     facts = twin_facts(Ipmc, PROBES)
     found = repetition.found
@@ -100,7 +99,7 @@ def run_study(seed: int) -> Results:
             "relative_error": dynamics.error,
             **sweep.figures(),
         },
-        "recursive": {**synthetic_figures(seed), **tracking.figures()},
+        "recursive": tracking.figures(),
         "representability": {
             "congruency": found.congruency,
             "wiping_out": found.wiping_out,
@@ -108,12 +107,11 @@ def run_study(seed: int) -> Results:
             **{f"{name}_nrmse": value for name, value in repetition.nrmse.items()},
         },
         "short_holds": short_holds.figures(),
-        "sensing": {"peak_to_peak_mv": float(np.ptp(sensing.y))},
     }
     return Results(
         figures, seed=seed, facts=facts, major=_major_loop(seed, laser), uniform=uniform, ours=ours,
         drives=drives, responses=responses, dynamics=dynamics, sweep=sweep, tracking=tracking,
-        repetition=repetition, sensing=sensing, short_holds=short_holds,
+        repetition=repetition, short_holds=short_holds,
     )  # fmt: skip
 
 
@@ -144,7 +142,7 @@ def _strip(seed: int, experiment: int) -> Ipmc:
     """Return a specimen with a curvature sensor; every experiment has noise of its own."""
     noise_seed = seed + FURTHER * experiment
     strip = connect("twin:ipmc", specimen=seed, noise=CURVATURE_NOISE, seed=noise_seed)
-    assert isinstance(strip, Ipmc)  # the only twin with waveforms and sensing here
+    assert isinstance(strip, Ipmc)  # the only twin with waveforms here
     return strip
 
 
@@ -226,11 +224,3 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Results:
         "quadratic": nrmse(quadratic - y, y),
     }
     return Results({}, found=representability(u, y), nrmse=errors)
-
-
-def _sensing(seed: int) -> Record:
-    """Use the strip as a sensor: bend it back and forth, then hold it bent."""
-    t = np.arange(0.0, 12.0, 0.02)
-    bending = np.where(t < 6.0, 5.0 * np.sin(np.pi * t) ** 2 * np.sign(np.sin(np.pi * t)), 5.0)
-    bending[(t >= 6.0) & (t < 6.2)] = np.linspace(0, 5, np.count_nonzero((t >= 6) & (t < 6.2)))
-    return _strip(seed, 8).sense(t, bending)

@@ -184,17 +184,6 @@ def draw_tracking(study: Results) -> Any:
     return draw(panel("hold", "predicted minus measured [1/m]", *lines, legend=ABOVE), height=3.6)
 
 
-def draw_sensing(study: Results) -> Any:
-    """Draw the imposed bending and the voltage."""
-    record = study.sensing
-    return draw(
-        panel("", "imposed curvature [1/m]", (record.t, record.u, "0.25")),
-        panel("time [s]", "voltage [mV]", (record.t, record.y, "C0")),
-        height=4.2,
-        sharex=True,
-    )
-
-
 STUDY = Study(
     "ipmc", "Quasi-static positioning of an ionic polymer strip", run_study, page=__name__
 )

@@ -56,7 +56,7 @@ def test_the_report_shows_every_figure_of_the_paper(study):
     html = report.html()
     named = " ".join(re.findall(r"Figs? ([\d, to]+)", html))
     assert set(re.findall(r"\d+", named)) == {str(number) for number in range(4, 17)}
-    assert html.count("<img") == 15
+    assert html.count("<img") == 14
     assert "the strip is a twin" in html.lower()
     assert "gives the radius" in html
     first = report.sections[0]["table"]
