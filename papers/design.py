@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,17 +77,13 @@ def run_study(seed: int) -> Results:
     """Measure a specimen of each twin and a rough plane with all four methods."""
     twins = {name: compare(_twin(name, seed), seed) for name in TWINS}
     rough = compare(_rough(seed), seed)
-    every, last = (*twins.values(), rough), HOLDS[-1]
+    last = HOLDS[-1]
     figures = {
         **{name: one.figures() for name, one in twins.items()},
         "rough": {
             "holdout_28": score_at(rough.curves["adaptive"], last).holdout,
             "baseline_28": score_at(rough.curves["staircase"], last).holdout,
             "baseline_56": score_at(rough.curves["staircase"], 56).holdout,
-        },
-        "seconds": {
-            "choice": max(one.choice_seconds for one in every),
-            "fit_56": max(one.fit_seconds for one in every),
         },
     }
     return Results(figures, seed=seed, twins=twins)
@@ -132,19 +127,16 @@ def compare(plant: DesignSetup, seed: int) -> Results:
     rng = np.random.default_rng([seed, 2])
     random = np.concatenate([[plant.low], rng.uniform(plant.low, plant.high, ALL_HOLDS[-1] - 1)])
     designed = design(grid, HOLDS[-1])
-    models, choice = trial.adaptive(grid, designed[:FIRST])
+    models = trial.adaptive(grid, designed[:FIRST])
     curves = {
         "staircase": [trial.score(trial.plain(stairs[:n])) for n in ALL_HOLDS],
         "random": [trial.score(trial.with_prior(grid, random[:n])) for n in ALL_HOLDS],
         "design": [trial.score(trial.with_prior(grid, designed[:n])) for n in HOLDS],
         "adaptive": [trial.score(models[n]) for n in HOLDS],
     }
-    began = perf_counter()
-    trial.with_prior(grid, stairs)
     return Results(
         _figures(curves), plant=plant, scale=trial.scale, curves=curves,
         inputs=models[HOLDS[-1]].u, shown=trial.predicted(models[12]), truth=trial.unseen_outputs,
-        choice_seconds=choice, fit_seconds=perf_counter() - began,
     )  # fmt: skip
 
 
@@ -176,21 +168,19 @@ class _Trial:
         """Return a fit with the prior to inputs that were chosen beforehand."""
         return self._fit(grid, u, self.settled(u))
 
-    def adaptive(self, grid: Levels, first: FloatArray) -> tuple[dict[int, Identification], float]:
-        """Return models after `HOLDS` chosen inputs, and the time of the longest choice."""
+    def adaptive(self, grid: Levels, first: FloatArray) -> dict[int, Identification]:
+        """Return models after `HOLDS` chosen inputs."""
         hold = self.plant.begin(self.plant.noise, self.seed)
         u, y = list(first), [hold(float(value)) for value in first]
-        found, longest = {}, 0.0
+        found = {}
         while True:
             fit = self._fit(grid, np.array(u), np.array(y))
             if len(u) in HOLDS:
                 found[len(u)] = fit
             if len(u) == HOLDS[-1]:
-                return found, longest
+                return found
             memory = Memory.after(u, low=self.plant.low, high=self.plant.high)
-            began = perf_counter()
             u.append(next_input(fit, memory).u)
-            longest = max(longest, perf_counter() - began)
             y.append(hold(u[-1]))
 
     def score(self, fit: Identification) -> Score:
