@@ -2,8 +2,7 @@
 
 Four methods have the same budget: a decaying staircase with constrained least squares and, with
 the prior, random inputs, a sequence designed without data, and inputs chosen from the measurements
-before them. All are scored on inputs and targets that were not fitted, on both twins and on a rough
-synthetic plane.
+before them. All are scored on inputs and targets that were not fitted, on both twins.
 """
 
 from __future__ import annotations
@@ -23,10 +22,8 @@ from minorloop.identification.design import design, next_input
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.memory import Memory
-from minorloop.operators.preisach import Preisach
-from papers.claims import figure
 from papers.facts import identify_settled
-from papers.harness import Results, medians, rms
+from papers.harness import Results, rms
 
 BANDS, STAIRS = 20, 10
 """Bands of the models with the prior, and of the staircase."""
@@ -39,13 +36,6 @@ MARGIN = 0.05
 """Share of full scale at each end without targets."""
 PROBABILITY = 0.9
 METHODS = ("staircase", "random", "design", "adaptive")
-TWINS = {"ipmc": (-1.2, 1.2, 200.0, 0.1), "fibre": (0.20, 0.65, 300.0, 1.0)}
-"""Range of the input in V, seconds of a hold, and standard deviation of a measurement in 1/m or um:
-half a percent of full scale."""
-ROUGH_NOISE = 0.01
-"""The same of the rough operator, whose full scale is 2."""
-ROUGH_BANDS = 20
-"""Bands of the rough operator: as many as the models with the prior have."""
 
 Hold = Callable[[float], float]
 """Applies an input, waits, and returns the settled output."""
@@ -53,14 +43,28 @@ Hold = Callable[[float], float]
 
 @dataclass(frozen=True)
 class DesignSetup:
-    """A plant to measure; ``begin(noise, seed)`` returns a `Hold` that starts at rest."""
+    """A kind of twin to measure."""
 
     name: str
     low: float
     high: float
+    """Range of the input, in V."""
+    seconds: float
+    """Duration of a hold."""
     noise: float
-    """Standard deviation of a measurement, which is known as that of a sensor is."""
-    begin: Callable[[float, int], Hold]
+    """Standard deviation of a measurement, known as that of a sensor is: half a percent of full
+    scale, in 1/m or um."""
+
+    def begin(self, seed: int, noise: float) -> Hold:
+        """Return what holds inputs at the specimen of a seed, from rest."""
+        twin = connect(f"twin:{self.name}", specimen=seed, noise=noise, seed=seed)
+        return lambda u: float(hold_each(twin, [u], self.seconds, self.seconds)[1][0])
+
+
+TWINS = (
+    DesignSetup("ipmc", -1.2, 1.2, 200.0, 0.1),
+    DesignSetup("fibre", 0.20, 0.65, 300.0, 1.0),
+)
 
 
 class Score(NamedTuple):
@@ -74,44 +78,15 @@ class Score(NamedTuple):
 
 
 def run_study(seed: int) -> Results:
-    """Measure a specimen of each twin and a rough plane with all four methods."""
-    twins = {name: compare(_twin(name, seed), seed) for name in TWINS}
-    rough = compare(_rough(seed), seed)
-    last = HOLDS[-1]
-    figures = {
-        **{name: one.figures() for name, one in twins.items()},
-        "rough": {
-            "holdout_28": score_at(rough.curves["adaptive"], last).holdout,
-            "baseline_28": score_at(rough.curves["staircase"], last).holdout,
-            "baseline_56": score_at(rough.curves["staircase"], 56).holdout,
-        },
-    }
+    """Measure a specimen of each twin with all four methods."""
+    twins = {plant.name: compare(plant, seed) for plant in TWINS}
+    figures = {name: one.figures() for name, one in twins.items()}
     return Results(figures, seed=seed, twins=twins)
 
 
 def score_at(scores: Sequence[Score], holds: int) -> Score:
     """Return the score at a number of holds."""
     return next(score for score in scores if score.holds == holds)
-
-
-def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return medians over specimens, and shares and means of some figures."""
-    found = medians(runs)
-    for twin in TWINS:
-        beats = [figure(run, f"{twin}.beats_baseline_at_12") for run in runs]
-        found[twin]["beats_baseline_at_12"] = float(np.mean(beats))
-    ours, half, theirs = (
-        np.array([figure(run, f"rough.{key}") for run in runs])
-        for key in ("holdout_28", "baseline_28", "baseline_56")
-    )
-    found["rough"] |= {
-        "mean_28": float(ours.mean()),
-        "baseline_28_mean": float(half.mean()),
-        "baseline_56_mean": float(theirs.mean()),
-        "better": float(np.mean(ours < theirs)),
-        "planes": len(runs),
-    }
-    return found
 
 
 def compare(plant: DesignSetup, seed: int) -> Results:
@@ -156,7 +131,7 @@ class _Trial:
 
     def settled(self, u: FloatArray, noise: float | None = None) -> FloatArray:
         """Return settled outputs for inputs, from rest."""
-        hold = self.plant.begin(self.plant.noise if noise is None else noise, self.seed)
+        hold = self.plant.begin(self.seed, self.plant.noise if noise is None else noise)
         return np.array([hold(float(value)) for value in u])
 
     def plain(self, u: FloatArray) -> Identification:
@@ -170,7 +145,7 @@ class _Trial:
 
     def adaptive(self, grid: Levels, first: FloatArray) -> dict[int, Identification]:
         """Return models after `HOLDS` chosen inputs."""
-        hold = self.plant.begin(self.plant.noise, self.seed)
+        hold = self.plant.begin(self.seed, self.plant.noise)
         u, y = list(first), [hold(float(value)) for value in first]
         found = {}
         while True:
@@ -215,7 +190,7 @@ def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
         "holdout_12": at_12.holdout,
         "baseline_56": baseline.positioning,
         "baseline_56_holdout": baseline.holdout,
-        "beats_baseline_at_12": at_12.positioning < baseline.positioning,
+        "beats_baseline_at_12_mean": at_12.positioning < baseline.positioning,
         "coverage_16_28": float(np.mean([score.coverage for score in late])),
         "width_ratio": float(np.mean([score.width_ratio for score in late])),
         "curves": {
@@ -223,37 +198,3 @@ def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
             for method, scores in curves.items()
         },
     }
-
-
-def _twin(name: str, seed: int) -> DesignSetup:
-    low, high, seconds, sensor = TWINS[name]
-
-    def begin(noise: float, noise_seed: int) -> Hold:
-        twin = connect(f"twin:{name}", specimen=seed, noise=noise, seed=noise_seed)
-        return lambda u: float(hold_each(twin, [u], seconds, seconds)[1][0])
-
-    return DesignSetup(name, low, high, sensor, begin)
-
-
-def _rough(seed: int) -> DesignSetup:
-    """Return a Preisach operator of clusters, or of independent cells."""
-    rng = np.random.default_rng([seed, 3])
-    grid = uniform_levels(0.0, 1.0, ROUGH_BANDS)
-    middle = (grid[1:] + grid[:-1]) / 2
-    alpha, beta = np.meshgrid(middle, middle, indexing="ij")
-    if seed % 2:
-        weights = rng.gamma(0.5, 1.0, alpha.shape) * np.exp(-(alpha - beta) / 0.4)
-    else:
-        weights = np.zeros(alpha.shape)
-        for _ in range(5):
-            at, wide = np.sort(rng.uniform(0, 1, 2))[::-1], rng.uniform(0.03, 0.1)
-            far = ((alpha - at[0]) ** 2 + (beta - at[1]) ** 2) / wide**2
-            weights += rng.uniform(0.5, 1.5) * np.exp(-far / 2)
-    model = Preisach(grid, np.tril(weights) / np.tril(weights).sum(), diagonal="reversible")
-
-    def begin(noise: float, noise_seed: int) -> Hold:
-        tracker = model.track()
-        sensor = np.random.default_rng([noise_seed, 4])
-        return lambda u: float(tracker.push(u) + noise * sensor.standard_normal())
-
-    return DesignSetup("rough", 0.0, 1.0, ROUGH_NOISE, begin)

@@ -12,7 +12,7 @@ from minorloop.arrays import FloatArray
 from minorloop.drawing.operators import draw_density
 from minorloop.dynamics.linear import Linear
 from minorloop.report import Table
-from papers.drawing import ABOVE, COLOURS, MINUTE, Paint, bars, draw, panel
+from papers.drawing import ABOVE, COLOURS, MINUTE, bars, draw, panel
 from papers.fibre import (
     HIGH,
     HOLD,
@@ -53,54 +53,23 @@ def times_of(model: Linear) -> str:
 
 
 def draw_marker() -> Any:
-    """Draw Fig 2: four diagrams of relays, beta to the right, alpha upwards."""
-    levels, diagrams = np.arange(1.0, MARKER_LEVELS + 1), marker_diagrams()
-    names, around = [f"u{k:.0f}" for k in levels], (0.4, MARKER_LEVELS + 0.6)
-    panels = [
-        _relays(levels, states > 0, np.full(states.shape, 64.0), float(name[1:]), 14)
-        for name, states in diagrams
-    ]
-    labels = {"xticks": levels, "yticks": levels, "xticklabels": names, "yticklabels": names}
-    options = {"xlim": around, "ylim": around, **labels}
-    return _diagrams(panels, [name for name, _ in diagrams], "", **options)
-
-
-def draw_dots(study: Results) -> Any:
-    """Draw the dots that were identified, filled where on, after the first four voltages."""
-    relays, first = study.steady.models["dots"], VALIDATION[:4]
-    areas = 4 + 160 * relays.weights / relays.weights.max()
-    panels = [
-        _relays(LEVELS, relays.states(first[: count + 1]) > 0, areas, now, 9)
-        for count, now in enumerate(first)
-    ]
-    return _diagrams(panels, [f"{now:g} V" for now in first], " [V]", **_AROUND)
-
-
-def _relays(levels: FloatArray, on: Any, areas: FloatArray, now: float, size: float) -> Paint:
-    """Return a panel of relays (N, N) as dots, filled where on, and the marker."""
+    """Draw Fig 2: four diagrams of relays, filled where on, and the marker."""
+    levels = np.arange(1.0, MARKER_LEVELS + 1)
     alpha, beta = np.meshgrid(levels, levels, indexing="ij")
-    there = np.tril(np.ones(on.shape, dtype=bool))
-
-    def paint(axes: Any) -> None:
-        axes.grid(False)
-        for state, face in ((there & on, "C0"), (there & ~on, "white")):
-            dots = {"s": areas[state], "c": face, "edgecolors": "C0", "linewidths": 0.8}
-            axes.scatter(beta[state], alpha[state], **dots)
-        axes.plot(now, now, "s", ms=size, mec="C1", mfc="none", mew=1.6)
-
-    return paint
-
-
-def _diagrams(panels: list[Paint], names: list[str], unit: str, **options: Any) -> Any:
-    """Draw diagrams (a) to (d) beside each other."""
-    framed = [
-        panel(
-            f"beta{unit}", "" if k else f"alpha{unit}", paint,
-            title=f"({'abcd'[k]}) {name}", aspect="equal", **options,
-        )
-        for k, (paint, name) in enumerate(zip(panels, names, strict=True))
-    ]  # fmt: skip
-    return draw(*framed, columns=4, height=2.9, sharey=True)
+    ticks, around = [f"u{k:.0f}" for k in levels], (0.4, MARKER_LEVELS + 0.6)
+    frame = {"xticks": levels, "xticklabels": ticks, "yticks": levels, "yticklabels": ticks}
+    panels = []
+    for letter, (name, on) in zip("abcd", marker_diagrams(), strict=True):
+        now = float(name[1:])
+        panels.append(
+            panel(
+                "beta", "alpha" if letter == "a" else "",
+                (beta[on > 0], alpha[on > 0], "C0 o 8"), (beta[on < 0], alpha[on < 0], "0.75 o 4"),
+                (now, now, "C1 s 5"), title=f"({letter}) {name}", aspect="equal",
+                xlim=around, ylim=around, **frame,
+            )
+        )  # fmt: skip
+    return draw(*panels, columns=4, height=2.9, sharey=True)
 
 
 def draw_prediction(study: Results) -> Any:
@@ -197,22 +166,20 @@ def draw_step(study: Results) -> Any:
 def draw_steps(study: Results) -> Any:
     """Draw the measured unit steps with the models: two up, and one down."""
     rest, up, second, down = study.steps
-    t, words = up.t - rest.t[-1], "time since the step [s]"
-    rising, falling = study.responses.rising.model, study.responses.falling.model
-    first = (t, unit_step(rest, up), "C1 - 0.8", "0.40 to 0.45 V, fitted")
-    return draw(
-        panel(
-            words, "share of the settled change", first,
-            (t, unit_step(up, second), "0.6 - 0.8", "0.45 to 0.50 V, not fitted"),
-            (t, study.fit.model.step_response(t), "C0 - 1.5", "ARX model"),
-        ),
-        panel(
-            words, "", first, (t, unit_step(second, down), "C3 - 0.8", "0.50 to 0.45 V, fitted"),
-            (t, rising.step_response(t), "0.2 - 1.5", "models"),
-            (t, falling.step_response(t), "0.2 - 1.5"),
-        ),
-        columns=2, sharey=True,
-    )  # fmt: skip
+    t, rising, falling = (
+        up.t - rest.t[-1],
+        study.responses.rising.model,
+        study.responses.falling.model,
+    )
+    lines = (
+        (t, unit_step(second, down), "C3 - 0.6", "0.50 to 0.45 V, fitted"),
+        (t, unit_step(rest, up), "C1 - 0.8", "0.40 to 0.45 V, fitted"),
+        (t, unit_step(up, second), "0.6 - 0.8", "0.45 to 0.50 V, not fitted"),
+        (t, rising.step_response(t), "0.1 - 1.5", "models, up and down"),
+        (t, falling.step_response(t), "0.1 - 1.5"),
+    )
+    frame: dict[str, Any] = {"legend": {"loc": "lower right"}}
+    return draw(panel("time since the step [s]", "share of the settled change", *lines, **frame))
 
 
 def draw_trajectory(study: Results) -> Any:

@@ -13,7 +13,6 @@ from minorloop.report import Table
 from papers.drawing import ABOVE, HOUR, draw, panel
 from papers.harness import Results, Study, rms
 from papers.ipmc import HALF_HERTZ, run_study
-from papers.short_holds import SHORT
 
 MODELS = {
     "uniform": "Preisach, uniform cells, L = 10 (the paper's)",
@@ -53,23 +52,15 @@ def unavoidable(repetition: Results) -> float:
 
 
 def draw_short_holds(found: Results) -> Any:
-    """Draw the errors at the end of short holds, and those of targets that are held on."""
+    """Draw the errors at the end of short holds."""
     looks = {
-        "settled": ("settled values", "C3", "s"),
-        "early": ("values after 10 s", "0.6", "^"),
-        "creep": ("with creep", "C0", "o"),
+        "settled": ("settled values", "C3 s 6"),
+        "early": ("values after 10 s", "0.6 ^ 6"),
+        "creep": ("with creep", "C0 o 6"),
     }
-    number, ends, on = np.arange(1, found.targets.size + 1), [], []
-    for name, (words, colour, mark) in looks.items():
-        ends.append((number, found.errors[name], f"{colour} {mark} 6", words))
-        errors = found.delivered.get(name, np.empty((0, 0)))
-        seconds = SHORT * np.arange(1, errors.shape[1] + 1)
-        on += [(seconds, each, f"{colour} - 0.8") for each in errors]
-    return draw(
-        panel("target", "error [1/m]", *ends, title="at the end of a hold of 10 s"),
-        panel("time since the step [s]", "", *on, title="held for a minute"),
-        columns=2, height=3.6, sharey=True,
-    )  # fmt: skip
+    number = np.arange(1, found.targets.size + 1)
+    lines = [(number, found.errors[name], look, words) for name, (words, look) in looks.items()]
+    return draw(panel("target", "error at the end of 10 s [1/m]", *lines, legend=ABOVE), height=3.6)
 
 
 def draw_major(study: Results) -> Any:

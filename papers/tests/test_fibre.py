@@ -51,7 +51,7 @@ def test_the_report_shows_every_figure_of_the_paper(study):
     html = fibre_report.STUDY.report(study, figures, [figures]).html()
     for number in range(2, 6):
         assert f"Fig {number}" in html
-    assert html.count("<img") == 9
+    assert html.count("<img") == 8
     assert "Eq. (2)" in html
 
 
