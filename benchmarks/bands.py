@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks._plants import Array, Plant, bouc_wen, magnet
 from benchmarks._timing import Row
-from minorloop import Preisach, connect, excitation, identify
+from minorloop import Gaussian, Plane, Preisach, connect, excitation, identify
 from minorloop.arrays import uniform_levels
 from minorloop.lab.records import Record
 from minorloop.positioning import ExperimentProtocol, run_positioning
@@ -284,7 +284,11 @@ def _strips(specimens: range) -> list[Row]:
         began, shares = time.process_time(), []
         setup = ExperimentProtocol(laser=True, diagonal=diagonal)
         for specimen in specimens:
-            shares.append(run_positioning(specimen, NOISE, setup).coverage)
+            one = run_positioning(specimen, NOISE, setup)
+            law = Plane(one.identification.model.levels, diagonal=diagonal, slope=False, lag=0)
+            fit = identify(one.voltages, one.settled, law, prior=Gaussian())
+            band = fit.predict(np.append(-setup.voltage, one.preisach.voltages), bands=0.9)
+            shares.append(band.covers(np.append(np.nan, one.preisach.achieved)))
         took = (time.process_time() - began) / len(specimens)
         report.append(_covered(f"14 targets of the strip, {diagonal} cells", took, shares))
     return report

@@ -73,7 +73,7 @@ def draw_tutorial() -> Figure:
     loop.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Measured and modelled")
     loop.grid(alpha=0.25)
     loop.legend(frameon=False)
-    draw_density(plane, model, input_label="V")
+    draw_density(plane, model, input_label="voltage [V]", output_label="curvature [1/m]")
     return figure
 
 

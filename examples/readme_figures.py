@@ -28,7 +28,7 @@ def draw(result: Positioning) -> Figure:
     loop.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Loops, measured and modelled")
     loop.grid(alpha=0.25)
     loop.legend(frameon=False)
-    draw_density(plane, model, input_label="V")
+    draw_density(plane, model, input_label="voltage [V]", output_label="curvature [1/m]")
     place = np.arange(result.targets.size) + 1
     for shift, name, drive, colour in (
         (-0.2, "Preisach inverse", result.preisach, "C0"),

@@ -118,3 +118,8 @@ def claim_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
     """Return all rows as a table."""
     columns = ("", "the paper", "this run", "required", "verdict")
     return Table(columns, [claim.row(figures) for claim in claims])
+
+
+def paper_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
+    """Return the rows on what the paper itself says."""
+    return claim_table([claim for claim in claims if claim.paper != "-"], figures)

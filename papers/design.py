@@ -2,8 +2,7 @@
 
 Four methods have the same budget: a decaying staircase with constrained least squares and, with
 the prior, random inputs, a sequence designed without data, and inputs chosen from the measurements
-before them. All are scored on inputs and targets that were not fitted, on both twins and on a rough
-synthetic plane.
+before them. All are scored on inputs and targets that were not fitted, on both twins.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,13 +22,9 @@ from minorloop.identification.design import design, next_input
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.memory import Memory
-from minorloop.operators.preisach import Preisach
-from papers.claims import figure
 from papers.facts import identify_settled
-from papers.harness import Results, medians, rms
+from papers.harness import Results, rms
 
-NOISE = 0.0053
-"""Standard deviation of every measurement, over full scale."""
 BANDS, STAIRS = 20, 10
 """Bands of the models with the prior, and of the staircase."""
 HOLDS = (8, 12, 16, 20, 28)
@@ -42,10 +36,6 @@ MARGIN = 0.05
 """Share of full scale at each end without targets."""
 PROBABILITY = 0.9
 METHODS = ("staircase", "random", "design", "adaptive")
-TWINS = {"ipmc": (-1.2, 1.2, 200.0), "fibre": (0.20, 0.65, 300.0)}
-"""Range of the input in V, and seconds of a hold."""
-ROUGH_BANDS = 20
-"""Bands of the rough operator: as many as the models with the prior have."""
 
 Hold = Callable[[float], float]
 """Applies an input, waits, and returns the settled output."""
@@ -53,12 +43,28 @@ Hold = Callable[[float], float]
 
 @dataclass(frozen=True)
 class DesignSetup:
-    """A plant to measure; ``begin(noise, seed)`` returns a `Hold` that starts at rest."""
+    """A kind of twin to measure."""
 
     name: str
     low: float
     high: float
-    begin: Callable[[float, int], Hold]
+    """Range of the input, in V."""
+    seconds: float
+    """Duration of a hold."""
+    noise: float
+    """Standard deviation of a measurement, known as that of a sensor is: half a percent of full
+    scale, in 1/m or um."""
+
+    def begin(self, seed: int, noise: float) -> Hold:
+        """Return what holds inputs at the specimen of a seed, from rest."""
+        twin = connect(f"twin:{self.name}", specimen=seed, noise=noise, seed=seed)
+        return lambda u: float(hold_each(twin, [u], self.seconds, self.seconds)[1][0])
+
+
+TWINS = (
+    DesignSetup("ipmc", -1.2, 1.2, 200.0, 0.1),
+    DesignSetup("fibre", 0.20, 0.65, 300.0, 1.0),
+)
 
 
 class Score(NamedTuple):
@@ -72,48 +78,15 @@ class Score(NamedTuple):
 
 
 def run_study(seed: int) -> Results:
-    """Measure a specimen of each twin and a rough plane with all four methods."""
-    twins = {name: compare(_twin(name, seed), seed) for name in TWINS}
-    rough = compare(_rough(seed), seed)
-    every, last = (*twins.values(), rough), HOLDS[-1]
-    figures = {
-        **{name: one.figures() for name, one in twins.items()},
-        "rough": {
-            "holdout_28": score_at(rough.curves["adaptive"], last).holdout,
-            "baseline_28": score_at(rough.curves["staircase"], last).holdout,
-            "baseline_56": score_at(rough.curves["staircase"], 56).holdout,
-        },
-        "seconds": {
-            "choice": max(one.choice_seconds for one in every),
-            "fit_56": max(one.fit_seconds for one in every),
-        },
-    }
+    """Measure a specimen of each twin with all four methods."""
+    twins = {plant.name: compare(plant, seed) for plant in TWINS}
+    figures = {name: one.figures() for name, one in twins.items()}
     return Results(figures, seed=seed, twins=twins)
 
 
 def score_at(scores: Sequence[Score], holds: int) -> Score:
     """Return the score at a number of holds."""
     return next(score for score in scores if score.holds == holds)
-
-
-def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return medians over specimens, and shares and means of some figures."""
-    found = medians(runs)
-    for twin in TWINS:
-        beats = [figure(run, f"{twin}.beats_baseline_at_12") for run in runs]
-        found[twin]["beats_baseline_at_12"] = float(np.mean(beats))
-    ours, half, theirs = (
-        np.array([figure(run, f"rough.{key}") for run in runs])
-        for key in ("holdout_28", "baseline_28", "baseline_56")
-    )
-    found["rough"] |= {
-        "mean_28": float(ours.mean()),
-        "baseline_28_mean": float(half.mean()),
-        "baseline_56_mean": float(theirs.mean()),
-        "better": float(np.mean(ours < theirs)),
-        "planes": len(runs),
-    }
-    return found
 
 
 def compare(plant: DesignSetup, seed: int) -> Results:
@@ -129,39 +102,36 @@ def compare(plant: DesignSetup, seed: int) -> Results:
     rng = np.random.default_rng([seed, 2])
     random = np.concatenate([[plant.low], rng.uniform(plant.low, plant.high, ALL_HOLDS[-1] - 1)])
     designed = design(grid, HOLDS[-1])
-    models, choice = trial.adaptive(grid, designed[:FIRST])
+    models = trial.adaptive(grid, designed[:FIRST])
     curves = {
         "staircase": [trial.score(trial.plain(stairs[:n])) for n in ALL_HOLDS],
         "random": [trial.score(trial.with_prior(grid, random[:n])) for n in ALL_HOLDS],
         "design": [trial.score(trial.with_prior(grid, designed[:n])) for n in HOLDS],
         "adaptive": [trial.score(models[n]) for n in HOLDS],
     }
-    began = perf_counter()
-    trial.with_prior(grid, stairs)
     return Results(
         _figures(curves), plant=plant, scale=trial.scale, curves=curves,
         inputs=models[HOLDS[-1]].u, shown=trial.predicted(models[12]), truth=trial.unseen_outputs,
-        choice_seconds=choice, fit_seconds=perf_counter() - began,
     )  # fmt: skip
 
 
 class _Trial:
-    """A plant with its full scale, and inputs and targets that are not fitted."""
+    """A plant, and inputs and targets that are not fitted; errors are over its true full scale."""
 
     def __init__(self, plant: DesignSetup, seed: int) -> None:
         self.plant, self.seed = plant, seed
         rng = np.random.default_rng([seed, 1])
         self.unseen = rng.uniform(plant.low, plant.high, UNSEEN)
-        low, high = self.settled(np.array([plant.low, plant.high]), noise=0.0)
-        self.scale = float(high - low)
+        ends = np.array([plant.low, plant.high])
+        self.scale = float(np.ptp(self.settled(ends, noise=0.0)))
         self.unseen_outputs = self.settled(np.append(plant.low, self.unseen), noise=0.0)[1:]
-        edge = MARGIN * self.scale
+        low, high = self.settled(ends)
+        edge = MARGIN * (high - low)
         self.targets = rng.uniform(low + edge, high - edge, TARGETS)
 
     def settled(self, u: FloatArray, noise: float | None = None) -> FloatArray:
         """Return settled outputs for inputs, from rest."""
-        sensor = NOISE * self.scale if noise is None else noise
-        hold = self.plant.begin(sensor, self.seed)
+        hold = self.plant.begin(self.seed, self.plant.noise if noise is None else noise)
         return np.array([hold(float(value)) for value in u])
 
     def plain(self, u: FloatArray) -> Identification:
@@ -173,21 +143,19 @@ class _Trial:
         """Return a fit with the prior to inputs that were chosen beforehand."""
         return self._fit(grid, u, self.settled(u))
 
-    def adaptive(self, grid: Levels, first: FloatArray) -> tuple[dict[int, Identification], float]:
-        """Return models after `HOLDS` chosen inputs, and the time of the longest choice."""
-        hold = self.plant.begin(NOISE * self.scale, self.seed)
+    def adaptive(self, grid: Levels, first: FloatArray) -> dict[int, Identification]:
+        """Return models after `HOLDS` chosen inputs."""
+        hold = self.plant.begin(self.seed, self.plant.noise)
         u, y = list(first), [hold(float(value)) for value in first]
-        found, longest = {}, 0.0
+        found = {}
         while True:
             fit = self._fit(grid, np.array(u), np.array(y))
             if len(u) in HOLDS:
                 found[len(u)] = fit
             if len(u) == HOLDS[-1]:
-                return found, longest
+                return found
             memory = Memory.after(u, low=self.plant.low, high=self.plant.high)
-            began = perf_counter()
             u.append(next_input(fit, memory).u)
-            longest = max(longest, perf_counter() - began)
             y.append(hold(u[-1]))
 
     def score(self, fit: Identification) -> Score:
@@ -210,7 +178,7 @@ class _Trial:
 
     def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
         law = Plane(grid, diagonal="reversible", slope=False, lag=0)
-        return identify(Record(u, y, sd=NOISE * self.scale), law, prior=Gaussian())
+        return identify(Record(u, y, sd=self.plant.noise), law, prior=Gaussian())
 
 
 def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
@@ -222,7 +190,7 @@ def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
         "holdout_12": at_12.holdout,
         "baseline_56": baseline.positioning,
         "baseline_56_holdout": baseline.holdout,
-        "beats_baseline_at_12": at_12.positioning < baseline.positioning,
+        "beats_baseline_at_12_mean": at_12.positioning < baseline.positioning,
         "coverage_16_28": float(np.mean([score.coverage for score in late])),
         "width_ratio": float(np.mean([score.width_ratio for score in late])),
         "curves": {
@@ -230,37 +198,3 @@ def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
             for method, scores in curves.items()
         },
     }
-
-
-def _twin(name: str, seed: int) -> DesignSetup:
-    low, high, seconds = TWINS[name]
-
-    def begin(noise: float, noise_seed: int) -> Hold:
-        twin = connect(f"twin:{name}", specimen=seed, noise=noise, seed=noise_seed)
-        return lambda u: float(hold_each(twin, [u], seconds, seconds)[1][0])
-
-    return DesignSetup(name, low, high, begin)
-
-
-def _rough(seed: int) -> DesignSetup:
-    """Return a Preisach operator of clusters, or of independent cells."""
-    rng = np.random.default_rng([seed, 3])
-    grid = uniform_levels(0.0, 1.0, ROUGH_BANDS)
-    middle = (grid[1:] + grid[:-1]) / 2
-    alpha, beta = np.meshgrid(middle, middle, indexing="ij")
-    if seed % 2:
-        weights = rng.gamma(0.5, 1.0, alpha.shape) * np.exp(-(alpha - beta) / 0.4)
-    else:
-        weights = np.zeros(alpha.shape)
-        for _ in range(5):
-            at, wide = np.sort(rng.uniform(0, 1, 2))[::-1], rng.uniform(0.03, 0.1)
-            far = ((alpha - at[0]) ** 2 + (beta - at[1]) ** 2) / wide**2
-            weights += rng.uniform(0.5, 1.5) * np.exp(-far / 2)
-    model = Preisach(grid, np.tril(weights) / np.tril(weights).sum(), diagonal="reversible")
-
-    def begin(noise: float, noise_seed: int) -> Hold:
-        tracker = model.track()
-        sensor = np.random.default_rng([noise_seed, 4])
-        return lambda u: float(tracker.push(u) + noise * sensor.standard_normal())
-
-    return DesignSetup("rough", 0.0, 1.0, begin)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from papers.design import gather, run_study
+from papers.design import run_study
 from papers.drawing import draw, level, panel
 from papers.harness import Results, Study
 
@@ -71,5 +71,5 @@ def draw_bands(one: Results) -> Any:
 
 
 STUDY = Study(
-    "design", "Fewer holds: prior, bands and the next best input", run_study, gather, page=__name__
+    "design", "Fewer holds: prior, bands and the next best input", run_study, page=__name__
 )

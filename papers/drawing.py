@@ -21,6 +21,8 @@ Paint: TypeAlias = Callable[[Any], None]
 """Draws on the axes that it is given."""
 WITH_ROOM = {"loc": "upper center", "bbox_to_anchor": (0.5, 1.2)}
 """Place of a legend above its axes."""
+ABOVE = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 3}
+"""The same in one row, for axes without a title."""
 
 
 def draw(*panels: Paint, columns: int = 1, height: float = 3.8, **options: Any) -> Any:

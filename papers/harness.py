@@ -103,9 +103,10 @@ def rms(errors: npt.ArrayLike) -> float:
 
 
 def medians(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the median of each figure over specimens; the least if its key ends in ``_min``.
+    """Return the median of each figure over specimens.
 
-    A truth value is true if it is true for any specimen. Of other values the first is taken.
+    It is the least if its key ends in ``_min``, and the mean if it ends in ``_mean``. A truth value
+    is true if it is true for any specimen. Of other values the first is taken.
     """
     return {key: _over(key, [run[key] for run in runs]) for key in runs[0]}
 
@@ -115,6 +116,8 @@ def _over(key: str, values: Sequence[Any]) -> Any:
         return medians(values)
     if key.endswith("_min"):
         return min(values)
+    if key.endswith("_mean"):
+        return mean(values)
     if isinstance(values[0], bool):
         return any(values)
     if isinstance(values[0], int | float | np.number):

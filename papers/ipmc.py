@@ -10,12 +10,12 @@ targets at the end of short holds.
 from __future__ import annotations
 
 import itertools
-import time
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from minorloop.arrays import uniform_levels
+from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade
 from minorloop.identification import excitation
@@ -33,7 +33,7 @@ from minorloop.twins.ipmc_laser import NOISE
 from papers.facts import ProbeInputs, identify_settled, twin_facts
 from papers.harness import Results, rms
 from papers.short_holds import run_short_holds
-from papers.tracking import run_tracking, synthetic_figures
+from papers.tracking import run_tracking
 
 CURVATURE_NOISE = 0.025
 """Standard deviation of the curvature in the other experiments, in 1/m: the laser's, converted."""
@@ -52,61 +52,54 @@ SWEEP_PERIOD, SWEEP_REACH, SWEEP_INTERVAL = 40.0, 5.0, 0.05
 
 
 def run_study(seed: int) -> Results:
-    """Carry out the whole study on the specimen of a seed."""
-    began = time.perf_counter()
-    base = run_positioning(seed, NOISE, ExperimentProtocol(laser=True, diagonal="uniform"))
-    reversible = run_positioning(seed, NOISE, ExperimentProtocol(laser=True))
-    fine = run_positioning(seed, NOISE, ExperimentProtocol(laser=True, bands=FINE))
-    model = reversible.identification.model
-    plays = GeneralisedPrandtlIshlinskii.fit(base.voltages, base.settled)
-    setup = base.protocol
-    inputs = plays.invert(base.targets, unreachable="clip").u
-    plays_drive = drive(seed, NOISE, setup, inputs, base.targets, 3)
-    response = _response(seed, model)
-    dynamics = response.fit()
-    sweep = _sweep(seed, Cascade(model, dynamics.model))
+    """Carry out the whole study on the specimen of a seed.
+
+    ``uniform`` is the paper's experiment with its model, ``ours`` the same with a reversible part
+    on the diagonal; ``responses`` are those behind either model. What follows uses ours.
+    """
+    laser = ExperimentProtocol(laser=True)
+    uniform = run_positioning(seed, NOISE, replace(laser, diagonal="uniform"))
+    ours = run_positioning(seed, NOISE, laser)
+    fine = run_positioning(seed, NOISE, replace(laser, bands=FINE))
+    plays = GeneralisedPrandtlIshlinskii.fit(uniform.voltages, uniform.settled)
+    inputs = plays.invert(uniform.targets, unreachable="clip").u
+    driven = drive(seed, NOISE, laser, inputs, uniform.targets, 3)
+    drives = {
+        "uniform": uniform.preisach,
+        "ours": ours.preisach,
+        "plays": driven,
+        "quadratic": uniform.quadratic,
+    }
+    models = {"uniform": uniform.identification.model, "ours": ours.identification.model}
+    voltages = np.append(-laser.voltage, uniform.preisach.voltages)
+    apart = models["ours"].simulate(voltages) - models["uniform"].simulate(voltages)
+    responses = _responses(seed, models)
+    dynamics = responses["ours"].fit()
+    sweep = _sweep(seed, Cascade(models["ours"], dynamics.model))
     tracking = run_tracking(seed)
-    repetition = _repetition(seed, setup)
-    sensing = _sensing(seed)
+    repetition = _repetition(seed, laser)
     short_holds = run_short_holds(seed)
     facts = twin_facts(Ipmc, PROBES)
-    spread = response.gain_spread(high=HALF_HERTZ)
-    at_one = response.gain_spread(HERTZ, HERTZ)
-    before, after = response.phase_spread(high=HALF_HERTZ)
     found = repetition.found
     figures = {
         "twin": facts,
         "positioning": {
-            **_ratios(base),
-            "rms_preisach": base.preisach.rms,
-            "rms_plays": plays_drive.rms,
-            "rms_quadratic": base.quadratic.rms,
-            "max_preisach": base.preisach.worst,
-            "max_quadratic": base.quadratic.worst,
-            "coverage": base.coverage,
+            **_ratios(uniform),
+            **{f"rms_{name}": one.rms for name, one in drives.items()},
+            **{f"max_{name}": one.worst for name, one in drives.items()},
+            "between_levels": rms(apart[1:]),
+            "first_target": abs(ours.preisach.errors[0]),
+            "later_targets": rms(ours.preisach.errors[1:]),
         },
-        "positioning_reversible": {
-            **_ratios(reversible),
-            "rms_preisach": reversible.preisach.rms,
-            "coverage": reversible.coverage,
-        },
+        "positioning_ours": _ratios(ours),
         "positioning_fine": _ratios(fine),
-        "gain_spread": {
-            "ratio_below_half_hz": spread.ratio,
-            "before_db": spread.before,
-            "after_db": spread.after,
-            "at_one_hz": at_one.ratio,
-            "before_at_one_hz_db": at_one.before,
-            "after_at_one_hz_db": at_one.after,
-        },
-        "phases": {"before_deg": before, "after_deg": after, **_phases(response)},
+        **{f"response_{name}": _spreads(one) for name, one in responses.items()},
         "dynamics": {
             "order": dynamics.model.order,
             "relative_error": dynamics.error,
-            "dc_gain": dynamics.model.dc_gain,
             **sweep.figures(),
         },
-        "recursive": {**synthetic_figures(seed), **tracking.figures()},
+        "recursive": tracking.figures(),
         "representability": {
             "congruency": found.congruency,
             "wiping_out": found.wiping_out,
@@ -114,36 +107,42 @@ def run_study(seed: int) -> Results:
             **{f"{name}_nrmse": value for name, value in repetition.nrmse.items()},
         },
         "short_holds": short_holds.figures(),
-        "sensing": {"peak_to_peak_mv": float(np.ptp(sensing.y))},
-        "seconds": time.perf_counter() - began,
     }
     return Results(
-        figures, seed=seed, facts=facts, major=_major_loop(seed, setup), positioning=base,
-        plays_drive=plays_drive, response=response, dynamics=dynamics, sweep=sweep,
-        tracking=tracking, repetition=repetition, sensing=sensing, short_holds=short_holds,
+        figures, seed=seed, facts=facts, major=_major_loop(seed, laser), uniform=uniform, ours=ours,
+        drives=drives, responses=responses, dynamics=dynamics, sweep=sweep, tracking=tracking,
+        repetition=repetition, short_holds=short_holds,
     )  # fmt: skip
 
 
 def _ratios(result: Positioning) -> dict[str, float]:
     ratio = result.quadratic.rms / result.preisach.rms
-    return {"rms_ratio_min": ratio, "rms_ratio_median": ratio}
+    return {
+        "rms_ratio_min": ratio,
+        "rms_ratio_median": ratio,
+        "coverage_mean": result.coverage,
+    }
 
 
-def _phases(response: FrequencyResponse) -> dict[str, Any]:
-    """Return the phases in degrees at every frequency, a list for each amplitude."""
-    found: dict[str, Any] = {"frequencies_hz": response.frequencies.tolist()}
-    for name, gains in (("before", response.plant), ("after", response.after)):
-        if gains is not None:
-            for amplitude, row in zip(response.amplitudes, gains, strict=True):
-                found[f"{name}_{amplitude:g}_v"] = np.degrees(np.angle(row)).tolist()
-    return found
+def _spreads(response: FrequencyResponse) -> dict[str, float]:
+    """Return how far the two amplitudes are apart, before and after the operator."""
+    low, at_one = response.gain_spread(high=HALF_HERTZ), response.gain_spread(HERTZ, HERTZ)
+    before, after = response.phase_spread(high=HALF_HERTZ)
+    return {
+        "ratio_below_half_hz": low.ratio,
+        "before_db": low.before,
+        "after_db": low.after,
+        "ratio_at_one_hz": at_one.ratio,
+        "phase_before_deg": before,
+        "phase_after_deg": after,
+    }
 
 
 def _strip(seed: int, experiment: int) -> Ipmc:
     """Return a specimen with a curvature sensor; every experiment has noise of its own."""
     noise_seed = seed + FURTHER * experiment
     strip = connect("twin:ipmc", specimen=seed, noise=CURVATURE_NOISE, seed=noise_seed)
-    assert isinstance(strip, Ipmc)  # the only twin with waveforms and sensing here
+    assert isinstance(strip, Ipmc)  # the only twin with waveforms here
     return strip
 
 
@@ -154,16 +153,30 @@ def _major_loop(seed: int, setup: ExperimentProtocol) -> Record:
     return hold_each(_strip(seed, 4), u, setup.hold, setup.sample_interval)[0]
 
 
-def _response(seed: int, model: Preisach) -> FrequencyResponse:
-    experiments = itertools.count(100)
-    return frequency_response(
-        lambda t, u: _strip(seed, next(experiments)).drive(t, u),
-        FREQUENCIES,
-        AMPLITUDES,
-        preamble=Preamble(-1.2, 200.0),
-        settling=SETTLING,
-        operator=model,
-    )
+def _responses(seed: int, models: dict[str, Preisach]) -> dict[str, FrequencyResponse]:
+    """Measure the sines once, and return the gains behind each model."""
+    measured: dict[int, Record] = {}
+
+    def driven(experiments: Iterator[int]) -> Callable[[FloatArray, FloatArray], Record]:
+        def drive_strip(t: FloatArray, u: FloatArray) -> Record:
+            number = next(experiments)
+            if number not in measured:
+                measured[number] = _strip(seed, number).drive(t, u)
+            return measured[number]
+
+        return drive_strip
+
+    return {
+        name: frequency_response(
+            driven(itertools.count(100)),
+            FREQUENCIES,
+            AMPLITUDES,
+            preamble=Preamble(-1.2, 200.0),
+            settling=SETTLING,
+            operator=model,
+        )
+        for name, model in models.items()
+    }
 
 
 def _sweep(seed: int, cascade: Cascade) -> Results:
@@ -211,11 +224,3 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Results:
         "quadratic": nrmse(quadratic - y, y),
     }
     return Results({}, found=representability(u, y), nrmse=errors)
-
-
-def _sensing(seed: int) -> Record:
-    """Use the strip as a sensor: bend it back and forth, then hold it bent."""
-    t = np.arange(0.0, 12.0, 0.02)
-    bending = np.where(t < 6.0, 5.0 * np.sin(np.pi * t) ** 2 * np.sign(np.sin(np.pi * t)), 5.0)
-    bending[(t >= 6.0) & (t < 6.2)] = np.linspace(0, 5, np.count_nonzero((t >= 6) & (t < 6.2)))
-    return _strip(seed, 8).sense(t, bending)

@@ -6,30 +6,44 @@ from typing import Any
 
 import numpy as np
 
+from minorloop.arrays import uniform_levels
 from minorloop.identification.frequency import decibels
-from papers.drawing import COLOURS, HOUR, bars, draw, panel
+from minorloop.operators.relays import RelayModel
+from minorloop.report import Table
+from papers.drawing import ABOVE, HOUR, draw, panel
 from papers.harness import Results, Study, rms
 from papers.ipmc import HALF_HERTZ, run_study
-from papers.short_holds import SHORT
+
+MODELS = {
+    "uniform": "Preisach, uniform cells, L = 10 (the paper's)",
+    "ours": "Preisach, reversible diagonal, L = 10 (ours)",
+    "plays": "plays and dead zones",
+    "quadratic": "quadratic (the paper's)",
+}
+FIG_10 = ("wanted", "inverse of the operator", "voltage", "strip", "curvature")
+FIG_15 = ("voltage u", "operator", "w", "linear dynamics G(s)", "curvature y")
+
+_RELAY, _INPUTS, _DISCRETE = (-0.5, 0.5), (-1.2, 0.8, -0.4, 0.3), 4
+"""Thresholds of the relay of Fig 5; inputs and bands of Fig 6."""
 
 
 def names(study: Results, *_: Any) -> dict[str, Any]:
-    """Return spreads of gains and phases of the specimen that is drawn, and its drives."""
-    found = study.positioning
+    """Return spreads of gains of the specimen that is drawn."""
+    responses = study.responses
     return {
-        "spread": study.response.gain_spread(high=HALF_HERTZ),
-        "phases_apart": study.response.phase_spread(high=HALF_HERTZ),
-        "drives": {
-            "Preisach": found.preisach,
-            "plays": study.plays_drive,
-            "quadratic": found.quadratic,
-        },
+        "spread": {name: one.gain_spread(high=HALF_HERTZ) for name, one in responses.items()},
+        "phases_apart": responses["uniform"].phase_spread(high=HALF_HERTZ),
     }
 
 
-def errors_of(drives: dict[str, Any]) -> str:
-    """Return in words the rms errors of the inverses."""
-    return ", ".join(f"{name} {drive.rms:.2f}" for name, drive in drives.items())
+def drives_table(study: Results) -> Table:
+    """Return the errors of the inverses at the targets, in 1/m."""
+    found = study.drives
+    rows = [
+        (text, f"{found[name].rms:.3f}", f"{found[name].worst:.3f}")
+        for name, text in MODELS.items()
+    ]
+    return Table(("inverse of", "rms error, 1/m", "largest, 1/m"), rows)
 
 
 def unavoidable(repetition: Results) -> float:
@@ -38,72 +52,97 @@ def unavoidable(repetition: Results) -> float:
 
 
 def draw_short_holds(found: Results) -> Any:
-    """Draw the errors at the end of short holds, and those of targets that are held on."""
+    """Draw the errors at the end of short holds."""
     looks = {
-        "settled": ("settled values", "C3", "s"),
-        "early": ("values after 10 s", "0.6", "^"),
-        "creep": ("with creep", "C0", "o"),
+        "settled": ("settled values", "C3 s 6"),
+        "early": ("values after 10 s", "0.6 ^ 6"),
+        "creep": ("with creep", "C0 o 6"),
     }
-    number, ends, on = np.arange(1, found.targets.size + 1), [], []
-    for name, (words, colour, mark) in looks.items():
-        ends.append((number, found.errors[name], f"{colour} {mark} 6", words))
-        errors = found.delivered.get(name, np.empty((0, 0)))
-        seconds = SHORT * np.arange(1, errors.shape[1] + 1)
-        on += [(seconds, each, f"{colour} - 0.8") for each in errors]
-    return draw(
-        panel("target", "error [1/m]", *ends, title="at the end of a hold of 10 s"),
-        panel("time since the step [s]", "", *on, title="held for a minute"),
-        columns=2, height=3.6, sharey=True,
-    )  # fmt: skip
+    number = np.arange(1, found.targets.size + 1)
+    lines = [(number, found.errors[name], look, words) for name, (words, look) in looks.items()]
+    return draw(panel("target", "error at the end of 10 s [1/m]", *lines, legend=ABOVE), height=3.6)
 
 
 def draw_major(study: Results) -> Any:
-    """Draw Fig 4: the staircase in time, and the loop."""
+    """Draw Fig 4: the inputs in time, and the loop."""
     record = study.major
     settled = np.append(np.flatnonzero(np.diff(record.u)), len(record) - 1)
-    t, u, y = record.t / HOUR, record.u[settled], record.y[settled]
-    lines = ((t, record.y, "C0 - 0.9", "curvature"), (t[settled], y, "C1 o 3", "settled"))
+    loop = (record.u[settled], record.y[settled], "C1 o-")
     return draw(
-        panel("time [h]", "curvature [1/m]", *lines),
-        panel("voltage [V]", "settled curvature [1/m]", (u, y, "C1 o-")),
+        panel("time [h]", "voltage [V]", (record.t / HOUR, record.u, "C0 - 0.9"), title="(a)"),
+        panel("voltage [V]", "settled curvature [1/m]", loop, title="(b)"),
         columns=2,
     )
 
 
-def draw_three(drives: dict[str, Any]) -> Any:
-    """Draw the settled errors of the three inverses at each target."""
-    groups = {
-        f"{name}: {drive.rms:.2f} 1/m rms": (np.abs(drive.errors), COLOURS[name])
-        for name, drive in drives.items()
-    }
-    return draw(bars("target", "size of the settled error [1/m]", groups), height=3.6)
+def draw_plane() -> Any:
+    """Draw Fig 5, a relay, and Fig 6, cells with the relays that are on after some inputs."""
+    up = np.linspace(-1.2, 1.2, 241)
+    loop = np.concatenate([up, up[::-1]])
+    relay = RelayModel(np.array(_RELAY), np.array([[0.0, 0.0], [1.0, 0.0]]))
+    fine = RelayModel(up, np.zeros((up.size, up.size)))
+    edges, on = uniform_levels(-1.2, 1.2, _DISCRETE), fine.states(_INPUTS)
+    middle = (edges[1:] + edges[:-1]) / 2
+
+    def cells(axes: Any) -> None:
+        there = np.tri(up.size, dtype=bool)
+        shown = np.where(there, 0.25 + 0.5 * on, np.nan)
+        axes.pcolormesh(up, up, shown, cmap="Blues", vmin=0, vmax=1.2, rasterized=True)
+        for number, (i, j) in enumerate(zip(*np.tril_indices(_DISCRETE), strict=True), start=1):
+            place = (middle[j] - 0.1, middle[i] + 0.1) if i == j else (middle[j], middle[i])
+            axes.text(*place, f"{number}", ha="center", va="center")
+        for edge in edges:
+            axes.plot([-1.2, edge, edge], [edge, edge, 1.2], color="0.3", lw=0.7)
+        axes.plot(up[[0, -1]], up[[0, -1]], color="0.3", lw=0.7)
+
+    return draw(
+        panel(
+            "input u [V]", "output of a relay", (loop, relay.simulate(loop), "C0"),
+            title="Fig 5: beta = -0.5 V, alpha = 0.5 V", yticks=(-1, 1),
+        ),
+        panel(
+            "threshold down, beta [V]", "threshold up, alpha [V]", cells, aspect="equal",
+            title="Fig 6: cells for L = 4; dark: on",
+        ),
+        columns=2, height=3.8,
+    )  # fmt: skip
+
+
+def draw_blocks(words: Any) -> Any:
+    """Draw two blocks with their signals: (signal, block, signal, block, signal)."""
+
+    def blocks(axes: Any) -> None:
+        axes.set_axis_off()
+        axes.set(xlim=(0, 5), ylim=(0, 1))
+        for number, text in enumerate(words):
+            frame = {"boxstyle": "square,pad=0.8", "fc": "white"} if number % 2 else None
+            axes.text(number + 0.5, 0.5 if number % 2 else 0.62, text, ha="center", bbox=frame,
+                      va="center" if number % 2 else "bottom")  # fmt: skip
+            if not number % 2:
+                look = {"arrowstyle": "->"}
+                axes.annotate("", (number + 0.92, 0.5), (number + 0.08, 0.5), arrowprops=look)
+
+    return draw(blocks, height=1.2)
 
 
 def draw_response(study: Results) -> Any:
-    """Draw Fig 16: gains before and after the operator with the fit, and the phases."""
-    response, dynamics = study.response, study.dynamics.model
-    fine = np.geomspace(response.frequencies[0], response.frequencies[-1], 200)
-    curve, fit = dynamics.response(fine), f"G(s), order {dynamics.order}"
-    upper, lower = [], []
-    for title, unit, gains in (
-        ("voltage to curvature", "dB re 1/(m V)", response.plant),
-        ("operator to curvature", "dB", response.after),
+    """Draw Fig 16: gains before (a) and after the operator (b), and behind ours with the fit."""
+    dynamics, panels = study.dynamics.model, []
+    paper, ours = study.responses["uniform"], study.responses["ours"]
+    fine = np.geomspace(paper.frequencies[0], paper.frequencies[-1], 200)
+    fit = (fine, decibels(dynamics.response(fine)), "0.3 --", f"G(s), order {dynamics.order}")
+    for title, unit, gains, more in (
+        ("(a) voltage to curvature", "dB re 1/(m V)", paper.plant, ()),
+        ("(b) operator to curvature", "dB", paper.after, ()),
+        ("ours: (b) and G(s)", "dB", ours.after, (fit,)),
     ):
-        size, phase = [], []
-        for number, (amplitude, row) in enumerate(zip(response.amplitudes, gains, strict=True)):
-            look = f"C{number} o- 0.9"
-            size.append((response.frequencies, decibels(row), look, f"{amplitude:g} V"))
-            phase.append((response.frequencies, _phase(row), look))
-        if unit == "dB":
-            size.append((fine, decibels(curve), "0.3 --", fit))
-            phase.append((fine, _phase(curve), "0.3 --"))
-        upper.append(panel("", f"gain [{unit}]", *size, title=title, xscale="log"))
-        lower.append(panel("frequency [Hz]", "phase [degrees]", *phase, xscale="log"))
-    return draw(*upper, *lower, columns=2, height=5.6, sharex=True)
-
-
-def _phase(gains: Any) -> Any:
-    return np.degrees(np.unwrap(np.angle(gains)))
+        lines = [
+            (paper.frequencies, decibels(row), f"C{number} o- 0.9", f"{amplitude:g} V")
+            for number, (amplitude, row) in enumerate(zip(paper.amplitudes, gains, strict=True))
+        ]
+        frame: dict[str, Any] = {"title": title, "xscale": "log"}
+        panels.append(panel("frequency [Hz]", f"gain [{unit}]", *lines, *more, **frame))
+    return draw(*panels, columns=3, height=3.4)
 
 
 def draw_sweep(study: Results) -> Any:
@@ -115,7 +154,7 @@ def draw_sweep(study: Results) -> Any:
         panel(
             "", "curvature [1/m]", (t, targets, "0.2 -- 1.4", "target"),
             (t, alone, "C3", "inverse of the operator alone"),
-            (t, both, "C0", "inverse of the cascade"), legend={"loc": "upper left"},
+            (t, both, "C0", "inverse of the cascade"), legend=ABOVE,
         ),
         panel("time [s]", "error [1/m]", (t, alone - targets, "C3"), (t, both - targets, "C0")),
         height=5.0, sharex=True,
@@ -133,18 +172,7 @@ def draw_tracking(study: Results) -> Any:
         error = found.predicted[name] - found.measured
         hold = np.arange(error.size) + 1
         lines.append((hold, error, colour, f"{words}: {rms(error):.2f} 1/m rms"))
-    return draw(panel("hold", "predicted minus measured [1/m]", *lines), height=3.6)
-
-
-def draw_sensing(study: Results) -> Any:
-    """Draw the imposed bending and the voltage."""
-    record = study.sensing
-    return draw(
-        panel("", "imposed curvature [1/m]", (record.t, record.u, "0.25")),
-        panel("time [s]", "voltage [mV]", (record.t, record.y, "C0")),
-        height=4.2,
-        sharex=True,
-    )
+    return draw(panel("hold", "predicted minus measured [1/m]", *lines, legend=ABOVE), height=3.6)
 
 
 STUDY = Study(

@@ -20,11 +20,17 @@ from string import Formatter
 from typing import Any, TypeAlias
 
 from minorloop.report import Picture, Report, Table
-from papers.claims import cell, claim_table
+from papers.claims import cell, claim_table, paper_table
 from papers.drawing import every_specimen
 
 Names: TypeAlias = ChainMap[str, Any]
-_SHARED = {"claim_table": claim_table, "every_specimen": every_specimen, "len": len, "/": "/"}
+_SHARED = {
+    "claim_table": claim_table,
+    "paper_table": paper_table,
+    "every_specimen": every_specimen,
+    "len": len,
+    "/": "/",
+}
 
 
 def study_report(

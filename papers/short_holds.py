@@ -2,8 +2,7 @@
 
 One staircase with holds of 200 s and one with holds of 10 s give a plane with a generic spectrum of
 creep. Rivals are the model of settled values of the long holds, and a model of the values that are
-read after 10 s. Then the targets are delivered for a minute each, with an input that follows the
-creep, and with one that is constant.
+read after 10 s.
 """
 
 from __future__ import annotations
@@ -25,8 +24,6 @@ SETTLED, SHORT, INTERVAL = 200.0, 10.0, 1.0
 """Long and short holds, and time between samples, in s."""
 TARGETS, REACH = 14, 7.5
 """Number of targets, and their largest curvature in 1/m."""
-DELIVERED = 6
-"""Short holds in which each target is delivered: a minute."""
 NOISE = 0.03
 """Standard deviation of a curvature in 1/m while models are identified."""
 _FIRST = 20
@@ -38,8 +35,7 @@ def run_short_holds(seed: int) -> Results:
 
     ``targets`` (n,) are curvatures in 1/m; ``errors`` those of what is read at the end of each
     short hold, by the model of the inverse: ``creep``, ``settled``, and ``early``, a model of
-    values at the end of short holds; ``delivered`` (n, `DELIVERED`) those of the first two at the
-    end of each of the short holds in which a target is delivered.
+    values at the end of short holds.
     """
     grid = uniform_levels(LOW, HIGH, BANDS)
     voltages = excitation.decaying_staircase(grid)
@@ -54,33 +50,22 @@ def run_short_holds(seed: int) -> Results:
         identify_settled(voltages, _ends(holds), levels=grid).model for holds in (long, quick)
     )
     targets = np.random.default_rng(seed).uniform(-REACH, REACH, TARGETS)
-    again = np.repeat(targets, DELIVERED)
-
-    def with_creep(wanted: FloatArray) -> FloatArray:
-        ends = SHORT * np.arange(1, wanted.size + 1)
-        return creeping.invert(ends, wanted, unreachable="clip").u
-
+    times = SHORT * np.arange(1, TARGETS + 1)
     inputs = {
-        "creep": with_creep(targets),
+        "creep": creeping.invert(times, targets, unreachable="clip").u,
         "settled": settled.invert(targets, unreachable="clip").u,
         "early": early.invert(targets, unreachable="clip").u,
     }
-    minutes = {"creep": with_creep(again), "settled": np.repeat(inputs["settled"], DELIVERED)}
     errors = {name: _ends(_held(_strip(seed, 2), u, SHORT)) - targets for name, u in inputs.items()}
-    delivered = {
-        name: (_ends(_held(_strip(seed, 2), u, SHORT)) - again).reshape(-1, DELIVERED)
-        for name, u in minutes.items()
-    }
     ends = {f"rms_{name}": rms(each) for name, each in errors.items()}
     ratio = ends["rms_settled"] / ends["rms_creep"]
     figures = {
         **ends,
-        **{f"rms_minute_{name}": rms(each) for name, each in delivered.items()},
         "ratio": ratio,
         "ratio_min": ratio,
         "minutes_saved": targets.size * (SETTLED - SHORT) / 60,
     }
-    return Results(figures, targets=targets, errors=errors, delivered=delivered)
+    return Results(figures, targets=targets, errors=errors)
 
 
 def _strip(seed: int, experiment: int, noise: float = 0.0) -> Actuator:

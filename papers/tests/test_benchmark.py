@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 
 from minorloop.twins import bouc_wen
@@ -40,9 +39,3 @@ def test_the_report_has_our_rows_among_the_published(study):
     assert html.count("<img") == 3
     assert "The law that was found" in html
     assert len(claim_table(benchmark.STUDY.claims, figures).rows) == len(benchmark.STUDY.claims)
-
-
-def test_the_start_is_half_off_in_every_parameter():
-    begin = benchmark.rough_start(1003)
-    found = np.array([begin.mass, begin.damping, *begin.stiffness, *begin.operator.law[1]])
-    assert np.abs(found / benchmark.true_parameters() - 1) == pytest.approx(0.5)

@@ -27,7 +27,16 @@ def test_is_the_papers_experiment():
 def test_targets_lie_in_their_bands(diagonal):
     setup = ExperimentProtocol(laser=True, diagonal=diagonal)
     shares = [run_positioning(seed, NOISE, setup).coverage for seed in range(1000, 1006)]
-    assert np.mean(shares) >= 0.8
+    assert 0.85 <= np.mean(shares) <= 0.98
+
+
+def test_bands_are_as_wide_as_the_model_was_off_in_the_other_run():
+    result = run_positioning(1000)
+    other = result.identification.model.simulate([-1.2, *result.quadratic.voltages])[1:]
+    off = np.sqrt(np.mean((result.quadratic.achieved - other) ** 2))
+    np.testing.assert_allclose(result.bands.half_width, 1.6449 * off, rtol=1e-4)
+    reached = np.abs(result.preisach.achieved - result.bands.y) <= result.bands.half_width
+    assert result.coverage == reached.mean()
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, True])

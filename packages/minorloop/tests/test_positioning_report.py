@@ -50,5 +50,7 @@ def test_the_curves_are_the_measurements(result, page):
     voltages, curvatures = (axes.get_lines() for axes in drives.axes)
     np.testing.assert_array_equal(voltages[0].get_ydata()[:-1], result.preisach.voltages)
     np.testing.assert_array_equal(curvatures[2].get_ydata(), result.quadratic.record.y)
-    heights = [bar.get_height() for bar in errors.axes[0].patches]
+    achieved = errors.axes[0].get_lines()[1].get_ydata()
+    np.testing.assert_array_equal(achieved, result.preisach.achieved)
+    heights = [bar.get_height() for bar in errors.axes[1].patches]
     np.testing.assert_allclose(heights[:14], result.preisach.errors)

@@ -18,8 +18,8 @@ from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
 from minorloop.errors import NotInvertibleError, ParameterError, RecordError
 from minorloop.files import check_writable, table_text, write_atomically
-from minorloop.identification import Gaussian, Identification, Plane, Smooth, excitation, identify
-from minorloop.identification.bands import Prediction
+from minorloop.identification import Identification, Plane, Smooth, excitation, identify
+from minorloop.identification.bands import BAND, Prediction
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.conversion import LaserCurvature
 from minorloop.lab.records import Record
@@ -106,14 +106,17 @@ class Positioning:
     def bands(self) -> Prediction:
         """90 % bands of the curvatures for the voltages of the Preisach inverse.
 
-        They follow from a second fit to the same measurements, with a prior on the plane.
+        They are as wide as the model was off in the run of the quadratic inverse, which it was not
+        fitted to. A staircase shows neither the error between its levels nor what the strip keeps
+        of loops that an operator forgets, because it closes none.
         """
-        levels = self.identification.model.levels
-        law = Plane(levels, diagonal=self.protocol.diagonal, slope=False, lag=0)
-        known = identify(self.voltages, self.settled, law, prior=Gaussian())
-        inputs = np.append(-self.protocol.voltage, self.preisach.voltages)
-        whole = known.predict(inputs, bands=0.9)
-        return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
+        model, low = self.identification.model, -self.protocol.voltage
+        other, y = (
+            model.simulate(np.append(low, drive.voltages))[1:]
+            for drive in (self.quadratic, self.preisach)
+        )
+        off = float(np.sqrt(np.mean((self.quadratic.achieved - other) ** 2)))
+        return Prediction(self.preisach.voltages, y, np.full(y.size, off), BAND)
 
     @property
     def rows(self) -> list[tuple[str, ...]]:

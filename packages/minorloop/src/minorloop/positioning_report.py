@@ -74,9 +74,9 @@ def positioning_report(result: Positioning) -> Report:
             ),
             Picture(
                 draw_errors(result),
-                "Settled error at each target (compare Fig 14). Whiskers: 90 % band of the error "
-                "of the Preisach inverse, as the identification predicts it; it lies inside at "
-                f"{result.coverage:.0%} of the targets.",
+                "Settled curvature (a) and error (b) at each target (Fig 14). Whiskers: 90 % band "
+                "of the error of the Preisach inverse, as wide as its model was off in the run of "
+                f"the other inverse; {result.coverage:.0%} of the targets lie inside.",
             ),
         ],
     )
@@ -115,7 +115,7 @@ def draw_model(result: Positioning) -> Any:
     left.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Settled curvature")
     left.legend(frameon=False)
     right.grid(False)
-    draw_density(right, model, input_label="V")
+    draw_density(right, model, input_label="voltage [V]", output_label="curvature [1/m]")
     return figure
 
 
@@ -133,25 +133,32 @@ def draw_drives(result: Positioning) -> Any:
         lower.plot(t, drive.record.y, lw=0.9, rasterized=True, **line)
     upper.set_ylabel("voltage [V]")
     lower.set(xlabel="time [min]", ylabel="curvature [1/m]")
-    lower.legend(frameon=False)
+    _legend_above(lower)
     return figure
 
 
 def draw_errors(result: Positioning) -> Any:
-    """Settled error at each target, side by side."""
-    figure, axes = new_figure()
+    """Fig 14: settled curvatures (a), and errors with the bands of the Preisach inverse (b)."""
+    figure, (left, right) = new_figure(1, 2, height=4.2)
     place = np.arange(result.targets.size) + 1
-    for shift, (name, drive) in zip((-0.2, 0.2), _drives(result).items(), strict=True):
-        label = f"{name} inverse: {drive.rms:.2f} 1/m rms"
-        axes.bar(place + shift, drive.errors, width=0.38, color=COLOURS[name], label=label)
+    left.plot(place, result.targets, "_", ms=14, mew=2, color="0.2", label="wanted")
+    for shift, mark, (name, drive) in zip((-0.2, 0.2), "o^", _drives(result).items(), strict=True):
+        look: dict[str, Any] = {"color": COLOURS[name], "label": f"{name}: {drive.rms:.2f} 1/m rms"}
+        left.plot(place + shift / 2, drive.achieved, mark, ms=4, color=COLOURS[name], label=name)
+        right.bar(place + shift, drive.errors, width=0.38, **look)
     off, reach = result.bands.y - result.targets, result.bands.half_width
     whiskers: dict[str, Any] = {"fmt": "none", "color": "0.1", "lw": 0.9, "capsize": 2}
-    axes.errorbar(place - 0.2, off, reach, label="90 % band, predicted", **whiskers)
-    axes.axhline(0.0, color="0.3", lw=0.8)
-    axes.set(xlabel="target", ylabel="achieved minus target [1/m]")
-    axes.set_xticks(place)
-    axes.legend(frameon=False)
+    right.errorbar(place - 0.2, off, reach, label="90 % band", **whiskers)
+    right.axhline(0.0, color="0.3", lw=0.8)
+    for axes, words in ((left, "(a) settled curvature"), (right, "(b) achieved minus target")):
+        axes.set(xlabel="target", ylabel=f"{words} [1/m]", xticks=place)
+        _legend_above(axes)
     return figure
+
+
+def _legend_above(axes: Any) -> None:
+    """Draw the legend above the axes, where no data are."""
+    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8)
 
 
 def _drives(result: Positioning) -> dict[str, AppliedSequence]:

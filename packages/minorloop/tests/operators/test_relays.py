@@ -2,7 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
+from minorloop.errors import ParameterError
+from minorloop.identification import excitation
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
@@ -64,3 +67,37 @@ def test_stepping_ends_at_the_last_level_and_marks_targets_unreachable():
     found = dots.stepping_inverse([1e3, -1e3])
     assert found.u.tolist() == [LEVELS[-1], LEVELS[0]]
     assert not found.reachable.any()
+
+
+@given(st.integers(0, 1000))
+def test_reversal_curves_have_as_many_steps_as_relays_and_determine_them(seed):
+    rng, low = np.random.default_rng(seed), np.tril_indices(LEVELS.size)
+    model = RelayModel(LEVELS, np.tril(rng.normal(size=(7, 7))), relay="unipolar")
+    u = excitation.reversal_curves(LEVELS)
+    assert u.size == low[0].size
+    found = RelayModel.fit(u, one_by_one(model, u), LEVELS, signed=True)
+    expected = model.weights.copy()
+    expected[0, 0] = 0.0  # always on: the offset
+    np.testing.assert_allclose(found.weights, expected, atol=1e-10)
+    assert found.offset == pytest.approx(model.weights[0, 0], abs=1e-10)
+
+
+@given(st.integers(0, 1000))
+def test_constrained_relays_have_the_least_error_of_any_that_are_not_negative(seed):
+    rng, low = np.random.default_rng(seed), np.tril_indices(LEVELS.size)
+    u = rng.uniform(0.2, 0.9, 40)
+    y = np.where(rng.uniform(size=40) < 0.2, np.nan, rng.normal(size=40) + 3 * u)
+    single = [np.tril(np.arange(49).reshape(7, 7) == 7 * a + b) for a, b in zip(*low, strict=True)]
+    columns = [one_by_one(RelayModel(LEVELS, 1.0 * one, relay="unipolar"), u) for one in single]
+    matrix, known = np.column_stack([np.ones(40), *columns]), ~np.isnan(y)
+    least = np.concatenate([[-np.inf], np.zeros(len(single))])
+    best = lsq_linear(matrix[known], y[known], (least, np.inf), method="bvls")
+    found = RelayModel.fit(u, y, LEVELS)
+    assert found.weights.min() >= 0
+    off = (found.simulate(u) - y)[known]
+    assert off @ off == pytest.approx(2 * best.cost, rel=1e-9)
+
+
+def test_refuses_to_fit_inputs_below_the_lowest_level():
+    with pytest.raises(ParameterError, match=r"u reaches 0\.1, below the lowest level"):
+        RelayModel.fit([0.1, 0.5], [0.0, 1.0], LEVELS)

@@ -37,22 +37,27 @@ def draw_preisach(
 def draw_density(
     axes: Axes, model: Preisach, *, input_label: str = "input", output_label: str = "output"
 ) -> Any:
-    """Draw the density on the Preisach plane with its colour bar, and return the mesh."""
+    """Draw the density on the Preisach plane with its colour bar, and return the mesh.
+
+    Colours go to the largest density, by its square root unless weights are negative: small
+    densities far from the diagonal are seen beside it.
+    """
+    from matplotlib.colors import Normalize, PowerNorm
+
     density = model.weights / np.where(cell_areas(model.levels) > 0, cell_areas(model.levels), 1.0)
     below = np.tril(np.ones(density.shape, dtype=bool))
-    top = float(np.quantile(np.abs(density[below]), 0.995)) or 1.0
+    top = float(np.abs(density[below]).max()) or 1.0
     signed = bool((model.weights < 0).any())
     mesh = axes.pcolormesh(
         model.levels,
         model.levels,
         np.ma.masked_where(~below, density),
         cmap="RdBu_r" if signed else "viridis",
-        vmin=-top if signed else 0.0,
-        vmax=top,
+        norm=Normalize(-top, top) if signed else PowerNorm(0.5, 0.0, top),
         rasterized=True,
     )
     clip_to_plane(axes, mesh, model)
-    bar = axes.figure.colorbar(mesh, ax=axes, extend="both" if signed else "max")
+    bar = axes.figure.colorbar(mesh, ax=axes)
     of_input, of_output = (split_header(label)[1] for label in (input_label, output_label))
     of_input = of_input if of_input.isalpha() else f"({of_input})"
     unit = f" [{of_output} / {of_input}²]" if of_output and of_input != "()" else ""

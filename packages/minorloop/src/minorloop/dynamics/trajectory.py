@@ -10,6 +10,7 @@ from minorloop.arrays import FloatArray, as_finite, as_waveform
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
 from minorloop.operators.operator import Operator
+from minorloop.operators.relays import RelayModel
 
 _UNIT = 1e-6
 """Largest difference of a DC gain from 1: far below what a record can show, above rounding."""
@@ -30,7 +31,7 @@ class Trajectory:
     Preisach model joined by one step response. Two responses are an extension.
     """
 
-    operator: Operator
+    operator: Operator | RelayModel
     """Gives the settled value for each input, with memory."""
     rising: Linear
     """Response with DC gain 1 of an output that rises."""

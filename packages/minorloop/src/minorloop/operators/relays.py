@@ -27,6 +27,7 @@ from minorloop.arrays import (
 )
 from minorloop.errors import ParameterError
 from minorloop.figures import Drawn
+from minorloop.operators._play_fit import as_record
 from minorloop.operators.inversion import Inversion, as_signal
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import RELAYS, Relay
@@ -102,6 +103,54 @@ class RelayModel(ByValue, Drawn):
         weights = np.zeros((model.levels.size, model.levels.size))
         weights[1:, 1:] = model.weights
         return cls(model.levels, weights, model.offset, model.relay)
+
+    @classmethod
+    def fit(
+        cls, u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike, *, signed: bool = False
+    ) -> RelayModel:
+        """Fit unipolar relays to settled outputs by least squares.
+
+        Reversal curves to every level, from rest at the lowest, have as many inputs as there are
+        relays. Then ``signed`` weights solve the square system of Sohn and colleagues,
+        SWNT-reinforced polyaniline fibres, Eq. 3. The relay at the lowest level is always on: its
+        weight is the offset.
+
+        Parameters
+        ----------
+        u : (T,) array_like
+            Inputs, in order, from negative saturation; none is below the lowest level.
+        y : (T,) array_like
+            Settled outputs; NaN where nothing was measured.
+        levels : (N,) array_like
+            Thresholds.
+        signed : bool
+            Whether weights may be negative.
+
+        Raises
+        ------
+        SignalError
+            If lengths differ, or an input or output never changes.
+        ParameterError
+            If an input is below the lowest level.
+        """
+        from scipy.optimize import nnls
+
+        inputs, outputs = as_record(u, y)
+        grid = as_levels(levels)
+        if inputs.min() < grid[0]:
+            raise ParameterError(
+                f"u reaches {inputs.min():g}, below the lowest level; give inputs from "
+                f"{grid[0]:g}, where every other relay is off"
+            )
+        relays, low = cls(grid, np.tri(grid.size)), np.tril_indices(grid.size)
+        known = np.flatnonzero(~np.isnan(outputs))
+        rows = np.array([relays.states(inputs[: k + 1])[low] for k in known])
+        mean, middle = rows.mean(axis=0), outputs[known].mean()
+        off = rows - mean, outputs[known] - middle
+        found = np.linalg.lstsq(*off)[0] if signed else nnls(*off)[0]
+        weights = np.zeros(relays.weights.shape)
+        weights[low] = found
+        return cls(grid, weights, float(middle - mean @ found), relay="unipolar")
 
     def states(self, u: npt.ArrayLike, start: RelayStart = "negative") -> FloatArray:
         """Return the (N, N) relays after an input: 1 if on, 0 if off or above the diagonal.
