@@ -203,7 +203,7 @@ def _why_none(images: Sequence[Image]) -> str:
         return f": there are markers of {family}, but not in the places of a charuco target"
     return (
         ": no markers, chessboard or grid of circles; give pictures of a whole, flat target, or "
-        "name it with --target and --squares"
+        "name it and its squares with --target"
     )
 
 
