@@ -24,7 +24,7 @@ BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs pages console screenshots studies test test-all expected compare torture check bench judge figures format lock wheel smoke fuzz clean
+.PHONY: help setup demo docs pages console screenshots studies test test-all expected compare torture check bench real judge figures format lock wheel smoke fuzz clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -79,6 +79,9 @@ check: setup ## check format, style, types and who imports whom
 
 bench: setup ## measure speed and accuracy
 	$(BIN)/python -m benchmarks
+
+real: setup ## what real instruments took, in ../shared/data/real: lenses of endoscopes; prints figures
+	$(BIN)/python -m benchmarks.real
 
 judge: setup ## SCENES=200 scenes of another renderer, and pits of a wave equation; prints scores. Needs libllvm 17 or newer
 	$(INSTALL) --require-hashes -r $(JUDGE_LOCK)

@@ -65,7 +65,7 @@ def _calibrate(seed: int, errors: dict[str, list[float]], within: dict[str, list
         lens = steps.calibrate_lens(steps.look_through(folder / "lens", target))
         sd = lens.rms / 2**0.5
         mount = steps.calibrate_mount(
-            steps.look_through(folder / "mount", target), target, lens.lens, None,
+            steps.look_through(folder / "mount", target), lens.lens, None,
             corner_sd=sd, on_axis=True, centre_sd=steps.centre_sd_of(lens.measured),
         )  # fmt: skip
         lights = [steps.look_through(each, target) for each in steps.led_folders(folder / "leds")]
@@ -81,7 +81,8 @@ def _calibrate(seed: int, errors: dict[str, list[float]], within: dict[str, list
 
 def _truth(truth):  # type: ignore[no-untyped-def]
     """Yield what an error counts for, the name of the result, its true value, and a scale."""
-    yield "focal length", "focal length", truth.lens.focal, 100 / truth.lens.focal
+    for axis, true in zip("xy", truth.lens.focals, strict=True):
+        yield "focal length", f"focal length f{axis}", true, 100 / true
     for axis, true in zip("uv", truth.lens.centre, strict=True):
         yield "principal point", f"principal point {axis}", true, 1.0
     yield "mount", "pan where straight", truth.straight[0], 1.0

@@ -33,6 +33,7 @@ ELSEWHERE = {
     "minorloop/page/admission.py": "minorloop_head/console/test_server.py",
     "minorloop/version.py": "minorloop/cli/test_main.py",
     "minorloop/devices.py": "minorloop/cli/test_devices.py",
+    "minorloop_head/distortion.py": "minorloop_head/test_geometry.py",
     "minorloop_head/console/identified_head.py": "minorloop_head/console/test_loop.py",
     "minorloop_head/console/scan_echoes.py": "minorloop_head/console/test_depth_work.py",
     "minorloop_head/control/head.py": "minorloop_head/control/test_head_control.py",

@@ -1,13 +1,17 @@
 """Rays, cylinders, pinhole cameras and rotations, against finite differences."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
+from minorloop_head import _geometry_kernels as kernels
 from minorloop_head import geometry
+from minorloop_head.distortion import distorted
 from minorloop_head.geometry import Mount, Pinhole
+from minorloop_head.twins.turbid_water import FlatPort
 
 angles = st.floats(-1.2, 1.2)
 pixels = st.tuples(st.floats(0, 639), st.floats(0, 479))
@@ -36,10 +40,45 @@ def test_body_rates_are_those_of_a_small_turn(pan, tilt, rates):
     np.testing.assert_allclose(geometry.body_rates(tilt) @ rates, turned, atol=1e-8)
 
 
-@given(pixel=pixels)
-def test_a_pixel_projects_to_itself_through_the_lens(pixel):
-    np.testing.assert_allclose(LENS.pixels(LENS.normalised(pixel)), pixel, atol=1e-9)
-    np.testing.assert_allclose(LENS.project(7.0 * LENS.rays(pixel)), pixel, atol=1e-9)
+small = st.floats(-0.01, 0.01)
+lenses = st.builds(
+    Pinhole,
+    k1=st.floats(-0.15, 0.2),
+    k2=st.floats(0.0, 0.1),
+    k3=st.floats(0.0, 0.1),
+    p1=small,
+    p2=small,
+    aspect=st.floats(0.8, 1.2),
+)
+
+
+@given(lens=lenses, pixel=pixels)
+def test_a_pixel_projects_to_itself_through_the_lens(lens, pixel):
+    np.testing.assert_allclose(lens.pixels(lens.normalised(pixel)), pixel, atol=1e-9)
+    np.testing.assert_allclose(lens.project(7.0 * lens.rays(pixel)), pixel, atol=1e-9)
+
+
+@given(lens=lenses, pixel=pixels)
+def test_the_lens_is_that_of_opencv_and_its_slopes_are_differences(lens, pixel):
+    plain = lens.normalised(pixel)
+    matrix = np.array([[lens.focals[0], 0, 0], [0, lens.focals[1], 0], [0, 0, 1.0]])
+    matrix[:2, 2] = lens.centre
+    bent = np.array([lens.k1, lens.k2, lens.p1, lens.p2, lens.k3])
+    there, _ = cv2.projectPoints(np.array([[*plain, 1.0]]), np.zeros(3), np.zeros(3), matrix, bent)
+    np.testing.assert_allclose(there.ravel(), pixel, atol=1e-8)
+    _, _, across, both, down = distorted(*plain, *lens.distortion)
+    assert kernels.distorted(*plain, *lens.distortion) == pytest.approx(
+        distorted(*plain, *lens.distortion), rel=1e-12
+    )
+    h = 1e-6 * np.eye(2)
+    slopes = (lens.distort(plain + h) - lens.distort(plain - h)) / 2e-6
+    np.testing.assert_allclose(slopes, [[across, both], [both, down]], atol=1e-7)
+
+
+@given(lens=lenses, pixel=pixels)
+def test_a_port_in_water_is_seen_through_by_an_equal_lens(lens, pixel):
+    wet = FlatPort.of(lens).normalised(pixel)
+    assert np.abs(lens.in_water().pixels(wet) - pixel).max() < 1.0
 
 
 def test_what_is_behind_the_camera_has_no_pixel():

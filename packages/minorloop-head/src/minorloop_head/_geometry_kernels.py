@@ -7,6 +7,10 @@ import math
 import numpy as np
 from numba import njit
 
+from minorloop_head import distortion
+
+distorted = njit(cache=True, nogil=True)(distortion.distorted)
+
 
 @njit(cache=True, nogil=True)
 def _turn(matrix, first, second, angle):

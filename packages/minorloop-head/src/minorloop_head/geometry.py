@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
+from minorloop_head.distortion import DISTORTION, distorted
 
 AXES = ("pan", "tilt")
 """Names of the axes of the head, in the order of all arrays with one entry an axis."""
@@ -353,65 +354,74 @@ class Tool:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera with radial distortion.
+    """A camera with radial and tangential distortion.
 
-    Raises a `ParameterError` if a size or the focal length is not positive, or the distortion folds
+    Raises a `ParameterError` if a size or a focal length is not positive, or the distortion folds
     the image.
-
-    References
-    ----------
-    Brown, Close-range camera calibration, 1971.
     """
 
     width: int = 640
     height: int = 480
     """Of the image, in pixels; the centre of the first pixel is (0, 0)."""
     focal: float = 520.0
-    """Focal length in pixels."""
+    """Focal length along the rows, in pixels."""
     centre: tuple[float, float] = (319.5, 239.5)
     """Principal point (u, v), in pixels."""
     k1: float = 0.0
     k2: float = 0.0
-    """Radial distortion: x_d = x (1 + k1 r^2 + k2 r^4)."""
+    k3: float = 0.0
+    """Radial distortion: x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6)."""
+    p1: float = 0.0
+    p2: float = 0.0
+    """Tangential distortion, see `distorted`."""
+    aspect: float = 1.0
+    """Focal length along the columns over that along the rows: 1 if pixels are square."""
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1 or not self.focal > 0:
+        if (
+            self.width < 1
+            or self.height < 1
+            or not (0 < min(self.focals) <= max(self.focals) < np.inf)
+        ):
             raise ParameterError(
-                f"a camera of {self.width} by {self.height} pixels and focal length "
-                f"{self.focal}; give positive numbers"
+                f"a camera of {self.width} by {self.height} pixels and focal lengths "
+                f"{self.focals}; give positive numbers"
             )
-        edge = self._corner_radius()
-        radii = np.linspace(0.0, 1.05 * edge, 64)
-        slope = 1 + 3 * self.k1 * radii**2 + 5 * self.k2 * radii**4
-        reach = edge * (1 + self.k1 * edge**2 + self.k2 * edge**4)
-        if not (np.isfinite(slope).all() and slope.min() > 0 and reach > 0):
-            raise ParameterError(
-                f"distortion k1 {self.k1}, k2 {self.k2} folds the image; give smaller numbers"
-            )
+        ways = self._corners() * np.linspace(0.0, 1.05, 64)[:, None, None]
+        _, _, across, both, down = distorted(ways[..., 0], ways[..., 1], *self.distortion)
+        if not (across * down - both**2).min() > 0:  # so that NaN is refused
+            named = ", ".join(f"{name} {getattr(self, name):g}" for name in DISTORTION)
+            raise ParameterError(f"distortion {named} folds the image; give smaller numbers")
+
+    @property
+    def focals(self) -> tuple[float, float]:
+        """Focal lengths along rows and columns, in pixels."""
+        return self.focal, self.focal * self.aspect
+
+    @property
+    def distortion(self) -> tuple[float, float, float, float, float]:
+        """k1, k2, k3, p1 and p2."""
+        return self.k1, self.k2, self.k3, self.p1, self.p2
 
     def distort(self, points: npt.ArrayLike) -> FloatArray:
         """Return normalised coordinates (..., 2) after distortion."""
         plain = np.asarray(points, dtype=np.float64)
-        square = (plain**2).sum(axis=-1, keepdims=True)
-        moved: FloatArray = plain * (1 + square * (self.k1 + square * self.k2))
-        return moved
+        moved = distorted(plain[..., 0], plain[..., 1], *self.distortion)[:2]
+        return np.stack(moved, axis=-1)
 
     def undistort(self, points: npt.ArrayLike) -> FloatArray:
-        """Invert ``distort``, by Newton's method on the radius."""
-        moved = np.asarray(points, dtype=np.float64)
-        reach = np.sqrt((moved**2).sum(axis=-1, keepdims=True))
-        radius = reach.copy()
+        """Invert ``distort``, by Newton's method."""
+        wanted = np.asarray(points, dtype=np.float64)
+        x, y = (wanted[..., k].copy() for k in (0, 1))
         for _ in range(_NEWTON_STEPS):
-            square = radius**2
-            error = radius * (1 + square * (self.k1 + square * self.k2)) - reach
-            slope = 1 + square * (3 * self.k1 + 5 * self.k2 * square)
-            step = error / np.maximum(slope, 0.1)
-            radius = radius - step
+            u, v, across, both, down = distorted(x, y, *self.distortion)
+            u, v = u - wanted[..., 0], v - wanted[..., 1]
+            slope = np.maximum(across * down - both**2, 0.1)
+            step = np.stack([down * u - both * v, across * v - both * u]) / slope
+            x, y = x - step[0], y - step[1]
             if np.abs(step).max(initial=0.0) < 1e-15:
                 break
-        ratio = np.divide(radius, reach, out=np.ones_like(reach), where=reach > 1e-12)
-        plain: FloatArray = moved * ratio
-        return plain
+        return np.stack([x, y], axis=-1)
 
     def project(self, points: npt.ArrayLike) -> FloatArray:
         """Return pixels (..., 2) of points (..., 3) in the camera; NaN behind it."""
@@ -421,13 +431,17 @@ class Pinhole:
 
     def pixels(self, points: npt.ArrayLike) -> FloatArray:
         """Return pixels (..., 2) of normalised coordinates (..., 2)."""
-        moved: FloatArray = self.focal * self.distort(points) + np.asarray(self.centre)
+        moved: FloatArray = self.distort(points) * self.focals + np.asarray(self.centre)
         return moved
 
     def normalised(self, pixels: npt.ArrayLike) -> FloatArray:
         """Return normalised coordinates (..., 2), without distortion, of pixels (..., 2)."""
         seen = np.asarray(pixels, dtype=np.float64)
-        return self.undistort((seen - np.asarray(self.centre)) / self.focal)
+        return self.undistort((seen - np.asarray(self.centre)) / self.focals)
+
+    def off_axis(self, points: npt.ArrayLike) -> float:
+        """Return how far normalised coordinates (2,) are from the principal point, in pixels."""
+        return float(np.hypot(*(np.asarray(points) * self.focals)))
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Return directions (..., 3) in the camera, with z = 1, of pixels (..., 2)."""
@@ -437,13 +451,12 @@ class Pinhole:
     def scaled(self, factor: float) -> Pinhole:
         """Return the same camera with pixels ``1 / factor`` times as large."""
         u, v = self.centre
-        return Pinhole(
-            round(self.width * factor),
-            round(self.height * factor),
-            self.focal * factor,
-            ((u + 0.5) * factor - 0.5, (v + 0.5) * factor - 0.5),
-            self.k1,
-            self.k2,
+        return replace(
+            self,
+            width=round(self.width * factor),
+            height=round(self.height * factor),
+            focal=self.focal * factor,
+            centre=((u + 0.5) * factor - 0.5, (v + 0.5) * factor - 0.5),
         )
 
     def in_water(self) -> Pinhole:
@@ -452,23 +465,25 @@ class Pinhole:
         Notes
         -----
         The port is thin and touches the lens. Snell's law is a radial distortion: a ray at x in
-        the air behind the port is x / sqrt(n^2 + (n^2 - 1) r^2) in the water. The two coefficients
-        follow it within 0.1 pixel, for the documented lens and field of view, which is narrower by
-        a factor of about 1.33.
+        the air behind the port is x / sqrt(n^2 + (n^2 - 1) r^2) in the water. The radial
+        coefficients follow it within 0.1 pixel, for the documented lens and field of view, which
+        is narrower by a factor of about 1.33; the tangential ones grow by as much.
         """
-        reach = np.linspace(0.0, self._corner_radius(), _PORT_SAMPLES)[1:]
-        air = self.undistort(np.stack([reach, 0 * reach], axis=-1))[:, 0]
+        edge = float(np.linalg.norm(self._corners(), axis=-1).max())
+        reach = np.linspace(0.0, edge, _PORT_SAMPLES)[1:]
+        radial = replace(self, p1=0.0, p2=0.0)
+        air = radial.undistort(np.stack([reach, 0 * reach], axis=-1))[:, 0]
         water = air / np.sqrt(WATER_INDEX**2 + (WATER_INDEX**2 - 1) * air**2)
-        powers = water[:, None] ** np.array([1, 3, 5])
-        first, third, fifth = np.linalg.lstsq(powers, reach, rcond=None)[0].tolist()
-        return replace(self, focal=self.focal * first, k1=third / first, k2=fifth / first)
+        powers = water[:, None] ** np.array([1, 3, 5, 7] if self.k3 else [1, 3, 5])
+        first, *more = np.linalg.lstsq(powers, reach, rcond=None)[0].tolist()
+        bent = dict(zip(("k1", "k2", "k3"), (each / first for each in more), strict=False))
+        p1, p2 = self.p1 * first, self.p2 * first
+        return replace(self, focal=self.focal * first, **bent, p1=p1, p2=p2)
 
-    def _corner_radius(self) -> float:
-        """Return the radius of the farthest corner, in normalised distorted coordinates."""
-        u, v = self.centre
-        across = max(abs(u), abs(self.width - 1 - u)) / self.focal
-        down = max(abs(v), abs(self.height - 1 - v)) / self.focal
-        return float(np.hypot(across, down))
+    def _corners(self) -> FloatArray:
+        """Return the corners (4, 2) of the image, in normalised distorted coordinates."""
+        ends = np.array([(u, v) for v in (0, self.height - 1) for u in (0, self.width - 1)])
+        return np.asarray((ends - self.centre) / self.focals)
 
 
 def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -> FloatArray:

@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -65,6 +66,16 @@ def test_a_head_is_read_as_it_was_written(path):
         assert (one.lag, one.latent) == (other.lag, other.latent)
 
 
+def test_a_full_lens_is_kept_and_old_files_without_one_are_read(path, content):
+    lens = replace(VIEW.lens, k3=0.1, p1=1e-3, p2=-2e-3, aspect=1.09)
+    save_head(replace(HEAD, calibration=replace(VIEW, lens=lens)), path, force=True)
+    assert read_head(path).calibration.lens == lens
+    for name in ("k3", "p1", "p2", "aspect"):
+        del content["calibrated"]["calibration"]["lens"][name]
+    path.write_text(json.dumps(content))
+    assert read_head(path).calibration.lens == VIEW.lens
+
+
 def test_the_control_has_the_wires_limits_and_coupling_of_the_file(path):
     save_head(HEAD, path)
     control = read_head(path).control(interval=0.05)
@@ -97,7 +108,7 @@ def test_a_head_that_was_only_calibrated_cannot_be_controlled(path):
         (["serial"], "a\nb", "serial number"),
         (["identified", "wires", 0, "lag"], 0.0, "lag is 0"),
         (["identified", "limits", "hottest"], 900.0, "hottest is 900"),
-        (["calibrated", "calibration", "lens", "focal"], -1.0, "focal length -1"),
+        (["calibrated", "calibration", "lens", "focal"], -1.0, r"focal lengths \(-1"),
         (["calibrated", "calibration", "leds"], "x", "leds"),
         (["calibrated", "calibration", "leds"], [[1.0, 2.0]], "leds have shape"),
         (["calibrated", "calibration", "radius"], 0.0, "radius is 0"),

@@ -17,16 +17,16 @@ def held(aim, distance, turn):
     return rotation, distance * np.array([*aim, 1.0]) - rotation @ MIDDLE
 
 
-def seen(name, rotation, position, noise=0.07, seed=0):
+def seen(name, rotation, position, noise=0.07, seed=0, lens=LENS):
     """The corners that are in the image, with noise in pixels."""
     points = np.column_stack([GRID, np.zeros(len(GRID))]) @ rotation.T + position
-    pixels = LENS.project(points)
+    pixels = lens.project(points)
     rng = np.random.default_rng([seed, *map(ord, name)])
-    there = ((pixels > 3) & (pixels < [LENS.width - 4, LENS.height - 4])).all(axis=1)
+    there = ((pixels > 3) & (pixels < [lens.width - 4, lens.height - 4])).all(axis=1)
     return SeenTarget(name, GRID[there], pixels[there] + rng.normal(0, noise, (there.sum(), 2)))
 
 
-def all_over(count=16, tilt=30.0, seed=1000, noise=0.07):
+def all_over(count=16, tilt=30.0, seed=1000, noise=0.07, lens=LENS):
     """Pictures of a target all over the image, tilted in all directions."""
     rng = np.random.default_rng(seed)
     found = []
@@ -35,5 +35,6 @@ def all_over(count=16, tilt=30.0, seed=1000, noise=0.07):
         way = rng.uniform(-np.pi, np.pi)
         turn = [tilt * np.cos(way), tilt * np.sin(way), rng.normal(0, 10)]
         aim = (0.3 * (column - 1), 0.22 * (row - 1))
-        found.append(seen(f"{number}.png", *held(aim, rng.uniform(0.02, 0.03), turn), noise, seed))
+        place = held(aim, rng.uniform(0.02, 0.03), turn)
+        found.append(seen(f"{number}.png", *place, noise, seed, lens))
     return found

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from minorloop_head.vision.targets import ANOTHER, BLURRED, NONE, SeenTarget, Target
+from minorloop_head.vision.targets import NONE, SeenTarget, Target
 
 CHARUCO, BOARD = Target("charuco", 7, 5, 3e-3), Target("chessboard", 7, 6, 3e-3)
 PLANE = np.array([[4.6, 0.4, 30.0], [-0.3, 4.4, 30.0], [0.0006, 0.0004, 1.0]])
@@ -43,9 +43,11 @@ def test_a_chessboard_upside_down_is_seen_so():
     assert not Target("chessboard", 7, 5).oriented
 
 
-def test_pictures_that_cannot_be_used_are_told_apart():
+def test_pictures_without_the_target_are_told():
     assert CHARUCO.find(np.full((256, 320), 128, np.uint8), "a.png") == NONE
     assert BOARD.find(picture(CHARUCO), "a.png") == NONE
-    larger = picture(Target("charuco", 9, 7), PLANE * [[0.7], [0.7], [1.0]])
-    assert CHARUCO.find(larger, "a.png") == ANOTHER
-    assert BOARD.find(picture(BOARD, blur=3.5), "a.png") == BLURRED
+
+
+def test_a_blurred_board_is_found_where_it_is():
+    seen = BOARD.find(picture(BOARD, blur=3.5), "a.png")
+    assert np.abs(seen.pixels - pixels_of(BOARD, seen.points)).max() < 0.5

@@ -1,5 +1,7 @@
 import hashlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -180,3 +182,15 @@ def test_a_ridge_is_the_mean_of_the_prior(run):
     line = "identify loop.csv --input u --output y --law levels=8,lag=0 --prior gaussian"
     assert json.loads(run(f"{line}:mean=ridge --json")[1])["ridge"]["coercive"] > 0
     assert json.loads(run(f"{line} --json")[1])["ridge"] is None
+
+
+def test_a_refused_table_does_not_wait_for_compiled_code(tmp_path):
+    table = tmp_path / "wide.csv"
+    table.write_text(",".join(f"c{k}" for k in range(20_000)) + "\n")
+    told = (
+        "import sys; from minorloop.__main__ import main\n"
+        f"sys.argv = ['minorloop', 'identify', {str(table)!r}, '--input', 'u', '--output', 'y']\n"
+        "print(main(), 'numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["2", "False"], done.stderr

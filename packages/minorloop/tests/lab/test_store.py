@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 from minorloop.errors import OutputError, ParameterError, RecordError, StoreError
 from minorloop.files import lock_path
 from minorloop.lab import _store_file as store_file
+from minorloop.lab._store_file import is_store
 from minorloop.lab.plan import Plan
-from minorloop.lab.store import Point, Setup, Store, is_store
+from minorloop.lab.store import Point, Setup, Store
 
 LEVELS = [0.0, 0.5, -0.25, np.nan, 1.0]
 PLAN = Plan(LEVELS, 40.0, input="voltage [V]")

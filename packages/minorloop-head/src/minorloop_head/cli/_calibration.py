@@ -31,23 +31,29 @@ _ENLARGED = 100
 """Length of a residual in the report, in its own length."""
 
 
-def target_of(text: str) -> Target:
-    """Return the target of ``charuco,squares=9x7,side=3``, whose side is in mm."""
+def target_of(text: str) -> tuple[str, tuple[int, int] | None, float]:
+    """Return kind, columns and rows if they are given, and side in metres of ``auto,side=3``."""
     from minorloop.arrays import as_finite
-    from minorloop_head.vision.targets import Target
+    from minorloop_head.procedures.calibrate import AUTO
+    from minorloop_head.vision.targets import KINDS
 
     given = parsed(text)
+    kind = given.kind or given.what or AUTO
+    if kind not in (AUTO, *KINDS):
+        raise ParameterError(f"--target is {kind!r}; give {AUTO}, {', '.join(KINDS)}")
 
-    def made(squares: str = "9x7", side: float = 3.0) -> Target:
-        counts = squares.lower().split("x")
-        if len(counts) != 2 or not all(each.isascii() and each.isdigit() for each in counts):
+    def made(squares: str = "", side: float = 3.0) -> tuple[tuple[int, int] | None, float]:
+        counts = squares.lower().split("x") if squares else []
+        if squares and not (
+            len(counts) == 2 and all(each.isascii() and each.isdigit() for each in counts)
+        ):
             raise ParameterError(
                 f"squares of --target is {squares!r}; give columns and rows such as 9x7"
             )
-        size = 1e-3 * as_finite("side of --target", side)
-        return Target(given.kind or given.what or "charuco", int(counts[0]), int(counts[1]), size)
+        said = (int(counts[0]), int(counts[1])) if counts else None
+        return said, 1e-3 * as_finite("side of --target", side)
 
-    return called(made, "--target", given.options)
+    return kind, *called(made, "--target", given.options)
 
 
 def led_places(text: str) -> FloatArray:
@@ -142,9 +148,12 @@ def show(found: CalibratedHead, path: Path, as_json: bool) -> None:
             for each in head.measured
         }
         content |= {"used": found.used, "left_out": found.left_out, "advice": found.advice}
+        content["target"] = None if found.target is None else str(found.target)
         content["rms_px"] = None if found.lens is None else found.lens.rms
+        content["rms_left_out_px"] = None if found.lens is None else found.lens.rms_left_out
+        content["lens_model"] = None if found.lens is None else found.lens.model
         content["rms_angles_deg"] = None if found.mount is None else found.mount.rms
-        content["warnings"] = found.doubts
+        content["warnings"] = found.warnings
         _common.print_json(content)
         return
     _common.print_table(("what", "value", "sd", "unit"), _rows(found), f"head {head.serial}")
@@ -152,7 +161,7 @@ def show(found: CalibratedHead, path: Path, as_json: bool) -> None:
     for name, why in found.left_out.items():
         typer.echo(f"left out: {name} ({why})")
     _common.print_advice(found.advice)
-    for sentence in found.doubts:
+    for sentence in found.warnings:
         typer.echo(f"warning: {sentence}", err=True)
     typer.echo(f"kept in {path}; next: minorloop head identify --head {path}")
 
@@ -163,7 +172,7 @@ def report(found: CalibratedHead) -> Report:
 
     page = Report(f"Calibration of head {found.head.serial}", _summary(found))
     columns = ("what", "value", "sd", "unit")
-    page.add("Measured", table=Table(columns, _rows(found)), notes=(*found.doubts, *found.advice))
+    page.add("Measured", table=Table(columns, _rows(found)), notes=(*found.warnings, *found.advice))
     if found.lens is not None:
         page.add(
             "Lens",
@@ -192,8 +201,13 @@ def _rows(found: CalibratedHead) -> list[tuple[str, str, str, str]]:
 def _summary(found: CalibratedHead) -> str:
     used = [f"{counted(count, 'picture')} for {what}" for what, count in found.used.items()]
     said = f"used: {', '.join(used) or 'no pictures'}; left out: {len(found.left_out)}"
+    if found.target is not None:
+        said += f"; {found.target}"
     if found.lens is not None:
-        said += f"; residual of the corners {found.lens.rms:.2g} px rms"
+        said += (
+            f"; residual of the corners {found.lens.rms:.2g} px rms, {found.lens.rms_left_out:.2g} "
+            f"in pictures left out; free in the lens: {found.lens.model}"
+        )
     if found.mount is not None:
         said += f"; residual of the angles {found.mount.rms:.2g} deg rms"
     return said

@@ -123,6 +123,14 @@ def calibrate(
             "the column picture, and pan and tilt in deg."
         ),
     ] = None,
+    robot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead of joints that pan and tilt: table with a row for each picture of "
+            "--mount, its name in the column picture, and the pose of a robot's flange: x, y, z in "
+            "mm, and rx, ry, rz in deg (rotation vector) or qw, qx, qy, qz."
+        ),
+    ] = None,
     on_axis: Annotated[
         bool,
         typer.Option(
@@ -152,10 +160,11 @@ def calibrate(
         str,
         typer.Option(
             metavar="KIND,KEY=VALUE,...",
-            help="Kind of the target, charuco or chessboard; columns and rows of its squares; and "
-            "the side of a square as measured, in mm.",
+            help="Kind of the target: charuco, chessboard, circles or asymmetric-circles; auto "
+            "finds out which the pictures show. squares=COLUMNSxROWS, or circles, found out too; "
+            "side=MM of a square as measured, or distance of circles.",
         ),
-    ] = "charuco,squares=9x7,side=3",
+    ] = "auto,side=3",
     radius: Annotated[
         float | None, _common.number_option("Radius of the pipe, in mm; 10 if never given.")
     ] = None,
@@ -179,9 +188,11 @@ def calibrate(
     from minorloop_head.cli import _calibration
     from minorloop_head.procedures import calibrate as steps
     from minorloop_head.procedures.head_file import save_head
+    from minorloop_head.vision.targets import KINDS, Target
 
-    board = _calibration.target_of(target)
+    kind, said, side = _calibration.target_of(target)
     if print_target is not None:
+        board = Target(KINDS[0] if kind == steps.AUTO else kind, *(said or (9, 7)), side)
         _calibration.print_target(board, print_target, force=force)
         if as_json:
             _common.print_json({"target": str(print_target)})
@@ -190,17 +201,22 @@ def calibrate(
         return
     if head is None:
         raise ParameterError("no file of a head is given; name it with --head")
-    _check_calibration(pictures, mount, angles, led_pictures, leds, angle_sd, radius, thickness)
+    _check_calibration(
+        pictures, mount, angles, robot, led_pictures, leds, angle_sd, radius, thickness
+    )
     before = _before(head, serial, force)
     _common.check_outputs([report], inputs=[head], force=force)
     lens = fit = None
     used: dict[str, int] = {}
     left_out: dict[str, str] = {}
+    known_target: Target | None = None
     with _common.working("looking for the target") as now:
 
         def looked(folder: Path, what: str) -> steps.TargetPictures:
+            nonlocal known_target
             now(f"looking for the target in {folder}")
-            found = steps.look_through(folder, board)
+            known_target = known_target or steps.find_target(folder, side, kind, said)
+            found = steps.look_through(folder, known_target)
             used[what] = len(found.seen)
             left_out.update({f"{folder.name}/{n}": why for n, why in found.left_out.items()})
             return found
@@ -213,27 +229,31 @@ def calibrate(
             used["the lens"] = len(lens.seen)
         known = lens.lens if lens is not None else steps.lens_of(before)
         doubts: tuple[str, ...] = ()
-        if mount is not None:
+        measured: tuple[Measured, ...] = ()
+        if mount is not None and robot is not None:
+            shown_at = looked(mount, "the flange")
+            measured = steps.calibrate_hand_eye(shown_at, known, robot, corner_sd=sd).measured
+        elif mount is not None:
             shown_at = looked(mount, "the mount")
             fit = steps.calibrate_mount(
-                shown_at, board, known, angles,
+                shown_at, known, angles,
                 corner_sd=sd, angle_sd=angle_sd, on_axis=on_axis,
                 centre_sd=steps.centre_sd_of(before.measured if lens is None else lens.measured),
             )  # fmt: skip
             names = [each.name for each in shown_at.seen]
             doubts = steps.mount_doubts(fit, names, angle_sd)
         places = None if leds is None else _calibration.led_places(leds)
-        measured: tuple[Measured, ...] = ()
         if led_pictures is not None:
             folders = steps.led_folders(led_pictures)
             shown = [looked(each, f"LED {n}") for n, each in enumerate(folders, 1)]
-            places, measured = steps.calibrate_leds(shown, known, sd)
+            places, lit = steps.calibrate_leds(shown, known, sd)
+            measured = (*measured, *lit)
     found, advice = steps.calibrated_head(
         before, lens=lens, mount=fit, leds=places, measured=measured,
         radius=None if radius is None else _MM * radius,
         thickness=None if thickness is None else _MM * thickness,
     )  # fmt: skip
-    result = steps.CalibratedHead(found, lens, fit, left_out, used, advice, doubts)
+    result = steps.CalibratedHead(found, lens, fit, left_out, used, advice, doubts, known_target)
     save_head(found, head, force=True)
     if report is not None:
         _common.write_report(lambda: _calibration.report(result), report, force=force)
@@ -260,6 +280,7 @@ def _check_calibration(
     pictures: Path | None,
     mount: Path | None,
     angles: Path | None,
+    robot: Path | None,
     led_pictures: Path | None,
     leds: str | None,
     angle_sd: float,
@@ -270,8 +291,11 @@ def _check_calibration(
         raise ParameterError(
             "there is nothing to calibrate; give --pictures, --mount, --led-pictures or --leds"
         )
-    if angles is not None and mount is None:
-        raise ParameterError("--angles are those of the pictures of --mount; give it too")
+    for name, table in (("angles", angles), ("robot", robot)):
+        if table is not None and mount is None:
+            raise ParameterError(f"--{name} are those of the pictures of --mount; give it too")
+    if angles is not None and robot is not None:
+        raise ParameterError("give either --angles or --robot")
     if leds is not None and led_pictures is not None:
         raise ParameterError("give either --leds or --led-pictures")
     if not 1e-3 <= angle_sd <= 10.0:

@@ -49,8 +49,9 @@ def run(
     lens: Annotated[
         str | None,
         typer.Option(
-            metavar="F[,U,V[,K1,K2]]",
-            help="Instead of a head: focal length in pixels, centre of the picture, distortion.",
+            metavar="F[,U,V[,K1,K2[,P1,P2,K3,FY]]]",
+            help="Instead of a head: focal length in pixels, centre of the picture, distortion, "
+            "and focal length along the columns if pixels are not square.",
         ),
     ] = None,
     radius: Annotated[
@@ -211,10 +212,11 @@ def _view(
     if radius is None:
         raise ParameterError("--lens needs the radius of the pipe; give --radius, in mm")
     height, width = shape
-    numbers = _common.numbers("lens", lens or "", (1, 3, 5), "F, or F,U,V, or F,U,V,K1,K2")
-    usual = [math.nan, (width - 1) / 2, (height - 1) / 2, 0.0, 0.0]
-    focal, u, v, k1, k2 = [*numbers, *usual[len(numbers) :]]
-    optics = Pinhole(width, height, focal, (u, v), k1, k2)
+    forms = "F, or F,U,V, or F,U,V,K1,K2, or F,U,V,K1,K2,P1,P2,K3,FY"
+    numbers = _common.numbers("lens", lens or "", (1, 3, 5, 9), forms)
+    usual = [math.nan, (width - 1) / 2, (height - 1) / 2, *[0.0] * 5, numbers[0]]
+    focal, u, v, k1, k2, p1, p2, k3, fy = [*numbers, *usual[len(numbers) :]]
+    optics = Pinhole(width, height, focal, (u, v), k1, k2, k3, p1, p2, fy / focal)
     return HeadCalibration(
         lens=optics, leds=np.zeros((1, 3)), lever=_MM * lever, radius=_MM * radius
     )

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError, are, counted
@@ -20,6 +21,8 @@ from minorloop_head.geometry import AXES, Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile
 from minorloop_head.procedures.values import ALL_LIGHTS
+from minorloop_head.vision.calibrated_camera import Image
+from minorloop_head.vision.hand_eye import HandEyeFit, fit_hand_eye
 from minorloop_head.vision.lens_calibration import (
     LensFit,
     TargetPose,
@@ -30,9 +33,14 @@ from minorloop_head.vision.lens_calibration import (
 )
 from minorloop_head.vision.measured import Measured
 from minorloop_head.vision.mount_calibration import MountFit, fit_mount
-from minorloop_head.vision.targets import ANOTHER, SeenTarget, Target
+from minorloop_head.vision.target_search import markers_in, search_target
+from minorloop_head.vision.targets import NONE, SeenTarget, Target
 from minorloop_head.vision.video import frames, names
 
+AUTO = "auto"
+"""Kind of a target that is to be found out from the pictures."""
+_SAMPLE, _EXPLAINED = 16, 5
+"""Pictures in which a target is searched, and pictures without one that are explained."""
 CORNER_SD = 0.1
 """Standard deviation of a corner in pixels, for a lens that was calibrated before."""
 _FEWEST = 6
@@ -54,6 +62,7 @@ class TargetPictures:
     """What a folder of pictures shows."""
 
     folder: str
+    target: Target
     size: tuple[int, int]
     """Width and height, in pixels."""
     seen: tuple[SeenTarget, ...]
@@ -88,6 +97,51 @@ class CalibratedHead:
     advice: tuple[str, ...]
     doubts: tuple[str, ...] = ()
     """Why the mount is not to be trusted, see `mount_doubts`."""
+    target: Target | None = None
+    """Which the pictures show."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the pictures hardly determine, and why the mount is not to be trusted."""
+        return (*(self.lens.warnings if self.lens else ()), *self.doubts)
+
+
+def find_target(
+    folder: PathLike, square: float, kind: str = AUTO, squares: tuple[int, int] | None = None
+) -> Target:
+    """Return the target that the pictures of a folder show.
+
+    ``square`` is the side of a square or the distance of circles in metres, which pictures do not
+    show; ``kind``, one of `minorloop_head.vision.targets.KINDS` or `AUTO`, and ``squares``, columns
+    and rows, are what is expected. Raises a `RecordError` if the pictures show no target, or
+    another one.
+    """
+    called = _pictures_in(folder)
+    chosen = set(np.linspace(0, len(called) - 1, min(len(called), _SAMPLE)).astype(int).tolist())
+    read = (frame.image for frame in frames(str(folder), damaged=True))
+    images = [image for number, image in enumerate(read) if number in chosen and image.size]
+    found = search_target(images, square)
+    said = None
+    if squares is not None and (kind != AUTO or found is not None):
+        said = Target(found.kind if kind == AUTO and found else kind, *squares, square)
+    if found is None:
+        if said is not None:
+            return said  # it may be found where its size is known
+        raise RecordError(f"no picture of {folder} shows a target{_why_none(images)}")
+    if kind not in (AUTO, found.kind):
+        raise RecordError(f"{folder} shows {found}, and --target is {kind}; leave it out")
+    if said is None or sorted(squares or ()) == sorted((found.columns, found.rows)):
+        return found
+    if found.kind == "charuco" and found.columns == said.columns and found.rows < said.rows:
+        return replace(found, rows=said.rows)
+    if found.kind == "charuco" or not any(
+        isinstance(said.find(image, ""), SeenTarget) for image in images
+    ):
+        raise RecordError(
+            f"{folder} shows {found}, and --target has squares={said.columns}x{said.rows}: it is "
+            "another target, or cut in every picture"
+        )
+    return said
 
 
 def look_through(folder: PathLike, target: Target) -> TargetPictures:
@@ -99,9 +153,7 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
     size: tuple[int, int] | None = None
     seen: list[SeenTarget] = []
     left_out, reflections = {}, {}
-    if not Path(folder).is_dir():
-        raise ParameterError(f"there is no folder {folder}; give one with pictures of the target")
-    called = names(str(folder))
+    called = _pictures_in(folder)
     first = ""
     for name, frame in zip(called, frames(str(folder), damaged=True), strict=True):
         if not frame.image.size:
@@ -117,7 +169,8 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
             )
         found = target.find(frame.image, name)
         if isinstance(found, str):
-            left_out[name] = found
+            explain = len(left_out) < _EXPLAINED
+            left_out[name] = _why_not(frame.image, target) if explain else found
             continue
         seen.append(found)
         spot = find_reflection(frame.image)
@@ -125,20 +178,43 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
             reflections[name] = spot
     if size is None:
         raise RecordError(f"no picture of {folder} can be read as an image; take them again")
-    pictures = TargetPictures(str(folder), size, tuple(seen), left_out, reflections)
-    others = list(left_out.values()).count(ANOTHER)
-    what = f"a {target.kind} of {target.columns} by {target.rows} squares"
-    if others > len(called) / 2:
-        raise RecordError(
-            f"{counted(others, 'picture')} of {folder} {'shows' if others == 1 else 'show'} not "
-            f"{what} but another target; count its squares, and give them with --target"
-        )
+    pictures = TargetPictures(str(folder), target, size, tuple(seen), left_out, reflections)
     if not seen:
         raise RecordError(
-            f"no picture of {folder} shows {what}{pictures.explained()}; check "
+            f"no picture of {folder} shows {target}{pictures.explained()}; check "
             "--target, and that the whole picture is sharp and not too dark"
         )
     return pictures
+
+
+def _pictures_in(folder: PathLike) -> list[str]:
+    if not Path(folder).is_dir():
+        raise ParameterError(f"there is no folder {folder}; give one with pictures of the target")
+    return names(str(folder))
+
+
+def _why_none(images: Sequence[Image]) -> str:
+    """Return why no target is found in pictures, to be appended to a message."""
+    turned = search_target([np.ascontiguousarray(image[:, ::-1]) for image in images], 1e-3)
+    if turned is not None and turned.kind == "charuco":
+        return ": they are mirrored; take them again, and let the camera not mirror them"
+    family = markers_in(images)
+    if family:
+        return f": there are markers of {family}, but not in the places of a charuco target"
+    return (
+        ": no markers, chessboard or grid of circles; give pictures of a whole, flat target, or "
+        "name it and its squares with --target"
+    )
+
+
+def _why_not(image: Image, target: Target) -> str:
+    """Return why a target is not found in a picture."""
+    other = search_target([image], target.square)
+    if other is None or (target.kind == "charuco" and other.kind != "charuco"):
+        return NONE  # between its markers it is a chessboard
+    if other.kind != target.kind:
+        return f"it shows {other}"
+    return f"it shows only {other.columns} by {other.rows} of its squares"
 
 
 def calibrate_lens(pictures: TargetPictures) -> LensFit:
@@ -154,7 +230,6 @@ def calibrate_lens(pictures: TargetPictures) -> LensFit:
 
 def calibrate_mount(
     pictures: TargetPictures,
-    target: Target,
     lens: Pinhole,
     angles: PathLike | None,
     *,
@@ -173,7 +248,6 @@ def calibrate_mount(
     Parameters
     ----------
     pictures : TargetPictures
-    target : Target
     lens : Pinhole
     angles : path, optional
         Table with columns ``picture``, ``pan [deg]`` and ``tilt [deg]``; without it, the names of
@@ -185,10 +259,11 @@ def calibrate_mount(
     centre_sd : (float, float)
         Standard deviations of the principal point, in pixels.
     """
+    target = pictures.target
     if not target.oriented:
         raise ParameterError(
-            f"a chessboard of {target.columns} by {target.rows} squares looks the same upside "
-            "down; use one with an odd and an even number, or a charuco target, for the mount"
+            f"{target} looks the same upside down; use a charuco target, or a chessboard with an "
+            "odd and an even number of squares, for the mount"
         )
     _check_size(pictures, lens)
     known = _angles_of_names(pictures) if angles is None else _angles_of_table(angles)
@@ -215,6 +290,38 @@ def calibrate_mount(
         for each, *others in zip(found.measured, *(fit.measured for fit in moved), strict=True)
     ]
     return replace(found, measured=tuple(measured))
+
+
+def calibrate_hand_eye(
+    pictures: TargetPictures, lens: Pinhole, robot: PathLike, *, corner_sd: float = CORNER_SD
+) -> HandEyeFit:
+    """Fit the pose of the camera on the flange of a robot to pictures of a target at rest.
+
+    Parameters
+    ----------
+    pictures : TargetPictures
+    lens : Pinhole
+    robot : path
+        Table with columns ``picture``, ``x``, ``y`` and ``z`` in mm or m, and a rotation vector
+        ``rx``, ``ry`` and ``rz`` in deg or rad, or a quaternion ``qw``, ``qx``, ``qy`` and ``qz``:
+        poses of the flange in the base.
+    corner_sd : float
+        Standard deviation of a corner, in pixels.
+
+    Raises
+    ------
+    RecordError
+        If the table or a row is missing, or the pictures do not determine the pose.
+    """
+    _check_size(pictures, lens)
+    if not pictures.target.oriented:
+        raise ParameterError(f"{pictures.target} looks the same upside down; use another one")
+    known = _flanges_of_table(robot)
+    missing = [each.name for each in pictures.seen if each.name not in known]
+    if missing:
+        raise RecordError(f"{robot} has no row for {missing[0]}; name it in its column 'picture'")
+    flange = np.array([known[each.name] for each in pictures.seen])
+    return fit_hand_eye([target_pose(lens, each, corner_sd) for each in pictures.seen], flange)
 
 
 def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tuple[str, ...]:
@@ -447,3 +554,27 @@ def _angles_of_table(file: PathLike) -> dict[str, tuple[float, float]]:
     if len(found) < len(pictures):
         raise RecordError(f"{file} names a picture twice; give one row for each")
     return found
+
+
+def _flanges_of_table(file: PathLike) -> dict[str, FloatArray]:
+    """Return poses (4, 4) of the flange, in metres, by the names of pictures."""
+    units = {"mm": 1e-3, "m": 1.0, "deg": math.radians(1.0), "rad": 1.0, "": 1.0}
+    with opened(file) as table:
+        names = [split_header(header)[0] for header in table.headers]
+        turn = ["qx", "qy", "qz", "qw"] if "qw" in names else ["rx", "ry", "rz"]
+        columns = ["x", "y", "z", *turn]
+        given = [split_header(table.find(name))[1] for name in columns]
+        allowed = [("mm", "m")] * 3 + [("",) if "qw" in turn else ("deg", "rad")] * len(turn)
+        for name, unit, each in zip(columns, given, allowed, strict=True):
+            if unit not in each:
+                raise RecordError(
+                    f"column {name!r} of {file} is in {unit or 'no unit'}; give it in "
+                    f"{' or '.join(each) or 'no unit'}"
+                )
+        read = table.read(columns, ["picture"])
+    values = np.stack([units[unit] * read[name] for name, unit in zip(columns, given, strict=True)])
+    turns = values[3:].T
+    turned = Rotation.from_quat(turns) if "qw" in turn else Rotation.from_rotvec(turns)
+    poses = np.tile(np.eye(4), (len(turns), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = turned.as_matrix(), values[:3].T
+    return dict(zip(map(str, read["picture"].tolist()), poses, strict=True))

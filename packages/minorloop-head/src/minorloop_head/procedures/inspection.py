@@ -123,7 +123,7 @@ def views_of(lens: Pinhole) -> FloatArray:
 
     Neighbours overlap by half of a picture, or by more.
     """
-    half = math.atan(min(lens.width, lens.height) / 2 / lens.focal)
+    half = math.atan(min(lens.width / lens.focals[0], lens.height / lens.focals[1]) / 2)
     rings, deflection = [], _DEFLECTION
     while deflection > 0.0:
         count = max(_FEWEST_VIEWS, math.ceil(2 * math.pi * math.sin(deflection) / half))

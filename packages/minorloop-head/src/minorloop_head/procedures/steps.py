@@ -201,7 +201,7 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
             break
         place, pixel = found.place, _outlined(rig, centring, found.place)
         lens = rig.calibration.lens
-        off = float(lens.focal * np.hypot(*lens.normalised(pixel)))
+        off = lens.off_axis(lens.normalised(pixel))
         found = replace(found, error=max(off, found.error))
         if found.error <= centring.in_middle:
             break

@@ -442,7 +442,8 @@ def _lens_dirt(
 ) -> npt.NDArray[np.float32]:
     """Return the transmission (H, W) of a lens with spots and vignetting."""
     v, u = np.mgrid[0 : optics.height, 0 : optics.width].astype(np.float64)
-    x, y = (u - optics.centre[0]) / optics.focal, (v - optics.centre[1]) / optics.focal
+    fx, fy = optics.focals
+    x, y = (u - optics.centre[0]) / fx, (v - optics.centre[1]) / fy
     through = (1 + x * x + y * y) ** -1.5
     for _ in range(6):
         u0, v0 = rng.uniform(0, optics.width), rng.uniform(0, optics.height)

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from minorloop_head._geometry_kernels import distorted
+
 _FLAT = 1e-4
 """Sum of squares of a patch's logarithms, per texel, below which it shows nothing: 1 % contrast."""
+_FOLDED = 0.1
+"""Least share of an area that is left by the distortion of a lens."""
 
 
 @njit(cache=True, nogil=True)
@@ -36,7 +40,7 @@ def sample(image, point, lens, rotation, position, turns, moves, shift, values, 
     by pan and tilt, ``shift`` (2,) how far both turn from a row to the next. Fills ``values`` (N,)
     and their derivatives ``slopes`` (2, N).
     """
-    focal, u0, v0, k1, k2 = lens
+    fx, fy, u0, v0, k1, k2, k3, p1, p2 = lens
     height, width = image.shape
     du, dv = np.empty(2), np.empty(2)
     for n in range(point.shape[0]):
@@ -48,12 +52,10 @@ def sample(image, point, lens, rotation, position, turns, moves, shift, values, 
             return False
         a = (rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z) / depth
         b = (rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z) / depth
-        square = a * a + b * b
-        scale = 1.0 + square * (k1 + k2 * square)
-        growth = k1 + 2.0 * k2 * square
-        u, v = u0 + focal * scale * a, v0 + focal * scale * b
+        moved_x, moved_y, across, both, down = distorted(a, b, k1, k2, k3, p1, p2)
+        u, v = u0 + fx * moved_x, v0 + fy * moved_y
         # The distortion may fold points far outside back into the image.
-        if not (scale + 2.0 * square * growth > 0.1):
+        if not across * down - both * both > _FOLDED:
             return False
         for c in range(2):
             d, m = turns[c], moves[c]
@@ -70,8 +72,7 @@ def sample(image, point, lens, rotation, position, turns, moves, shift, values, 
                 - rotation[0, 2] * m[0] - rotation[1, 2] * m[1] - rotation[2, 2] * m[2]
             )  # fmt: skip
             da, db = (dx - a * dz) / depth, (dy - b * dz) / depth
-            more = growth * 2.0 * (a * da + b * db)
-            du[c], dv[c] = focal * (scale * da + more * a), focal * (scale * db + more * b)
+            du[c], dv[c] = fx * (across * da + both * db), fy * (both * da + down * db)
         row = v - 0.5 * height
         u += row * (shift[0] * du[0] + shift[1] * du[1])
         v += row * (shift[0] * dv[0] + shift[1] * dv[1])
@@ -83,10 +84,10 @@ def sample(image, point, lens, rotation, position, turns, moves, shift, values, 
         lower = image[q + 1, p + 1] - image[q + 1, p]
         left = image[q + 1, p] - image[q, p]
         values[n] = image[q, p] + su * upper + sv * left + su * sv * (lower - upper)
-        across = upper + sv * (lower - upper)
-        down = left + su * (lower - upper)
+        rightwards = upper + sv * (lower - upper)
+        downwards = left + su * (lower - upper)
         for c in range(2):
-            slopes[c, n] = across * du[c] + down * dv[c]
+            slopes[c, n] = rightwards * du[c] + downwards * dv[c]
     return True
 
 

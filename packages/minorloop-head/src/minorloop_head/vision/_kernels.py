@@ -5,21 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from minorloop_head._geometry_kernels import distorted
+
 _NEAR = 1e-4  # square of 10 mm
+_BENT = 3.0
+"""Largest square of a radius in the image over that after distortion: a fisheye of 120 degrees."""
 
 
 @njit(cache=True, nogil=True)
 def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
     """Unroll an image, bilinearly; NaN where it does not show the wall.
 
-    ``rotation`` (3, 3) and ``position`` (3,) of the camera in the pipe, ``lens`` (focal length,
-    u, v, k1, k2) in pixels, ``least`` pixels per metre.
+    ``rotation`` (3, 3) and ``position`` (3,) of the camera in the pipe, ``lens`` as
+    `calibrated_camera.numbers` has it, ``least`` pixels per metre.
     """
     rows, columns = flat.shape
-    focal, u0, v0, k1, k2 = lens
+    fx, fy, u0, v0, k1, k2, k3, p1, p2 = lens
     # Radii beyond which the polynomial of the lens may fold back into the image.
-    limit = 1.1 * max(max(u0, image.shape[1] - u0), 0.0) ** 2
-    limit = (limit + 1.1 * max(v0, image.shape[0] - v0) ** 2) / focal**2
+    limit = (max(u0, image.shape[1] - u0) / fx) ** 2 + (max(v0, image.shape[0] - v0) / fy) ** 2
     for j in range(columns):
         angle = phi + j * step / radius
         nx, ny = np.cos(angle), np.sin(angle)
@@ -34,15 +37,16 @@ def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
             depth = cz + rotation[2, 2] * along
             if depth <= 1e-4:
                 continue
-            if focal * out < least * (x * x + y * y + along * along):
+            if min(fx, fy) * out < least * (x * x + y * y + along * along):
                 continue
             a = (cx + rotation[2, 0] * along) / depth
             b = (cy + rotation[2, 1] * along) / depth
-            square = a * a + b * b
-            if square > 1.5 * limit:
+            if a * a + b * b > _BENT * limit:
                 continue
-            scale = focal * (1.0 + square * (k1 + square * k2))
-            u, v = u0 + scale * a, v0 + scale * b
+            right, low, across, both, down = distorted(a, b, k1, k2, k3, p1, p2)
+            if not across * down - both * both > 0.0:
+                continue
+            u, v = u0 + fx * right, v0 + fy * low
             # Written so that NaN, of an unknown pose, counts as outside.
             if not (0.0 <= u < image.shape[1] - 1 and 0.0 <= v < image.shape[0] - 1):
                 continue

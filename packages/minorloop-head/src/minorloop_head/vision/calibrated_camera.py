@@ -152,7 +152,7 @@ def window_in_view(
     norm = np.linalg.norm(rays, axis=-1)
     out = (rays[..., 0] * np.cos(phi) + rays[..., 1] * np.sin(phi)) / norm
     with np.errstate(invalid="ignore"):
-        large = camera.lens.focal * out / (length * norm) >= least
+        large = min(camera.lens.focals) * out / (length * norm) >= least
     if not large.any():
         return None
     middle = float(np.angle(np.exp(1j * phi[large]).sum()))
@@ -217,5 +217,5 @@ def _view_parameters(
 
 
 def numbers(lens: Pinhole) -> FloatArray:
-    """Return a lens as an array for the kernels."""
-    return np.array([lens.focal, *lens.centre, lens.k1, lens.k2])
+    """Return focal lengths, principal point and distortion (9,) of a lens, for the kernels."""
+    return np.array([*lens.focals, *lens.centre, *lens.distortion])

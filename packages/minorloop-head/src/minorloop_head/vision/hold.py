@@ -108,7 +108,7 @@ class PointHold:
         error, pixels, verdict = None, math.nan, NO_TARGET
         if np.isfinite(seen).all() and np.isfinite(measured).all():
             point = self.servo.camera.lens.normalised(seen)
-            pixels = float(self.servo.camera.lens.focal * np.hypot(*point))
+            pixels = self.servo.camera.lens.off_axis(point)
             error = self.servo.angular_error(point, measured)
             verdict = SINGULAR if error is None else TURNING
         new = self._waited(state) if error is None else self._seen(state, error, measured)

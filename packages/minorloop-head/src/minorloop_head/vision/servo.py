@@ -141,7 +141,7 @@ class Servo:
         if not np.isfinite(seen).all():
             return ServoStep(state.angles, np.zeros(2), math.nan, NO_TARGET), state
         point = self.camera.lens.normalised(seen)
-        pixels = float(self.camera.lens.focal * np.hypot(*point))
+        pixels = self.camera.lens.off_axis(point)
         error = self.angular_error(point, present)
         if error is None:
             return ServoStep(state.angles, np.zeros(2), pixels, SINGULAR), state

@@ -1,9 +1,10 @@
-"""Flat targets for the calibration of a camera: ChArUco and chessboard, and their corners."""
+"""Flat targets for the calibration of a camera, and their corners."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,24 +15,26 @@ from minorloop.errors import ParameterError
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.imaging import opencv
 
-KINDS = ("charuco", "chessboard")
+KINDS = ("charuco", "chessboard", "circles", "asymmetric-circles")
 CELLS = 8
-"""Cells along the side of a square of a ChArUco target; a marker with its border has 6."""
-_DICTIONARIES = (50, 100, 250, 1000)
-"""Numbers of markers of 4 by 4 bits in the dictionaries of OpenCV."""
-_FEWEST = 8
+"""Cells along the side of a square of a target that is printed."""
+MARKER = 0.75
+"""Side of a marker with its border, in squares, of a ChArUco target that is printed."""
+COUNTS = (50, 100, 250, 1000)
+"""Numbers of markers in the dictionaries of OpenCV that have several sizes."""
+SMALLEST, LARGEST = 3, 60
+"""Columns and rows that a target can have."""
+_FEWEST = 6
 """Corners of a target that are enough for its pose and distortion to be checked."""
 _DISTURBED = 0.4
 """Distance in squares within which a reflection may shift a corner."""
-_BLURRED = (6.0, 0.01)
-"""Largest width of an edge: in pixels, and in widths of the picture if that is more."""
-_MISFIT = 0.3
-"""Largest rms distance of corners from a plane grid, in squares; distortion gives below 0.15."""
+_DOT = (20.0, 0.02)
+"""Area of a circle: at least so many pixels, and at most so much of the picture."""
 
 Corners = tuple[npt.NDArray[np.int64], FloatArray]
 """Numbers (N,) of corners, counted by rows, and their pixels (N, 2)."""
 
-NONE, BLURRED, ANOTHER = "no target found", "blurred", "another target"
+NONE = "no target found"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,42 +64,73 @@ class Target:
     """
 
     kind: str = "charuco"
-    """``charuco`` (markers of 4 by 4 bits in the white squares, upper left square black) or
-    ``chessboard``."""
+    """``charuco`` (a chessboard with markers in its white squares), ``chessboard``, ``circles``,
+    or ``asymmetric-circles``, in which every other row is shifted by half of the distance."""
     columns: int = 9
     rows: int = 7
-    """Squares, 4 to 40."""
+    """Squares, or circles as OpenCV counts them: 3 to 60."""
     square: float = 3e-3
-    """Side of a square, in metres."""
+    """Side of a square, or distance of circles (in the asymmetric grid, of its rows), in metres."""
+    marker: float = MARKER
+    """Side of a marker of a ChArUco target, in squares."""
+    dictionary: str = ""
+    """Name of its dictionary in OpenCV; empty for the smallest of 4 by 4 bits."""
+    legacy: bool = False
+    """Whether its first square is white though its rows are even, as in OpenCV before 4.6."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise ParameterError(f"the target is {self.kind!r}; give {' or '.join(KINDS)}")
-        if not (4 <= self.columns <= 40 and 4 <= self.rows <= 40):
+            raise ParameterError(f"the target is {self.kind!r}; give {', '.join(KINDS)}")
+        if not (
+            min(self.columns, self.rows) >= SMALLEST and max(self.columns, self.rows) <= LARGEST
+        ):
             raise ParameterError(
-                f"a target of {self.columns} by {self.rows} squares; give 4 to 40 each"
+                f"a target of {self.columns} by {self.rows} squares; give {SMALLEST} to "
+                f"{LARGEST} each"
             )
         if not 1e-4 <= self.square <= 1.0:
             raise ParameterError(
                 f"squares of {1e3 * self.square:g} mm; give the side of one, 0.1 to 1000 mm"
             )
 
+    def __str__(self) -> str:
+        """Return a name such as "a charuco target of 9 by 7 squares (DICT_4X4_50)"."""
+        what = "circles" if self.kind.endswith("circles") else "squares"
+        more = ""
+        if self.kind == "charuco":
+            more = f" ({self._dictionary}{', pattern before OpenCV 4.6' if self.legacy else ''})"
+        article = "an" if self.kind[0] == "a" else "a"
+        return f"{article} {self.kind} target of {self.columns} by {self.rows} {what}{more}"
+
     @property
     def oriented(self) -> bool:
         """Whether the target looks different when it is turned by 180 degrees."""
-        return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
+        if self.kind == "chessboard":
+            return (self.columns + self.rows) % 2 == 1
+        return self.kind == "charuco" or (self.kind == "asymmetric-circles" and self.rows % 2 == 1)
 
     @property
     def size(self) -> FloatArray:
-        """Width and height (2,), in metres."""
-        return self.square * np.array([self.columns, self.rows], dtype=np.float64)
+        """Width and height (2,), in metres; of circles, with a margin of a distance."""
+        sides = {"circles": (1, 1), "asymmetric-circles": (self.columns, 1)}.get(self.kind, (0, 0))
+        return self.square * (np.array([self.columns, self.rows], dtype=np.float64) + sides)
 
     def cells(self) -> npt.NDArray[np.bool_]:
-        """Return which cells are white, with `CELLS` along the side of a square."""
-        if self.kind == "charuco":
+        """Return which cells are white, with `CELLS` along the side of a square.
+
+        Raises
+        ------
+        ParameterError
+            If it cannot be drawn so.
+        """
+        if self.kind == "charuco" and self.marker == MARKER:
             size = (CELLS * self.columns, CELLS * self.rows)
             image = self._board.generateImage(size, marginSize=0)
             return np.asarray(image) > 0
+        if self.kind != "chessboard":
+            raise ParameterError(
+                f"{self} is not printed here; print a charuco or chessboard target"
+            )
         squares = np.indices((self.rows, self.columns)).sum(axis=0) % 2 == 1
         return np.kron(squares, np.ones((CELLS, CELLS), dtype=bool))
 
@@ -108,98 +142,95 @@ class Target:
         Returns
         -------
         SeenTarget or str
-            `NONE`, `BLURRED`, or `ANOTHER` for a target with other squares.
+            `NONE` without a target.
         """
-        found: Corners | str = (
-            self._charuco(image) if self.kind == "charuco" else self._chessboard(image)
-        )
-        if isinstance(found, str):
-            return found
+        circles = self.kind.endswith("circles")
+        search = self._circles if circles else getattr(self, f"_{self.kind}")
+        found: Corners | None = search(image)
+        if found is None:
+            return NONE
         numbers, pixels = found
-        inner = self.columns - 1
-        if np.ptp(numbers % inner) == 0 or np.ptp(numbers // inner) == 0:
+        inner = self.columns if circles else self.columns - 1
+        across, down = numbers % inner, numbers // inner
+        if len(numbers) < _FEWEST or np.ptp(across) == 0 or np.ptp(down) == 0:
             return NONE  # corners on one line give no plane
-        steps: FloatArray = np.stack([numbers % inner, numbers // inner], axis=1).astype(float) + 1
-        misfit, spacing = _misfit(steps, pixels)
-        if misfit > _MISFIT * spacing:
-            return ANOTHER
-        if _edge_width(image, pixels, spacing) > max(_BLURRED[0], _BLURRED[1] * image.shape[1]):
-            return BLURRED
+        places = [(across, down)]
+        if self.kind == "asymmetric-circles":  # of even rows OpenCV may begin with the second
+            rows = product((down, down ^ 1), (0, 1))
+            places = [(2 * across + (row + off) % 2, row) for row, off in rows]
+        steps = min(
+            (np.stack(each, axis=1).astype(float) + 1 for each in places),
+            key=lambda each: plane_misfit(each, pixels),
+        )
         return SeenTarget(name, self.square * steps, pixels)
+
+    @property
+    def _dictionary(self) -> str:
+        markers = self.columns * self.rows // 2
+        return self.dictionary or f"DICT_4X4_{next(count for count in COUNTS if count >= markers)}"
 
     @cached_property
     def _board(self) -> Any:
         cv2 = opencv()
-        markers = self.columns * self.rows // 2
-        count = next(count for count in _DICTIONARIES if count >= markers)
-        bits = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_4X4_{count}"))
+        bits = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self._dictionary))
         # Sides in cells, so that places of corners are whole numbers.
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), CELLS, CELLS - 2, bits)
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), CELLS, CELLS * self.marker, bits)
+        board.setLegacyPattern(self.legacy)
+        return board
 
     @cached_property
     def _detector(self) -> Any:
         return opencv().aruco.CharucoDetector(self._board)
 
-    def _charuco(self, image: Image) -> Corners | str:
-        pixels, numbers, _, markers = self._detector.detectBoard(image)
-        unknown = 0 if markers is None else (markers >= self.columns * self.rows // 2).sum()
-        if unknown > 2:  # one may be a misreading
-            return ANOTHER
-        if numbers is None or len(numbers) < _FEWEST:
-            # Markers in other places than those of this target give no corners.
-            return ANOTHER if markers is not None and len(markers) >= _FEWEST else NONE
+    def _charuco(self, image: Image) -> Corners | None:
+        pixels, numbers, _, _ = self._detector.detectBoard(image)
+        if numbers is None:
+            return None
         return numbers.reshape(-1).astype(np.int64), pixels.reshape(-1, 2).astype(np.float64)
 
-    def _chessboard(self, image: Image) -> Corners | str:
+    def _chessboard(self, image: Image) -> Corners | None:
         cv2 = opencv()
         inner = (self.columns - 1, self.rows - 1)
         good, pixels = cv2.findChessboardCornersSB(image, inner, cv2.CALIB_CB_NORMALIZE_IMAGE)
         if not good:
-            return NONE
+            flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
+            good, pixels = cv2.findChessboardCornersSB(image, inner, flags)
+        if not good:
+            return None
         corners = pixels.reshape(-1, 2).astype(np.float64)
         if self.oriented and _begins_white(image, corners.reshape(inner[1], inner[0], 2)):
             corners = corners[::-1].copy()
         return np.arange(len(corners)), corners
 
-
-def _edge_width(image: Image, pixels: FloatArray, spacing: float) -> float:
-    """Return the median width of edges at corners, in pixels: contrast over steepest slope.
-
-    Parameters
-    ----------
-    image : (H, W) array of uint8
-    pixels : (N, 2) array
-        Corners.
-    spacing : float
-        Distance between neighbours, in pixels.
-    """
-    cv2 = opencv()
-    half = max(2, int(0.35 * spacing))
-    smooth = image.astype(np.float32)
-    slopes = np.hypot(
-        cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8),
-        cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8),
-    )
-    widths = []
-    for u, v in np.rint(pixels).astype(int):
-        window = np.s_[max(v - half, 0) : v + half + 1, max(u - half, 0) : u + half + 1]
-        if smooth[window].size == 0:
-            continue
-        low, high = np.percentile(smooth[window], (5, 95))
-        widths.append((high - low) / max(float(np.percentile(slopes[window], 98)), 1e-6))
-    return float(np.median(widths))
+    def _circles(self, image: Image) -> Corners | None:
+        cv2 = opencv()
+        kind = (
+            cv2.CALIB_CB_SYMMETRIC_GRID if self.kind == "circles" else cv2.CALIB_CB_ASYMMETRIC_GRID
+        )
+        for way, picture in ((0, image), (cv2.CALIB_CB_CLUSTERING, image), (0, 255 - image)):
+            good, pixels = cv2.findCirclesGrid(
+                picture, (self.columns, self.rows), flags=kind | way, blobDetector=dots(image)
+            )
+            if good:
+                return np.arange(len(pixels)), pixels.reshape(-1, 2).astype(np.float64)
+        return None
 
 
-def _misfit(steps: FloatArray, pixels: FloatArray) -> tuple[float, float]:
-    """Return rms distance from a plane grid, and distance between neighbours, both in pixels."""
-    plane, _ = opencv().findHomography(steps, pixels)
+def plane_misfit(points: FloatArray, pixels: FloatArray) -> float:
+    """Return the rms distance in pixels of pixels (N, 2) from a plane with points (N, 2)."""
+    plane, _ = opencv().findHomography(points, pixels)
     if plane is None:
-        return np.inf, 1.0
-    ends = np.stack([steps + step for step in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))])
-    moved = np.concatenate([ends, np.ones_like(ends[..., :1])], axis=-1) @ plane.T
-    at = moved[..., :2] / moved[..., 2:]
-    spacing = float(np.median(np.linalg.norm(at[1:] - at[0], axis=-1)))
-    return float(np.sqrt(((at[0] - pixels) ** 2).sum(axis=-1).mean())), spacing
+        return float("inf")
+    off = opencv().perspectiveTransform(points[None], plane)[0] - pixels
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+def dots(image: Image) -> Any:
+    """Return OpenCV's detector of dark circles for pictures of this size."""
+    options = opencv().SimpleBlobDetector_Params()
+    options.minArea, options.maxArea = _DOT[0], _DOT[1] * image.size
+    options.minDistBetweenBlobs = float(np.sqrt(_DOT[0]))
+    return opencv().SimpleBlobDetector_create(options)
 
 
 def _begins_white(image: Image, corners: FloatArray) -> bool:

@@ -86,6 +86,15 @@ class RecordReader:
         """Return the reader that an option describes, without the keys of ``others``."""
         return called(cls, "--record", merged(texts or (), "").options, **others)
 
+    @staticmethod
+    def check(file: Path, input: str | None, output: str | None) -> None:
+        """Raise the error of a table that is refused, before what takes time is imported."""
+        from minorloop.lab._store_file import is_store
+        from minorloop.lab.columns import read_headers
+
+        if input and output and not is_store(file):
+            read_headers(file)
+
     def read(
         self,
         file: Path,
@@ -95,11 +104,7 @@ class RecordReader:
         now: Callable[[str], None],
     ) -> Record:
         """Return the record of a table or an experiment store; time and sd are found if None."""
-        from minorloop.lab.columns import read_headers
-        from minorloop.lab.store import is_store
-
-        if input and output and not is_store(file):
-            read_headers(file)  # a refused file does not wait for the imports
+        self.check(file, input, output)
         from minorloop.identification import read
 
         sd = None if self.sd is None else plain(self.sd)

@@ -65,10 +65,11 @@ def run(
     If the model is not to be trusted, it is written with warnings, and the exit status is 1.
     """
     _common.check_outputs([save, report], inputs=[file], force=force)
-    value = law_value(law)
+    value, reader = law_value(law), RecordReader.of(record, between=None)
+    reader.check(file, input, output)
     from minorloop.modelfile import Provenance
 
-    reader, wanted = RecordReader.of(record, between=None), law_of(value)
+    wanted = law_of(value)
     assumed = prior_of(prior)
     with _common.working(f"reading {file.name}") as now:
         log = reader.read(file, input, output, time, now)

@@ -70,7 +70,8 @@ def run(
 
 
 def _list(place: Path, as_json: bool) -> None:
-    from minorloop.lab.store import Store, is_store
+    from minorloop.lab._store_file import is_store
+    from minorloop.lab.store import Store
     from minorloop.measurement import summary
 
     files = sorted(filter(is_store, place.iterdir())) if place.is_dir() else [place]

@@ -35,7 +35,7 @@ def run(
     """
     _common.check_outputs([save, report], inputs=[model, file], force=force)
     from minorloop import modelfile, scoring
-    from minorloop.lab.store import is_store
+    from minorloop.lab._store_file import is_store
 
     known = modelfile.read(model)
     if not is_store(file):  # a store has one input and one output

@@ -14,9 +14,10 @@ from minorloop.identification.fit import Plane
 from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import RecordAdvice
 from minorloop.identification.prior import Prior
+from minorloop.lab._store_file import is_store
 from minorloop.lab.logs import AUTO, Named, read_log
 from minorloop.lab.records import Record
-from minorloop.lab.store import Point, Setup, Store, is_store
+from minorloop.lab.store import Point, Setup, Store
 
 
 def read(

@@ -25,13 +25,14 @@ from minorloop.identification.frequency import (
     fundamental_of_sine,
     response_of,
 )
+from minorloop.lab._store_file import is_store
 from minorloop.lab.columns import read_headers
 from minorloop.lab.conversion import read_column
 from minorloop.lab.logs import AUTO, read_log
 from minorloop.lab.records import Record
 from minorloop.lab.run import measured_sines
 from minorloop.lab.sines import FEWEST_SAMPLES, HELD, SLOW, MeasuredSine, Sine, grid
-from minorloop.lab.store import Store, is_store
+from minorloop.lab.store import Store
 from minorloop.modelfile import ModelFile
 from minorloop.operators.operator import Operator
 

@@ -37,6 +37,17 @@ _TABLES = {
 """Columns of the tables; the last one of each is a digest of the others."""
 
 
+def is_store(path: PathLike) -> bool:
+    """Whether a file begins like an SQLite database; false if it cannot be read.
+
+    Do not use it on a store that this process has open: on most systems a process that closes a
+    file gives up all its locks on it.
+    """
+    with suppress(OSError, ValueError), open(path, "rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+    return False
+
+
 @contextmanager
 def explained(path: Path) -> Iterator[None]:
     """Raise errors of reading as one sentence."""

@@ -37,7 +37,6 @@ from minorloop.errors import (
 from minorloop.files import PathLike, first_difference, lock_path
 from minorloop.lab._store_file import (
     LOCK_WAIT,
-    MAGIC,
     READ_WAIT,
     beside,
     create_file,
@@ -138,17 +137,6 @@ class RunSession:
     settled point, or ``replayed``: its recorded inputs were applied again, unmeasured."""
     end: str | None
     """How it ended: ``finished``, ``interrupted``, or what went wrong."""
-
-
-def is_store(path: PathLike) -> bool:
-    """Whether a file begins like an SQLite database; false if it cannot be read.
-
-    Do not use it on a store that this process has open: on most systems a process that closes a
-    file gives up all its locks on it.
-    """
-    with suppress(OSError, ValueError), open(path, "rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-    return False
 
 
 class Store:
