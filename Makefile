@@ -80,8 +80,10 @@ check: setup ## check format, style, types and who imports whom
 bench: setup ## measure speed and accuracy
 	$(BIN)/python -m benchmarks
 
-real: setup ## what real instruments took, in ../shared/data/real: lenses of endoscopes; prints figures
-	$(BIN)/python -m benchmarks.real
+real: setup ## lenses, scans and turns of heads that others recorded, in ../shared/data/real; prints figures
+	$(BIN)/python -m benchmarks.real_lenses
+	$(BIN)/python -m benchmarks.real_scans
+	$(BIN)/python -m benchmarks.real_turns
 
 judge: setup ## SCENES=200 scenes of another renderer, and pits of a wave equation; prints scores. Needs libllvm 17 or newer
 	$(INSTALL) --require-hashes -r $(JUDGE_LOCK)

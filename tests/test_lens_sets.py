@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import real
+from benchmarks import real_lenses as real
 from benchmarks.lens_sets import deviations
 from minorloop_head.procedures.calibrate import calibrate_lens, find_target, look_through
 

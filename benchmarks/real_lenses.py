@@ -1,19 +1,16 @@
-"""What the product makes of pictures and scans that real instruments took.
+"""Lenses of real cameras, from photographs of boards, against OpenCV's full model on the same ones.
 
 ::
 
-    python -m benchmarks.real                     # all parts
-    python -m benchmarks.real lens --sets FOLDER:SIDE ...     # other pictures of boards, side in mm
-
-The data are in ``../shared/data/real``, whose README names the instruments and who measured. Each
-part is a function that prints a table.
+    python -m benchmarks.real_lenses                         # those of ../shared/data/real
+    python -m benchmarks.real_lenses --sets FOLDER:SIDE ...  # others; sides of squares in mm
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +28,7 @@ _NEAR, _WITHIN, _LEFT_OUT = 0.005, 3.0, 1.1
 
 
 def lens(sets: Sequence[str]) -> None:
-    """Lens of photographs of boards, against OpenCV's full model on the same pictures."""
+    """Print the figures of each set of photographs."""
     chosen = [each.rpartition(":")[::2] for each in sets]
     for folder, side in chosen or [(DATA / name, side) for name, side in BOARDS.items()]:
         began = time.perf_counter()
@@ -137,19 +134,15 @@ def _residuals(seen: Any, matrix: FloatArray, distortion: FloatArray) -> FloatAr
     return np.asarray(seen.pixels - pixels.reshape(-1, 2))
 
 
-PARTS: dict[str, Callable[[Sequence[str]], None]] = {"lens": lens}
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.real", description=__doc__)
-    parser.add_argument("parts", nargs="*", default=list(PARTS), help=f"of {', '.join(PARTS)}")
+    """Print the figures of all sets that are there."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.real_lenses", description=__doc__)
     parser.add_argument("--sets", nargs="+", default=[], help="other data than ../shared/data/real")
     chosen = parser.parse_args()
     if not DATA.is_dir() and not chosen.sets:
-        raise SystemExit(f"there is no folder {DATA}: nothing that real instruments took is here")
-    for name in chosen.parts:
-        print(f"{name}: {PARTS[name].__doc__}\n")
-        PARTS[name](chosen.sets)
+        print(f"SKIPPED: there is no folder {DATA}")
+        return
+    lens(chosen.sets)
 
 
 if __name__ == "__main__":
