@@ -59,6 +59,21 @@ def test_likelihood_is_that_of_the_outputs(kind, samples):
         assert likelihood.likelihood_of_few(plane, evidence, h) == pytest.approx(expected, rel=1e-9)
 
 
+def test_likelihood_with_hardly_any_noise():
+    """Squares of what is known have lost the unit matrix that the prior adds to them."""
+    spec, rng = PlaneSpec(np.linspace(0, 1, 11)), np.random.default_rng(1)
+    u, y = rng.uniform(0, 1, 8), 1e-9 * rng.normal(size=8)
+    evidence, rows, _ = evidence_of("many", spec, u, y)
+    h = Hyperparameters(noise=1e-9, discrepancy=1e-9)
+    plane = PlanePrior(spec)
+    root = np.linalg.cholesky(plane.covariance(h)) * plane.scale(h)[:, None]
+    total = rows @ root @ root.T @ rows.T + 2e-18 * np.eye(8)
+    expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
+    value, slopes = likelihood.likelihood(plane, evidence, h)
+    assert value == pytest.approx(expected, rel=1e-6)
+    assert np.isfinite(slopes).all()
+
+
 @pytest.mark.parametrize("slope", [False, True])
 @pytest.mark.parametrize(("kind", "samples"), [("few", 12), ("few", 30), ("many", 20)])
 def test_slopes_of_the_likelihood_are_those_of_finite_differences(slope, kind, samples):

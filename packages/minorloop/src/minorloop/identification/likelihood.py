@@ -292,7 +292,7 @@ def _by_unknowns(
     gram, slope, square, logarithm = evidence.information(h)
     root = cholesky(plane.covariance(h)) * plane.scale(h)[:, None]
     seen = gram @ root
-    inner = cholesky(np.eye(root.shape[0]) + root.T @ seen)
+    inner = _inner_factor(gram, root, seen)
     half = triangular_solve(inner, seen.T)  # half' half is G P G
     part = triangular_solve(inner, root.T @ slope)
     spent = 2 * float(np.log(inner.diagonal()).sum())
@@ -313,6 +313,19 @@ def _by_unknowns(
     slopes[5] = 2 * h.discrepancy**2 * by_discrepancy
     slopes[7] = 2 * h.noise**2 * by_noise
     return value, 0.5 * slopes
+
+
+def _inner_factor(gram: FloatArray, root: FloatArray, seen: FloatArray) -> FloatArray:
+    """(n, n) Cholesky factor of the unit matrix plus root' gram root, where seen is gram root."""
+    one = np.eye(root.shape[0])
+    try:
+        return cholesky(one + root.T @ seen)
+    except np.linalg.LinAlgError:  # so little noise that the sum has lost the unit matrix
+        values, axes = np.linalg.eigh(gram)
+        values[values < np.finfo(float).eps * values.size * values[-1]] = 0.0
+        half = np.sqrt(values)[:, None] * (axes.T @ root)
+        factor: FloatArray = np.linalg.qr(np.vstack([one, half]), mode="r").T
+        return factor * np.sign(factor.diagonal())
 
 
 def _as_hyper(theta: FloatArray, noise: float | None) -> Hyperparameters:
