@@ -115,7 +115,7 @@ def test_a_wall_that_is_too_far_away_is_said_to_be(run):
         ("inspect pictures", "give either --head"),
         ("inspect pictures --lens 520", "give --radius, in mm"),
         ("inspect pictures --lens 520,1 --radius 10", "--lens is '520,1'"),
-        ("inspect pictures --lens -5 --radius 10", "focal length -5"),
+        ("inspect pictures --lens -5 --radius 10", "focal lengths (-5.0"),
         ("inspect pictures --lens 520 --radius 0", "--radius is 0"),
         ("inspect pictures --head none.json", "there is no file none.json"),
         ("inspect pictures --head small.json", "64 by 48"),
