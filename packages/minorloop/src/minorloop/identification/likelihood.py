@@ -324,7 +324,7 @@ def _inner_factor(gram: FloatArray, root: FloatArray, seen: FloatArray) -> Float
         values, axes = np.linalg.eigh(gram)
         values[values < np.finfo(float).eps * values.size * values[-1]] = 0.0
         half = np.sqrt(values)[:, None] * (axes.T @ root)
-        factor: FloatArray = np.linalg.qr(np.vstack([one, half]), mode="r").T
+        factor: FloatArray = np.asarray(np.linalg.qr(np.vstack([one, half]), mode="r")).T
         return factor * np.sign(factor.diagonal())
 
 
