@@ -252,7 +252,8 @@ def find_water(
     -----
     Each height is as likely as the echoes that are there and missing, if `_LOST` of those below it
     are missing, and `_FALSE` of the places above it have one (Bayes). So a lost echo does not move
-    the line, nor does a dent whose flanks send the beam elsewhere. The height is as likely anywhere
+    the line, nor does a dent whose flanks send the beam elsewhere. Places that stay below the upper
+    half of the radius do not tell a full pipe from another. The height is as likely anywhere
     between two places, whose band is less wide than that of a normal distribution as deviating.
     """
     y = coupled_at(phi, radius, face=face, offset=offset).ravel()
@@ -273,6 +274,7 @@ def find_water(
         + ((~wet).sum() - silent) * math.log(_LOST)
     )
     full = wet.sum() * math.log(1 - _LOST) + (~wet).sum() * math.log(_LOST)
+    full = full if y.min() < -radius / 2 else -math.inf
     dry = wet.sum() * math.log(_FALSE) + (~wet).sum() * math.log(1 - _FALSE)
     share = np.exp(likely - likely.max())
     best = float(likely.max() + math.log(share.mean()))

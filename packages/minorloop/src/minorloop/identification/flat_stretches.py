@@ -40,10 +40,10 @@ _HELD = 0.5
 """Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
 _NOISY, _RISES = 1.35, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
-_BELOW, _MORE, _LIKELY = 0.06, 1.5, -0.5
+_BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
 """Least width of each of the two bands below a rail, in spans; least readings at the rail over
-those in the lower band; and least logarithm of how likely the depths in both are where an output is
-clipped over how likely where it saturates."""
+those in the lower band; most readings in the upper band over these; and least logarithm of how
+likely the depths in both are where an output is clipped over how likely where it saturates."""
 _LAST_STEP, _LEAST_STEP = 0.2, 0.03
 """Last step of a coarse record to a rail, over the step before, and in spans."""
 
@@ -236,12 +236,13 @@ def _sudden(depth: FloatArray, weights: FloatArray, width: float, span: float) -
     itself their density is in inverse proportion to their depth.
     """
     band = max(_BELOW * span, 2 * width)
-    ends = width + band * np.arange(3)
-    at, upper, all_of_them = (float(weights[depth <= end].sum()) for end in ends)
-    below = (depth > width) & (depth <= ends[-1])
+    edges = np.array([0.0, width, width + band, width + 2 * band])
+    above = [float(weights[depth <= edge].sum()) for edge in edges[1:]]
+    at, upper, lower = above[0], above[1] - above[0], above[2] - above[1]
+    below = (depth > width) & (depth <= edges[-1])
     ratios = np.log(depth[below] * np.log1p(2 * band / width) / (2 * band))
-    many = at >= _MORE * max(all_of_them - upper, 1.0)
-    return bool(many and weights[below] @ ratios >= _LIKELY)
+    denser = upper > _DENSER * (lower + 0.5) or weights[below] @ ratios < _LIKELY
+    return bool(at >= _MORE * max(lower, 1.0) and not denser)
 
 
 def _abrupt(u: FloatArray, depth: FloatArray, width: float, span: float) -> bool:
