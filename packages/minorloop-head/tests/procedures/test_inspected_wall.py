@@ -82,5 +82,6 @@ def test_a_scan_shows_amplitude_and_depth_of_its_echoes():
     assert np.abs(off.mean(axis=(0, 1))).max() < 0.1e-3
     figure = draw_c_scan(found)
     assert "amplitude" in figure.axes[0].get_title()
-    silent = ScannedRaster(reference=reference, bursts=(burst("no coupling"),))
-    assert c_scan_of(silent, CALIBRATION) is None
+    for faults in (["no coupling"], ["no coupling", "the head moved"]):
+        silent = ScannedRaster(reference=reference, bursts=tuple(map(burst, faults)))
+        assert c_scan_of(silent, CALIBRATION) is None

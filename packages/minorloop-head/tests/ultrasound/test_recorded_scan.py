@@ -131,8 +131,19 @@ def holed(path):
     savemat(path, {**LINE.fields(), "traces": traces})
 
 
+def cut(path):
+    savemat(path, LINE.fields())
+    path.write_bytes(path.read_bytes()[:100])
+
+
 REFUSED = [
     (text, "is no scan"),
+    (lambda path: path.touch(), "is no scan .it has no samples"),
+    (cut, "is no scan"),
+    (without("", traces=np.zeros((90, 9))), "all its samples are 0"),
+    (without("dt", rate=0.0), "give the sampling rate with --rate"),
+    (without("dt", rate=1e15), "in which this band does not fit"),
+    (without("", fLow=1e6, fHigh=20e6), "the band of the pulse is 1 to 20 MHz"),
     (damaged, "cannot be read"),
     (nothing, "has no A-scans, but name"),
     (holed, "1 of 1080 samples are not finite, the first at sample 3 of the A-scan at 2, 0"),

@@ -16,7 +16,7 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
 from minorloop_head.procedures.pictures import LEAST_GREY
 from minorloop_head.procedures.probe_steps import fused_wall, resampled
-from minorloop_head.procedures.scan import ScannedRaster, has_coupling
+from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.sweep_map import water_angles
 from minorloop_head.procedures.trace import patch_about, widest
 from minorloop_head.reconstruction.depth_map import (
@@ -192,11 +192,11 @@ def wall_of(
 
 
 def c_scan_of(scanned: ScannedRaster, calibration: HeadCalibration) -> CScan | None:
-    """Return the map of amplitude and depth of a scan; None if no echo came back."""
-    if not has_coupling(scanned.bursts):
+    """Return the map of amplitude and depth of a scan; None if no echo of use came back."""
+    bursts = usable_bursts(scanned.bursts)
+    if not bursts:
         return None
     probe = calibration.probe_at(scanned.reference)
-    bursts = usable_bursts(scanned.bursts)
     spots = probe.spots(np.array([burst.angles for burst in bursts]))
     each = zip(spots, bursts, strict=True)
     swept = [SweptBurst(0.0, scanned.reference, spot, burst) for spot, burst in each]

@@ -98,6 +98,11 @@ class RecordedScan:
                 f"{bad.sum()} of {traces.size} samples are not finite, the first at sample "
                 f"{place[0]} of the A-scan at {place[1]}, {place[2]}; leave these A-scans out"
             )
+        if not np.ptp(traces) > 0:
+            raise RecordError(
+                f"all its samples are {traces.flat[0]:g}, so that it shows nothing; check the "
+                "digitiser, and which field has the A-scans"
+            )
         if not (dx > 0 and (traces.shape[2] == 1 or dy > 0)):
             raise RecordError(
                 f"its steps are {dx} and {dy} m, so that it has no places; give the distance "
@@ -115,10 +120,12 @@ class RecordedScan:
                 f"{slow:g} to {fast:g} m/s"
             )
         low, high = self.pulse_band
-        if not 0 < low < high or low > 0.5 / self.interval:
+        long = len(traces) * self.interval
+        if not 1 / long < low < high <= 0.5 / self.interval:
             raise RecordError(
-                f"the band of the pulse is {1e-6 * low:.3g} to {1e-6 * high:.3g} MHz, and the "
-                f"sampling rate {1e-6 / self.interval:.3g} MHz; give --band and --rate, in MHz"
+                f"the band of the pulse is {1e-6 * low:.3g} to {1e-6 * high:.3g} MHz, the sampling "
+                f"rate {1e-6 / self.interval:.3g} MHz, and an A-scan {1e6 * long:.3g} us long, in "
+                "which this band does not fit; give --band and --rate, in MHz"
             )
 
     @property
@@ -211,7 +218,7 @@ def read_scan(
 def _scan(fields: Mapping[str, Any], *, time_first: bool) -> RecordedScan:
     """Return the scan of known fields."""
     traces = np.asarray(fields["traces"])
-    if traces.dtype.kind not in "iuf" or not 1 <= traces.ndim <= 3:
+    if traces.dtype.kind not in "iuf" or not 1 <= traces.ndim <= 3 or not traces.size:
         raise RecordError(
             f"A-scans have the shape {traces.shape} of {traces.dtype}; give samples by places"
         )
@@ -223,7 +230,8 @@ def _scan(fields: Mapping[str, Any], *, time_first: bool) -> RecordedScan:
         wanted = times.size if times.size in traces.shape else max(traces.shape)
         traces = np.moveaxis(traces, traces.shape.index(wanted), 0)
     traces = traces.reshape(*traces.shape[:2], -1)
-    interval = _number(fields, "interval", 1 / _number(fields, "rate"))
+    rate = _number(fields, "rate")
+    interval = _number(fields, "interval", 1 / rate if rate > 0 else math.nan)
     start = _number(fields, "start", 0.0)
     if times.size == len(traces) > 1:
         interval, start = float(times[-1] - times[0]) / (times.size - 1), float(times[0])
@@ -309,7 +317,7 @@ def _content(place: Path) -> tuple[dict[str, Any], bool]:
         return _text(place), True
     except OSError as error:
         raise RecordError(f"{place} cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise RecordError(
             f"{place} is no scan ({str(error).splitlines()[0] if str(error) else 'damaged'}); give "
             "a MATLAB, HDF5, NDE, NPZ or CSV file"
@@ -325,6 +333,8 @@ def _text(place: Path) -> dict[str, Any]:
         if line.startswith("#") and colon:
             found[name.strip()] = np.array([float(x) for x in numbers.split(",") if x.strip()])
     rows = [line for line in lines if line.strip() and not line.startswith("#")]
+    if not rows:
+        raise ValueError("it has no samples")
     return {**found, "traces": _table(rows)}
 
 
