@@ -96,6 +96,10 @@ def test_a_finding_is_accepted_if_enough_wall_is_left_by_the_end_of_its_band(dep
     row = visit_row(finding(depth=depth, depth_sd=sd), 2e-3, least)
     assert row["wall [mm]"] == pytest.approx(2.0 - 1e3 * depth, abs=1e-4)
     assert row["accepted"] == (2.0 - 1e3 * (depth + 1.6448536 * sd) >= least)
+    assert (
+        visit_row(finding("uneven floor", depth=depth, depth_sd=sd), 2e-3, least)["accepted"]
+        is None
+    )
     unknown = visit_row(finding("no coupling"), 2e-3, least)
     assert (unknown["accepted"], unknown["wall [mm]"]) == (None, None)
     assert not visit_row(finding("through-hole"), 2e-3, least)["accepted"]

@@ -68,7 +68,7 @@ def test_the_verb_prints_flaws_and_replaces_what_the_file_says(tmp_path, capsys)
     ],
 )
 def test_the_verb_refuses_in_one_line(tmp_path, capsys, options, said):
-    np.savez(tmp_path / "a.npz", traces=np.ones((50, 9)), dt=1e-8, dx=1e-3)
+    np.savez(tmp_path / "a.npz", traces=np.eye(50, 9), dt=1e-8, dx=1e-3)
     assert main(["head", "scan", str(tmp_path / "a.npz"), *options]) == 2
     printed = capsys.readouterr().err
     assert said in printed

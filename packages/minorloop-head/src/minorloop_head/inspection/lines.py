@@ -43,7 +43,7 @@ from minorloop_head.reconstruction.depth_map import WaterLine
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import DEAD_TIME
 from minorloop_head.ultrasound.echoes import Burst as MeanBurst
-from minorloop_head.ultrasound.pits import PitDepth
+from minorloop_head.ultrasound.pits import MEASURED, PitDepth
 from minorloop_head.ultrasound.profile import Profile
 from minorloop_head.ultrasound.wall_echoes import SweptBurst
 from minorloop_head.vision.cracks import TracedCrack
@@ -179,14 +179,16 @@ def visit_row(
     thickness : float
         Of the wall, in metres: ``wall`` is what is left of it.
     least_wall : float, optional
-        That is accepted, in mm: the lower end of the 90 % band of what is left is compared.
+        That is accepted, in mm: the lower end of the 90 % band of what is left is compared. Of a
+        depth that is not measured, such as that of an uneven floor, it is not known.
     """
     assert view.finding is not None
     left, left_sd = thickness - view.finding.depth, view.finding.depth_sd
     if view.finding.kind == "hole":
         left, left_sd = 0.0, math.nan
     surely = left if math.isnan(left_sd) else left - PER_DEVIATION * left_sd
-    known = least_wall is not None and math.isfinite(left)
+    sure = view.finding.kind == "hole" or view.finding.verdict == MEASURED
+    known = least_wall is not None and sure
     last = {each.what: each.succeeded for each in view.steps}
     if last.get("modality") is False:
         last["scan"] = False
