@@ -1,6 +1,7 @@
 """Laws of the source as a whole, read from its text: what imports what, and what is called how."""
 
 import ast
+import importlib
 from collections import Counter
 from pathlib import Path
 
@@ -58,3 +59,17 @@ def test_no_class_name_is_used_in_two_modules():
         if isinstance(node, ast.ClassDef)
     )
     assert {name: count for name, count in names.items() if count > 1} == {}
+
+
+def test_benchmarks_and_examples_import_names_that_exist():
+    missing = [
+        f"{path.relative_to(ROOT)}: {node.module}.{alias.name}"
+        for folder in ("benchmarks", "examples")
+        for path in (ROOT / folder).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in SOURCES
+        for alias in node.names
+        if f"{node.module}.{alias.name}" not in FILES
+        and not hasattr(importlib.import_module(node.module), alias.name)
+    ]
+    assert missing == []

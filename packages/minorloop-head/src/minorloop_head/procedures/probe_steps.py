@@ -35,7 +35,7 @@ from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
 from minorloop_head.vision.reflectance_map import ReflectanceMap
 
-_CONFIRMED, _PROBABLE, _LOOK_AGAIN = "confirmed", "probable", "look again"
+CONFIRMED, _PROBABLE, _LOOK_AGAIN = "confirmed", "probable", "look again"
 """Grades of findings."""
 _LIKELY = math.log(20.0)
 """Least evidence of a probable hole: odds of 20 to 1."""
@@ -179,13 +179,13 @@ def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:
 
 
 def grade_of(probed: PitDepth | CrackDepth | None, evidence: float) -> str:
-    """Return how sure a finding is: `_CONFIRMED`, `_PROBABLE` or `_LOOK_AGAIN`.
+    """Return how sure a finding is: `CONFIRMED`, `_PROBABLE` or `_LOOK_AGAIN`.
 
     ``probed``: what the echoes say; only they confirm, since a spot of dirt looks like a hole.
     ``evidence``: of a `Hole`; NaN for a crack, whose line was traced twice.
     """
     if probed is not None and shown_by_echoes(probed):
-        return _CONFIRMED
+        return CONFIRMED
     refuted = probed is not None and probed.verdict == NO_PIT
     return _LOOK_AGAIN if refuted or evidence < _LIKELY else _PROBABLE
 
