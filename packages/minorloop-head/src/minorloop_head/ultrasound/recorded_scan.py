@@ -12,6 +12,7 @@ import os
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +129,7 @@ class RecordedScan:
                 "which this band does not fit; give --band and --rate, in MHz"
             )
 
-    @property
+    @cached_property
     def pulse_band(self) -> tuple[float, float]:
         """The band as known, or the part of the spectrum around its top that is above noise."""
         if all(np.isfinite(self.band)):
@@ -144,13 +145,13 @@ class RecordedScan:
         unit = 1 / (len(flat) * self.interval)
         return float(first * unit), float(last * unit)
 
-    @property
+    @cached_property
     def clipped(self) -> bool:
         """Whether most A-scans stay at their largest value for several samples."""
         size = np.abs(self.traces)
         return bool(np.median((size >= size.max(axis=0)).sum(axis=0)) >= _CLIPPED)
 
-    @property
+    @cached_property
     def resolution(self) -> float:
         """The smallest difference of two samples: that of the digitiser, unless it is finer."""
         return float(np.diff(np.unique(self.traces)).min(initial=np.inf))
