@@ -93,8 +93,6 @@ class DriveResult:
     """Most further holds of a target."""
     width: float = float("inf")
     """Range of the outputs of the model."""
-    remedy: str = ""
-    """What to do first about missed targets; to correct or to hold longer if empty."""
 
     @property
     def rows(self) -> list[list[str]]:
@@ -142,7 +140,7 @@ class DriveResult:
             return []
         worst = max(missed, key=lambda index: abs(self.arrivals[index].error))
         count = len(self.arrivals)
-        more = self.remedy or (
+        more = (
             f"correct more often (--corrections, now {self.corrections}), hold longer (--hold)"
             if self.corrections
             else "correct by the sensor (--corrections), hold longer (--hold)"
