@@ -1,7 +1,7 @@
 """What a worker can be made to do instead of a fit, by the name of its specimen.
 
 `hang` runs for ever in compiled code that holds the interpreter, behind all other processes. `die`
-ends the process as a lack of memory does, `stop` stops it, and `wait` waits until the file
+ends the process as a lack of memory does, and `wait` waits until the file
 ``wait.closed`` beside its record is gone. With ``-once`` after it only the first time. A file that
 ends in ``.seen`` says that it began. This module is imported by worker processes.
 """
@@ -16,34 +16,32 @@ from threadpoolctl import threadpool_info
 
 from minorloop.fleet._fitting import identify_one
 
-ENDS = {"die": signal.SIGKILL, "stop": signal.SIGSTOP}
-
 
 def work(task, scratch):
     """Do what the name says, then identify."""
     what, *once = task.specimen.name.split("-")
-    if _first(task) or once[:1] != ["once"]:
+    if _first(task.specimen) or once[:1] != ["once"]:
         if what == "hang":
             os.nice(19)
             deque(repeat(0), maxlen=0)
-        if what in ENDS:
-            os.kill(os.getpid(), ENDS[what])
+        if what == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
         while what == "wait" and task.specimen.file.with_suffix(".closed").exists():
             time.sleep(0.01)
     return identify_one(task, scratch)
 
 
-def _first(task):
-    mark = task.specimen.file.with_suffix(".seen")
+def _first(specimen):
+    mark = specimen.file.with_suffix(".seen")
     seen = mark.exists()
     mark.touch()
     return not seen
 
 
-def wait_until_seen(task, seconds=60.0):
-    """Wait until a worker has begun with a task."""
+def wait_until_seen(specimen, seconds=60.0):
+    """Wait until a worker has begun with a specimen."""
     deadline = time.monotonic() + seconds
-    while not task.specimen.file.with_suffix(".seen").exists():
+    while not specimen.file.with_suffix(".seen").exists():
         assert time.monotonic() < deadline, "it did not begin"
         time.sleep(0.01)
 

@@ -3,7 +3,6 @@ import dataclasses
 import json
 import os
 import sys
-import threading
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.identification import identify_fleet
 from minorloop.fleet.manifest import Specimen, read_manifest
 
-GATE, SEEN = threading.Event(), []
+SEEN = []
 
 
 class Here:
@@ -31,9 +30,6 @@ class Here:
     def fit(self, task):
         SEEN.append(task.specimen.name)
         return identify_one(task, task.specimen.file.with_suffix(".scratch"))
-
-    def look(self):
-        pass
 
     def close(self):
         pass
@@ -157,44 +153,6 @@ def test_the_table_names_files_as_the_manifest_does(tmp_path, here):
     here(write_fleet(tmp_path, ["lot1/s"]), tmp_path / "out")
     (row,) = csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines())
     assert row["file"] == "lot1/s.csv"
-
-
-class Hanging(Specimen):
-    """A specimen whose record is read only after the gate is opened."""
-
-    def read(self):
-        GATE.wait()
-        return b"late"
-
-
-@pytest.fixture
-def hanging(tmp_path, monkeypatch):
-    """A fleet of which the first record hangs."""
-    GATE.clear()
-    for name in ("SOON", "TICK", "NOTICE"):
-        monkeypatch.setattr(identification, name, 0.0)
-    (tmp_path / "a.csv").write_text("u,y\n")
-    sound = Specimen("sound", tmp_path / "a.csv", "u", "y")
-    yield [Hanging("hung", tmp_path / "hung.csv", "u", "y"), sound]
-    GATE.set()
-
-
-@pytest.mark.parametrize("limit", [0.5, 60.0])
-def test_a_record_that_hangs_does_not_delay_the_others_and_fails_by_the_limit(
-    limit, hanging, here, tmp_path
-):
-    said, done = [], []
-
-    def watch(count, of, last):
-        done.append(last.specimen)
-        if limit == 60.0:
-            GATE.set()
-
-    summary, seen = here(hanging, tmp_path / "out", limit=limit, say=said.append, watch=watch)
-    assert done == ["sound", "hung"]
-    assert "the record of specimen hung has not been read for" in said[0]
-    late = "was not read within 0.5 s; look whether its disk answers" in summary.outcomes[0].error
-    assert (late, "hung" in seen) == (limit == 0.5, limit == 60.0)
 
 
 def test_pipes_and_loops_of_links_are_the_failures_of_their_specimens(tmp_path, here):

@@ -62,7 +62,7 @@ _Retry = Annotated[
 ]
 _Patience = Annotated[
     float,
-    _common.seconds_option("Seconds to wait for a worker of the cluster or for its scheduler."),
+    _common.seconds_option("Seconds to wait for a worker of the cluster."),
 ]
 
 

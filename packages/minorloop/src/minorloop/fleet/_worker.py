@@ -8,6 +8,7 @@ task for `IDLE` seconds. The workers of a Dask cluster start such processes too.
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import select
@@ -17,9 +18,8 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -30,14 +30,6 @@ from minorloop.fleet._fitting import Found, Task, load_kernels
 Work: TypeAlias = Callable[[Task, Path], Found]
 """Function that a worker applies to a task; it must belong to a module, because it is pickled."""
 
-TICK = 0.2
-"""Seconds between two looks at a fit: short against all limits of time."""
-NOTICE = 5.0
-"""Seconds of one fit after which a message says so; again each time this has doubled."""
-APART = 4.0
-"""Least seconds between two messages of one kind, for fleets in which all are slow."""
-STOPPED = 3.0
-"""Seconds after which a worker that is stopped is replaced; debuggers stop one for less."""
 _LOADING = 300.0
 """Seconds that a worker may take to load what it needs; compiling it takes less than a minute."""
 _ATTEMPTS = 2
@@ -62,13 +54,12 @@ class FitProcesses:
         self._all: set[Worker] = set()
         self._free: list[Worker] = []
         self._closed = False
-        self._last_notice = float("-inf")
 
     def run(self, work: Work, task: Task, limit: float, say: Callable[[str], None]) -> Found:
         """Return what work makes of a task in a process, or that it fails.
 
         It is given up after ``limit`` seconds. If its process ends, it is tried once more. ``say``
-        is called with sentences about delays and faults.
+        is called with sentences about faults.
 
         Raises a `FleetError` if no process can be started, or this is closed meanwhile.
         """
@@ -116,28 +107,19 @@ class FitProcesses:
         self, worker: Worker, work: Work, task: Task, limit: float, say: Callable[[str], None]
     ) -> Found | str:
         """Return the result of a fit within the limit, or what happened to the worker."""
-        name, began, stopped, notice = task.specimen.name, time.monotonic(), 0.0, NOTICE
         answer = worker.ask(work, task, worker.scratch)
-        while not wait([answer], timeout=TICK).done:
-            now = time.monotonic()
-            spent = now - began
-            stopped = stopped + TICK if worker.is_stopped() else 0.0
-            if stopped >= STOPPED:
-                return f"was stopped for {stopped:.0f} s"
-            if spent >= limit:
-                self._end(worker)
-                say(f"specimen {name} has reached the limit of {limit:g} s and is given up")
-                return task.failed(
-                    f"no model within the limit of {limit:g} s; look at the record, or allow more "
-                    "time"
-                )
-            if spent >= notice and now - self._last_notice >= APART:
-                notice, self._last_notice = 2 * spent, now
-                say(f"specimen {name} has run for {spent:.0f} s; the limit is {limit:g} s")
-        if answer.exception() is not None:
+        try:
+            found: Found = answer.result(limit if limit < math.inf else None)
+        except TimeoutError:
+            self._end(worker)
+            name = task.specimen.name
+            say(f"specimen {name} has reached the limit of {limit:g} s and is given up")
+            return task.failed(
+                f"no model within the limit of {limit:g} s; look at the record, or allow more time"
+            )
+        except Exception:
             return f"ended ({self._end(worker)})"
         self._free.append(worker)
-        found: Found = answer.result()
         return found
 
     def _end(self, worker: Worker) -> str:
@@ -163,9 +145,6 @@ class LocalWorkers:
         work, limit, say = self._rest
         with self._places:
             return self._workers.run(work, task, limit, say)
-
-    def look(self) -> None:
-        """Do nothing: local workers are watched by `fit`."""
 
     def close(self) -> None:
         """End all workers at once."""
@@ -217,14 +196,6 @@ class Worker:
             answer.set_result(pickle.load(self._process.stdout))
         except Exception as error:  # after any error this worker is replaced
             answer.set_exception(error)
-
-    def is_stopped(self) -> bool:
-        """Whether the process is stopped, as by SIGSTOP; False where /proc does not exist."""
-        try:
-            status = Path(f"/proc/{self.pid}/stat").read_text()
-        except OSError:
-            return False
-        return status.rpartition(")")[2].split()[0] in ("T", "t")
 
     def end(self) -> str:
         """Kill the process; returns its exit status and the last line that it wrote."""

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import queue
-import threading
-import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +17,7 @@ from minorloop.errors import FleetError, ParameterError
 from minorloop.files import PathLike
 from minorloop.fleet._cluster import Cluster
 from minorloop.fleet._fitting import Task, identify_one
-from minorloop.fleet._worker import APART, NOTICE, TICK, LocalWorkers
+from minorloop.fleet._worker import LocalWorkers
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import (
     earlier_outcome,
@@ -37,10 +34,6 @@ OPTIONS = frozenset(
 ) | {"lag", "start", "offset", "holdout", "mean", "skip", "start_of_curve"}
 LIMIT = 3600.0
 """Default time limit for a specimen in seconds; the slowest valid fits take minutes."""
-SOON = 1.0
-"""Seconds after which a record is late, and the next is read first."""
-_MOST_LATE = 64
-"""Records that are waited for at the same time, each by a thread of its own."""
 
 
 def identify_fleet(
@@ -73,17 +66,16 @@ def identify_fleet(
         a Dask cluster, such as ``tcp://10.0.0.1:8786``. Records are read here and sent to its
         workers, which return models; they need this package and no shared folder.
     limit : float
-        Seconds after which the fit of a specimen, or the reading of its record, is given up;
-        ``inf`` for no limit.
+        Seconds after which the fit of a specimen is given up; ``inf`` for no limit.
     retry_failed : bool
         Whether specimens that failed before are tried again although their records are
         unchanged.
     patience : float
-        Seconds to wait for a worker of the cluster, or for an answer of its scheduler.
+        Seconds to wait for a worker of the cluster.
     watch : callable, optional
         Called with the number of specimens done, their total, and the last outcome.
     say : callable, optional
-        Called with sentences about delays and faults, in any thread.
+        Called with sentences about faults of local workers, in any thread.
     **options
         Of `minorloop.identify`, the same for all.
 
@@ -111,9 +103,8 @@ def identify_fleet(
     known: dict[str, Outcome] = {}
     with closing(backend):
         place = open_folder(Path(folder), specimens, options)
-        jobs = _Jobs(place, options, backend, limit, retry_failed, say)
         try:
-            with closing(jobs.outcomes(specimens)) as outcomes:
+            with closing(_outcomes(place, specimens, options, backend, retry_failed)) as outcomes:
                 for outcome, new in outcomes:
                     known[outcome.specimen] = outcome
                     if new and watch is not None:
@@ -128,120 +119,36 @@ def identify_fleet(
     return summary
 
 
-@dataclass(eq=False)
-class _Job:
-    """A specimen that a thread reads, identifies and writes."""
+def _outcomes(
+    place: Path,
+    specimens: Sequence[Specimen],
+    options: Mapping[str, Any],
+    backend: Cluster | LocalWorkers,
+    retry_failed: bool,
+) -> Generator[tuple[Outcome, bool]]:
+    """Yield the outcome of each specimen as soon as it is written, and whether it is new."""
 
-    specimen: Specimen
-    began: float = field(default_factory=time.monotonic)
-    read: threading.Lock = field(default_factory=threading.Lock)
-    """Taken once, by the thread when it has read the record, or by whom gives the record up."""
-    noticed: bool = False
-
-
-class _Jobs:
-    """Specimens in work: a thread for each, because a file system may never answer."""
-
-    def __init__(
-        self,
-        place: Path,
-        options: Mapping[str, Any],
-        backend: Cluster | LocalWorkers,
-        limit: float,
-        retry_failed: bool,
-        say: Callable[[str], None],
-    ) -> None:
-        self._place, self._options, self._backend = place, options, backend
-        self._limit, self._retry_failed, self._say = limit, retry_failed, say
-        self._jobs: dict[_Job, threading.Thread] = {}
-        self._done: queue.SimpleQueue[tuple[_Job, Outcome | BaseException, bool]] = (
-            queue.SimpleQueue()
-        )
-        self._last_notice = float("-inf")
-
-    def outcomes(self, specimens: Sequence[Specimen]) -> Generator[tuple[Outcome, bool]]:
-        """Yield the outcome of each specimen as soon as it is written, and whether it is new."""
-        # Those with an earlier result first: few are new, and all are known when a fleet is lost.
-        coming = iter(sorted(specimens, key=lambda one: not has_result(self._place, one)))
+    def work(one: Specimen) -> tuple[Outcome, bool]:
         try:
-            while self._begin(coming) or self._jobs:
-                self._backend.look()
-                yield from self._give_up()
-                try:
-                    job, outcome, new = self._done.get(timeout=TICK)
-                except queue.Empty:
-                    continue
-                del self._jobs[job]
-                if isinstance(outcome, BaseException):
-                    raise outcome
-                yield outcome, new
-        finally:
-            self._backend.close()
-            for job, thread in self._jobs.items():
-                if job.read.locked():  # other threads may hang
-                    thread.join()
-
-    def _late(self) -> list[_Job]:
-        """Return the jobs whose record has not come soon."""
-        soon = time.monotonic() - SOON
-        return [job for job in self._jobs if job.began <= soon and not job.read.locked()]
-
-    def _begin(self, coming: Iterator[Specimen]) -> bool:
-        """Begin what there is room for; a record that is late takes no room."""
-        begun = False
-        late = len(self._late())
-        while len(self._jobs) - late < self._backend.ahead and late < _MOST_LATE:
-            one = next(coming, None)
-            if one is None:
-                break
-            job = _Job(one)
-            # A daemon, because a thread inside a file system that hangs cannot be ended.
-            self._jobs[job] = threading.Thread(target=self._work, args=(job,), daemon=True)
-            self._jobs[job].start()
-            begun = True
-        return begun
-
-    def _work(self, job: _Job) -> None:
-        try:
-            try:
-                data: bytes | Exception = job.specimen.read()
-            except (OSError, ValueError) as error:
-                data = error
-            if job.read.acquire(blocking=False):
-                self._done.put((job, *self._result(job.specimen, data)))
-        except BaseException as error:
-            self._done.put((job, error, False))
-
-    def _result(self, one: Specimen, data: bytes | Exception) -> tuple[Outcome, bool]:
-        if isinstance(data, Exception):
-            return self._unreadable(one, getattr(data, "strerror", None) or data), True
-        task = Task(one, data, self._options)
-        kept = earlier_outcome(self._place, one, task.sha256)
-        if kept is not None and (kept.error is None or not self._retry_failed):
+            task = Task(one, one.read(), options)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            failed = one.outcome(error=f"{one.file} cannot be read: {why}")
+            return write_result(place, one, failed), True
+        kept = earlier_outcome(place, one, task.sha256)
+        if kept is not None and (kept.error is None or not retry_failed):
             return kept, False
-        return write_result(self._place, one, *self._backend.fit(task)), True
+        return write_result(place, one, *backend.fit(task)), True
 
-    def _give_up(self) -> Iterator[tuple[Outcome, bool]]:
-        """Say which records are late, and yield failures of those that reach the limit."""
-        for job in self._late():
-            name, now = job.specimen.name, time.monotonic()
-            spent = now - job.began
-            if spent >= self._limit and job.read.acquire(blocking=False):
-                del self._jobs[job]
-                why = f"it was not read within {self._limit:g} s; look whether its disk answers"
-                self._say(f"the record of specimen {name} was not read within {self._limit:g} s")
-                yield self._unreadable(job.specimen, why), True
-            elif not job.noticed and spent >= NOTICE and now - self._last_notice >= APART:
-                job.noticed, self._last_notice = True, now
-                self._say(
-                    f"the record of specimen {name} has not been read for {spent:.0f} s; the limit "
-                    f"is {self._limit:g} s"
-                )
-
-    def _unreadable(self, one: Specimen, why: object) -> Outcome:
-        return write_result(
-            self._place, one, one.outcome(error=f"{one.file} cannot be read: {why}")
-        )
+    # Those with an earlier result first: few are new, and all are known when a fleet is lost.
+    coming = sorted(specimens, key=lambda one: not has_result(place, one))
+    threads = ThreadPoolExecutor(backend.ahead)
+    try:
+        for done in as_completed([threads.submit(work, one) for one in coming]):
+            yield done.result()
+    finally:
+        backend.close()
+        threads.shutdown(cancel_futures=True)
 
 
 def _check(
