@@ -146,8 +146,7 @@ def script(tmp_path, monkeypatch):
     def ringed(rig):
         found.made.append("ring")
         spots = np.array([[0.1, 20e-3], [0.2, 20e-3]])
-        detected = np.array([True, False])
-        profile = Profile(spots, np.array([1e-5, np.nan]), np.ones(2), detected, np.zeros(2))
+        profile = Profile(spots, np.array([1e-5, np.nan]), np.ones(2))
         return Ring(profile, WaterLine(-4e-3, 2e-4, 0.0))
 
     def fake(where, **parts):

@@ -1,6 +1,7 @@
 """An inspection keeps all at once, ends safe, and resumes from any line of its journal."""
 
 import json
+import math
 from itertools import pairwise
 
 import pytest
@@ -225,6 +226,13 @@ def test_the_report_has_what_a_plant_engineer_asks_for(script):
         assert words in page
     assert found.content["seconds"] == found.content["log"][-1]["t"] > 0.0
     assert summary(found.content).startswith("2 findings (2 confirmed) in 8 views")
+
+
+@pytest.mark.parametrize("least", [-1e-3, 0.0, math.nan, 1.0])
+def test_a_wall_that_cannot_be_left_is_refused_before_anything_moves(script, least):
+    with pytest.raises(ParameterError, match="the wall that must be left is"):
+        script.run(least_wall=least)
+    assert not script.folder.exists()
 
 
 def ending(error):

@@ -49,12 +49,11 @@ def test_a_pivot_off_its_place_is_found_and_taken_out(swept):
     assert np.ptp(swept.depths[wet]) > 60e-6
     level = centred(swept)
     assert np.abs(level.depths[wet]).max() < 15e-6
-    assert level.offset == pytest.approx(OFFSET, abs=40e-6)
 
 
 def test_too_few_echoes_are_left_as_they_are():
-    few = Profile(np.zeros((3, 2)), np.ones(3), np.ones(3), np.ones(3, bool), np.zeros(2))
-    assert centred(few) is few
+    few = Profile(np.zeros((3, 2)), np.ones(3), np.ones(3))
+    assert np.array_equal(centred(few).depths, few.depths)
 
 
 def test_a_burst_with_a_verdict_has_no_echo():

@@ -86,8 +86,8 @@ def test_a_scan_is_read_as_it_was_written(tmp_path, write, scan):
     for field in fields(RecordedScan)[1:]:
         if write is nde and field.name not in ("interval", "start", "steps"):
             continue
-        value = np.asarray(getattr(found, field.name), dtype=float)
-        assert value == pytest.approx(getattr(scan, field.name), nan_ok=True), field.name
+        value, wanted = (np.asarray(getattr(one, field.name), dtype=float) for one in (found, scan))
+        assert value == pytest.approx(wanted, nan_ok=True), field.name
     assert write is not nde or found.speeds == (5900.0,)
 
 
@@ -150,7 +150,9 @@ REFUSED = [
     (without("", traces=LINE.traces[:, :1]), "one A-scan"),
     (without("traces", ptx=LINE.traces[:, 0, 0]), "it is one A-scan"),
     (without("", fLow=20e6, fHigh=30e6), "the band of the pulse is 20 to 30 MHz"),
-    (without("dx"), "it has no places; give the distance between A-scans with --step"),
+    (without("dx"), "give the distance between A-scans with --step, up to 100 mm"),
+    (without("", dx=1.0), "give the distance between A-scans with --step, up to 100 mm"),
+    (without("", disc=-1e-3), "give more than 0, up to 100 mm, with --disc"),
     (without("dx", x=[0, 1, 2, 4, 5, 6, 7, 8, 9.0]), "give a scan with equal ones"),
     (without("dt"), "give the sampling rate with --rate"),
     (without("speeds"), "give those of the layers with --speeds"),

@@ -96,7 +96,22 @@ def test_too_few_a_scans_and_a_threshold_that_is_none_are_refused():
 def test_more_speeds_than_surfaces_are_said():
     scan = block(1003)[0].scan
     found = scan_flaws(replace(scan, speeds=(*scan.speeds, 3000.0, 3000.0), thicknesses=()))
-    assert "2 surfaces are seen, and 4 layers are given" in found.advice[-1]
+    assert "2 surfaces found, and 4 layers given" in found.advice[-1]
+
+
+def test_an_unknown_time_of_the_first_sample_is_said():
+    found = scan_flaws(replace(block(1003)[0].scan, start_known=False))
+    assert "give it with --start" in found.advice[0]
+
+
+def test_a_scans_without_a_signal_do_not_cut_a_flaw_in_two():
+    drawn, before = block(1003)
+    traces = drawn.scan.traces.copy()
+    middle = round(before.flaws[0].x / drawn.scan.steps[0])
+    traces[:, [0, middle, middle + 1]] = 0.0
+    found = scan_flaws(replace(drawn.scan, traces=traces))
+    assert matched(drawn, found)[1:] == (0, 0)
+    assert "3 A-scans without a signal" in found.advice[0]
 
 
 def test_a_layer_that_its_surfaces_hide_is_said():
@@ -112,6 +127,7 @@ def test_noise_alone_has_no_surface():
     found = scan_flaws(replace(scan, traces=noise))
     assert (found.surfaces.times.size, found.flaws) == (0, ())
     assert np.isnan(found.tilt)
+    assert "no echo stands out of the noise" in found.advice[-1]
 
 
 def test_three_measured_layers_have_their_twelve_targets(shared_data):

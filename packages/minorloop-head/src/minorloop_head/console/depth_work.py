@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from io import BytesIO
@@ -14,6 +13,7 @@ from minorloop_head.console.units import degrees, mm
 from minorloop_head.geometry import Mount, Probe
 from minorloop_head.procedures.sweep_map import draw_pipe_map, mapped_share
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.reconstruction.findings import rounded
 from minorloop_head.reconstruction.fusion import wall_about
 from minorloop_head.reconstruction.mesh import mesh_of
 from minorloop_head.ultrasound.c_scan import CScan, c_scan
@@ -84,11 +84,11 @@ def _listed(scan: CScan) -> bytes:
 
 def _result(pit: PitDepth, wall: DepthMap) -> dict[str, Any]:
     values = {
-        name: _finite(getattr(pit, name))
+        name: rounded(getattr(pit, name), 9)
         for name in ("phi", "z", "diameter", "depth", "place_sd", "diameter_sd", "depth_sd")
     }
     depths = 1e3 * wall.depth
-    grid = [[round(d, 4) if math.isfinite(d) else None for d in row] for row in depths.tolist()]
+    grid = [[rounded(depth, 4) for depth in row] for row in depths.tolist()]
     patch = wall.patch
     return {
         **values,
@@ -108,7 +108,3 @@ def _meshes(wall: DepthMap) -> dict[str, bytes]:
     """Return the map as PLY and glTF."""
     mesh = mesh_of(wall)
     return {kind: bytes(mesh.export(file_type=kind)) for kind in ("ply", "glb")}
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

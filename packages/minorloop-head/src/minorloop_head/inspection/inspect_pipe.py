@@ -73,6 +73,7 @@ if TYPE_CHECKING:
 _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measure", "water line")
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and what the camera cannot do."""
+_MOST_WALL = 0.1  # m, as of a calibration
 
 
 _Value = TypeVar("_Value")
@@ -138,6 +139,11 @@ def inspect(
     """
     folder = Path(out)
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
+    if least_wall is not None and not 0.0 < least_wall <= _MOST_WALL:
+        raise ParameterError(
+            f"the wall that must be left is {1e3 * least_wall:g} mm; give more than 0, up to "
+            f"{1e3 * _MOST_WALL:g} mm"
+        )
     begun |= {"pipe": pipe, "least wall [mm]": None if least_wall is None else 1e3 * least_wall}
     before = Before.of(folder, begun, "inspection", InspectionLine) if resume else NEW
     known = _restored(before, head.view)

@@ -27,7 +27,7 @@ from minorloop_head.inspection.journal import (
     Seconds,
     converted,
 )
-from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.calibration import THICKNESS_SD, HeadCalibration
 from minorloop_head.procedures.inspected_view import (
     InspectedView,
     Unconfirmed,
@@ -40,6 +40,7 @@ from minorloop_head.procedures.ring import Ring as RingSweep
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.depth_map import WaterLine
+from minorloop_head.reconstruction.findings import rounded
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import DEAD_TIME
 from minorloop_head.ultrasound.echoes import Burst as MeanBurst
@@ -76,7 +77,7 @@ def _in_units(digits: int, **values: float) -> dict[str, Any]:
         name: math.degrees(value) if name in _ANGLES else 1e3 * value
         for name, value in values.items()
     }
-    return {name: round(x, digits) if math.isfinite(x) else None for name, x in scaled.items()}
+    return {name: rounded(x, digits) for name, x in scaled.items()}
 
 
 class Row(Struct, kw_only=True, rename=_NAMES):
@@ -183,7 +184,8 @@ def visit_row(
         depth that is not measured, such as that of an uneven floor, it is not known.
     """
     assert view.finding is not None
-    left, left_sd = thickness - view.finding.depth, view.finding.depth_sd
+    left = thickness - view.finding.depth
+    left_sd = math.hypot(view.finding.depth_sd, THICKNESS_SD * thickness)
     if view.finding.kind == "hole":
         left, left_sd = 0.0, math.nan
     surely = left if math.isnan(left_sd) else left - PER_DEVIATION * left_sd

@@ -34,7 +34,8 @@ _VERDICT = (
     "Confirmed is what echoes show. Probable is what only the camera shows, with odds of 20 to 1 "
     "or more or as a line that was traced twice; it may be dirt. Look at the others again. The "
     "verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
-    "measured, and no step failed. The wall left is the thickness as calibrated less the depth."
+    "measured, and no step failed. The wall left is the thickness as calibrated, which is known "
+    "to 1.7 %, less the depth."
 )
 COLUMNS = (
     "no.",
@@ -107,9 +108,7 @@ def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
     value, sd = row[name], row[f"{what}_sd {unit}"]
     if value is None:
         return "-"
-    return (
-        f"{value:.{digits}f}" if sd is None else f"{value:.{digits}f}\u00a0±\u00a0{sd:.{digits}f}"
-    )
+    return f"{value:.{digits}f}" if sd is None else f"{value:.{digits}f} ±\u00a0{sd:.{digits}f}"
 
 
 def inspection_report(

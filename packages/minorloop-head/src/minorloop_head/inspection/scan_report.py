@@ -16,6 +16,7 @@ from minorloop.errors import counted
 from minorloop.files import PathLike, new_folder, table_text, write_atomically
 from minorloop.report import Picture, Report, Table
 from minorloop_head.inspection.report import with_sd, written
+from minorloop_head.reconstruction.findings import rounded
 from minorloop_head.ultrasound.scan_flaws import ScanFlaw, ScanFlaws
 from minorloop_head.ultrasound.synthetic_aperture import Field, envelope, recorded_field
 
@@ -66,14 +67,10 @@ def flaw_row(flaw: ScanFlaw) -> dict[str, Any]:
         "grade": flaw.grade,
         "kind": "flaw" if not flaw.why else "repeat",
         "layer": flaw.layer,
-        **{name: _rounded(1e3 * value) for name, value in lengths.items()},
+        **{name: rounded(1e3 * value, 3) for name, value in lengths.items()},
         "level [dB]": round(flaw.level, 1),
         "verdict": flaw.why or bound,
     }
-
-
-def _rounded(value: float, digits: int = 3) -> float | None:
-    return round(value, digits) if math.isfinite(value) else None
 
 
 def scan_content(found: ScanFlaws, source: str) -> dict[str, Any]:
@@ -86,7 +83,7 @@ def scan_content(found: ScanFlaws, source: str) -> dict[str, Any]:
             "speed [m/s]": each.speed,
             "top [us]": round(1e6 * each.top, 3),
             "bottom [us]": round(1e6 * each.bottom, 3),
-            "thickness [mm]": _rounded(1e3 * each.thickness),
+            "thickness [mm]": rounded(1e3 * each.thickness, 3),
         }
         for each in found.layers
     ]
@@ -98,7 +95,7 @@ def scan_content(found: ScanFlaws, source: str) -> dict[str, Any]:
         "band [MHz]": [round(1e-6 * each, 3) for each in scan.pulse_band],
         "clipped": clipped,
         "surfaces [us]": [round(1e6 * each, 3) for each in surfaces.times.tolist()],
-        "tilt [deg]": _rounded(math.degrees(found.tilt)),
+        "tilt [deg]": rounded(math.degrees(found.tilt), 3),
         "layers": layers,
         "findings": [flaw_row(each) for each in found.flaws],
         "repeats": [flaw_row(each) for each in found.repeats],
@@ -161,13 +158,14 @@ def scan_report(found: ScanFlaws, content: dict[str, Any]) -> Report:
         table=Table(COLUMNS, scan_cells(content)),
         notes=content["advice"],
     )
+    recorded = recorded_field(found.scan).earlier(found.surfaces.offsets)
     for line in _lines(found):
         caption = (
             f"B-scan{_at(found, line)}: as recorded, level with the first surface, and focused "
             "through the layers, without what most places have in common and where echoes of "
             "surfaces hide others. Dashed lines are surfaces, numbers those of the table."
         )
-        report.add("B-scan", pictures=[Picture(draw_b_scan(found, line), caption)])
+        report.add("B-scan", pictures=[Picture(draw_b_scan(found, recorded, line), caption)])
     if found.scan.traces.shape[2] > 1:
         caption = "C-scan: the loudest echo over each place of a layer, focused."
         report.add("C-scan", pictures=[Picture(draw_c_scan(found), caption)])
@@ -202,8 +200,11 @@ def _at(found: ScanFlaws, line: int) -> str:
     return "" if single else f" at y = {1e3 * line * found.scan.steps[1]:.1f} mm"
 
 
-def draw_b_scan(found: ScanFlaws, line: int = 0) -> Any:
-    """Draw a line along x of a scan before and after focusing, with the flaws marked."""
+def draw_b_scan(found: ScanFlaws, recorded: Field, line: int = 0) -> Any:
+    """Draw a line along x of a scan before and after focusing, with the flaws marked.
+
+    ``recorded``: the field of the scan, level with its first surface.
+    """
     scan = found.scan
     deepest = found.layers[-1].above + found.layers[-1].depths[-1]
     depths = np.linspace(found.layers[0].depths[0], deepest, _ROWS)
@@ -214,8 +215,6 @@ def draw_b_scan(found: ScanFlaws, line: int = 0) -> Any:
         times[inside] = layer.top + 2 * below[inside] / layer.speed
         for column, picture in zip(focused.T, layer.picture[:, :, line].T, strict=True):
             column[inside] = np.interp(below[inside], layer.depths, picture, right=0.0)
-    recorded = recorded_field(scan)
-    recorded = recorded.earlier(found.surfaces.offsets)
     one = Field(recorded.spectrum[:, :, line : line + 1], recorded.omega, scan.steps)
     before = envelope(one, times)[:, :, 0]
     wide = 1e3 * scan.steps[0] * (scan.traces.shape[1] - 1)

@@ -19,6 +19,8 @@ from minorloop_head.vision.lens_calibration import FARTHEST
 
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
+THICKNESS_SD = 0.017
+"""Standard deviation of a thickness by a caliper, as a share of it: that of errors up to 3 %."""
 _LONGEST_LATENCY = 5.0
 _LONGEST_PIPE = 1e5
 _TURN = math.pi

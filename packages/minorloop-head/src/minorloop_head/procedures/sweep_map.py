@@ -15,7 +15,7 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop_head.geometry import wrapped
 from minorloop_head.reconstruction.depth_map import UNSEEN, DepthMap, Patch
-from minorloop_head.reconstruction.findings import DIGITS
+from minorloop_head.reconstruction.findings import DIGITS, rounded
 from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT, CScan
 
 _NARROW = 0.55  # of its length is the width of a map that has two ticks across
@@ -171,10 +171,7 @@ def find_rows(scan: CScan) -> list[dict[str, str | float | None]]:
         lengths = find.z, find.diameter, find.length, find.depth, PER_DEVIATION * find.depth_sd
         values = np.array([np.degrees(find.phi), *np.multiply(1e3, lengths)])
         named = zip(_DIGITS.items(), values.tolist(), strict=True)
-        known = {
-            name: round(each, digits) if math.isfinite(each) else None
-            for (name, digits), each in named
-        }
+        known = {name: rounded(each, digits) for (name, digits), each in named}
         kind = f"{find.kind} of at least this length" if find.at_least else find.kind
         rows.append({"find": kind, **known})
     return rows

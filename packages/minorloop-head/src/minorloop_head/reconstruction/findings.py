@@ -63,6 +63,11 @@ _KINDS = {
 }
 
 
+def rounded(value: float, digits: int) -> float | None:
+    """Return a number for JSON, None if it is not finite."""
+    return round(value, digits) if math.isfinite(value) else None
+
+
 def kind_of(verdict: str) -> str:
     """Return the kind of a round defect by the verdict of its echoes.
 

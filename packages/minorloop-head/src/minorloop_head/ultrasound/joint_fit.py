@@ -31,8 +31,8 @@ _HALF_WAVE = 0.033e-3  # m, half a wave there and back, where another fit may li
 _RIVAL, _AMBIGUOUS = 0.8, 0.87
 """A second depth that explains more than these shares of what the best one explains is tried too,
 and makes the depth ambiguous."""
-_APART = 0.02e-3
-"""Depths nearer than this belong to one dip of the cost, in metres."""
+_APART, _OTHER = 0.02e-3, 0.045e-3
+"""Depths nearer than this belong to one dip of the cost, and to one start of the search, in m."""
 _CLEAR_GAIN = 20.0
 """Cost by which the best depth must beat any other; noise at 4 dB changes the difference by 10."""
 _USUAL, _UNSURE = 1.06, 0.88  # times the cost of noise alone; gain of a floor
@@ -283,12 +283,10 @@ def best_fit(fit: JointFit, start: FloatArray) -> JointSolution:
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     taken = float(best.unknowns[3])
-    starts = [
-        _at_depth(flat, taken + slip)
-        for slip in (-_HALF_WAVE, _HALF_WAVE)
-        if taken + slip > 0.04e-3
-    ]
-    starts += _dips(fit, flat, taken)
+    slipped = [taken + slip for slip in (-_HALF_WAVE, _HALF_WAVE) if taken + slip > 0.04e-3]
+    dips = _dips(fit, flat)
+    starts = [_at_depth(flat, depth) for depth in slipped]
+    starts += [dip.unknowns for dip in _others(dips, taken, 1.4 * dips[0].cost, _OTHER)]
     starts += _shaped(fit, flat, (0.0,), _DISHES[1:], DEPTHS)[:1]
     best = _better(fit, best, starts)
     gain = best.unknowns[4]
@@ -312,7 +310,7 @@ def resolve_ambiguity(fit: JointFit, best: JointSolution) -> tuple[JointSolution
     rival, share = _rival(fit, best)
     if share < _RIVAL:
         return best, False
-    other = fit.solve(_at_depth(best.unknowns, rival))
+    other = fit.solve(rival)
     fit.refine_pulse(other.unknowns)
     other = fit.solve(other.unknowns)
     if other.cost > best.cost:
@@ -338,28 +336,19 @@ def _with_slips(fit: JointFit, best: JointSolution) -> tuple[JointSolution, bool
     """Return the best of a solution and near dips of the cost, and whether noise could swap two."""
     if best.unknowns[4] < _WEAK:
         return best, False
-    costs = fit.sweep(best.unknowns, DEPTHS)
-    near = [
-        float(DEPTHS[n])
-        for n in _lowest(costs)
-        if abs(DEPTHS[n] - best.unknowns[3]) > _APART and costs[n] < best.cost + 3 * _CLEAR_GAIN
-    ]
-    starts = [_at_depth(best.unknowns, depth) for depth in near[:_STARTS]]
-    found = [best, *(fit.solve(start, rounds=4) for start in starts)]
+    dips = _others(_dips(fit, best.unknowns), best.unknowns[3], best.cost + 3 * _CLEAR_GAIN)
+    found = [best, *(fit.solve(dip.unknowns, rounds=4) for dip in dips)]
     least = min(found, key=lambda solution: solution.cost)
     others = [one.cost for one in found if abs(one.unknowns[3] - least.unknowns[3]) > _APART]
     return least, min(others, default=np.inf) < least.cost + _CLEAR_GAIN
 
 
-def _rival(fit: JointFit, best: JointSolution) -> tuple[float, float]:
-    """Return the depth of the second best dip, and its share of what the best explains."""
-    costs = fit.sweep(best.unknowns, DEPTHS)
+def _rival(fit: JointFit, best: JointSolution) -> tuple[FloatArray, float]:
+    """Return the second best dip, and its share of what the best explains."""
     gained = max(fit.cost_of(fit.model.plain) - best.cost, 1e-9)
-    taken = float(best.unknowns[3])
-    for n in _lowest(costs):
-        if abs(DEPTHS[n] - taken) > _APART:
-            return float(DEPTHS[n]), float(1 - (costs[n] - best.cost) / gained)
-    return np.nan, 0.0
+    for dip in _others(_dips(fit, best.unknowns), best.unknowns[3], np.inf):
+        return dip.unknowns, float(1 - (dip.cost - best.cost) / gained)
+    return best.unknowns, 0.0
 
 
 def _is_through(fit: JointFit, best: JointSolution) -> bool:
@@ -377,22 +366,21 @@ def _better(fit: JointFit, best: JointSolution, starts: list[FloatArray]) -> Joi
     return min(best, fit.solve(other.unknowns), key=lambda solution: solution.cost)
 
 
-def _dips(fit: JointFit, flat: FloatArray, taken: float) -> list[FloatArray]:
-    """Return starts at the lowest dips over the depth, except the present one."""
-    costs = fit.sweep(flat, DEPTHS)
-    dips = [
-        n
-        for n in _lowest(costs)
-        if abs(DEPTHS[n] - taken) > 0.045e-3 and costs[n] < 1.4 * costs.min()
-    ]
-    return [_at_depth(flat, DEPTHS[n]) for n in dips[:_STARTS]]
-
-
-def _lowest(costs: FloatArray) -> list[int]:
-    """Return the indices of the local minima of costs, the lowest first."""
+def _dips(fit: JointFit, unknowns: FloatArray, depths: FloatArray = DEPTHS) -> list[JointSolution]:
+    """Return the local minima of the cost over the depth, the lowest first."""
+    costs = fit.sweep(unknowns, depths)
     padded = np.pad(costs, 1, constant_values=np.inf)
     dips = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
-    return [int(n) for n in dips[np.argsort(costs[dips])]]
+    lowest = dips[np.argsort(costs[dips])]
+    return [JointSolution(_at_depth(unknowns, depths[n]), float(costs[n])) for n in lowest]
+
+
+def _others(
+    dips: list[JointSolution], depth: float, most: float, apart: float = _APART
+) -> list[JointSolution]:
+    """Return the first dips at other depths than this one, of less than the greatest cost."""
+    other = [dip for dip in dips if abs(dip.unknowns[3] - depth) > apart and dip.cost < most]
+    return other[:_STARTS]
 
 
 def _at_depth(unknowns: FloatArray, depth: float) -> FloatArray:
@@ -413,7 +401,5 @@ def _shaped(
     for u, v, dish in product(slopes, slopes, dishes):
         begun = flat.copy()
         begun[5:] = u, v, dish
-        costs = fit.sweep(begun, depths)
-        found += [(float(costs[n]), _at_depth(begun, depths[n])) for n in _lowest(costs)[:2]]
-    found.sort(key=lambda pair: pair[0])
-    return [begun for _, begun in found]
+        found += _dips(fit, begun, depths)[:2]
+    return [dip.unknowns for dip in sorted(found, key=lambda dip: dip.cost)]

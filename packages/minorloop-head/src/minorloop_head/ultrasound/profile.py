@@ -10,6 +10,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop_head.ultrasound.echoes import Burst, Echo, find_echoes
 from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.spectra import least_deviations
 
 _LEAST, _SLACK = 6.0, 1.5e-3
 """Least echo of the wall over the noise, and its largest distance from nominal, in metres. Noise
@@ -29,10 +30,11 @@ class Profile:
     depths: FloatArray
     sds: FloatArray
     """Shape (K,). In metres; NaN without an echo of the wall."""
-    detected: BoolArray
-    """Shape (K,). Where there is an echo of the wall."""
-    offset: FloatArray
-    """Shape (2,). Estimated error of the place of the pivot, along x and y, in metres."""
+
+    @property
+    def detected(self) -> BoolArray:
+        """(K,) whether there is an echo of the wall."""
+        return np.isfinite(self.depths)
 
 
 def wall_profile(bursts: Sequence[Burst], probe: CalibratedProbe) -> Profile:
@@ -45,7 +47,7 @@ def wall_profile(bursts: Sequence[Burst], probe: CalibratedProbe) -> Profile:
     Notes
     -----
     The distance is that of the first echo near the wall, times the cosine of its incidence.
-    ``centred`` corrects for an error of the place of the pivot.
+    `centred` corrects for an error of the place of the pivot.
     """
     angles = np.array([burst.angles for burst in bursts]).reshape(-1, 2)
     sane = np.where(np.isfinite(angles), angles, 0.0)
@@ -60,46 +62,44 @@ def wall_profile(bursts: Sequence[Burst], probe: CalibratedProbe) -> Profile:
         if echoes and echoes[0].snr >= _LEAST:
             depths[n] = facing[n] * (echoes[0].time * probe.speed / 2 - spots[n, 2])
             sds[n] = np.hypot(_JITTER / echoes[0].snr * probe.speed / 2, _AIM)
-    return Profile(spots[:, :2], depths, sds, np.isfinite(depths), np.zeros(2))
+    return Profile(spots[:, :2], depths, sds)
 
 
 def joined(profiles: Sequence[Profile]) -> Profile:
     """Join several profiles into one; it is empty without any."""
-    empty = Profile(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, bool), np.zeros(2))
-    parts = [empty, *profiles]
+    parts = [Profile(np.empty((0, 2)), np.empty(0), np.empty(0)), *profiles]
     return Profile(
         np.concatenate([p.spots for p in parts]),
         np.concatenate([p.depths for p in parts]),
         np.concatenate([p.sds for p in parts]),
-        np.concatenate([p.detected for p in parts]),
-        np.zeros(2),
     )
 
 
 def centred(profile: Profile) -> Profile:
-    """Return the profile without the effect of a misplaced pivot: a + b cos(phi) + c sin(phi).
+    """Return the profile without the effect of a misplaced pivot."""
+    found, around = profile.detected, profile.spots[:, 0]
+    wave = pivot_wave(around[found], profile.depths[found], around)
+    return Profile(profile.spots, profile.depths - wave, profile.sds)
+
+
+def pivot_wave(phi: FloatArray, depths: FloatArray, around: FloatArray) -> FloatArray:
+    """Return the depths (N,) that a misplaced pivot adds at angles around (N,), in metres.
 
     Notes
     -----
-    Fitted by least absolute deviations, so that dents and pits stay. The profile is unchanged if
-    there are fewer than eight echoes, or if they cover less than a quarter turn.
+    a + b cos(phi) + c sin(phi), fitted to depths (K,) of echoes at phi (K,) by least absolute
+    deviations, so that dents and pits stay. It is zero if there are fewer than eight echoes, or if
+    they cover less than a quarter turn.
     """
-    phi, values = profile.spots[profile.detected, 0], profile.depths[profile.detected]
     spread = 1 - abs(np.exp(1j * phi).mean()) if phi.size else 0.0
     if phi.size < 8 or spread < 0.03:
-        return profile
-    design = np.stack([np.ones(phi.size), np.cos(phi), np.sin(phi)], axis=1)
-    weights = np.ones(phi.size)
-    solution = np.zeros(3)
-    for _ in range(20):
-        root = np.sqrt(weights)
-        solution = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
-        weights = 1 / np.maximum(np.abs(values - design @ solution), 1e-6)
-    around = profile.spots[:, 0]
-    waves = solution[0] + solution[1] * np.cos(around) + solution[2] * np.sin(around)
-    return Profile(
-        profile.spots, profile.depths - waves, profile.sds, profile.detected, -solution[1:]
-    )
+        return np.zeros(len(around))
+    waves: FloatArray = _waves(around) @ least_deviations(_waves(phi), depths)
+    return waves
+
+
+def _waves(phi: FloatArray) -> FloatArray:
+    return np.stack([np.ones(phi.size), np.cos(phi), np.sin(phi)], axis=1)
 
 
 def _echoes(burst: Burst, gate: tuple[float, float]) -> tuple[Echo, ...]:

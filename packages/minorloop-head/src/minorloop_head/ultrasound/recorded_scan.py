@@ -45,6 +45,8 @@ _TIME_FIRST = ("ptx", "ptxy")
 """Names of arrays whose first axis is time; of others it is the longest."""
 _SPEEDS, _LONGEST = (100.0, 15_000.0), 1e-3
 """Speeds of sound in m/s, and longest interval between samples in s, that are taken for such."""
+_WIDEST = 0.1
+"""Largest step between A-scans and largest disc in metres: both are some mm."""
 _UNEVEN = 0.05
 """Largest deviation of a step from the mean one, as a share of it."""
 _EDGE, _SMOOTHED = 0.2, 50
@@ -85,6 +87,8 @@ class RecordedScan:
     """Diameter of the disc of the probe, in metres."""
     gain: float = math.nan
     """In dB."""
+    start_known: bool = True
+    """Whether the time of the first sample is known, and not taken for 0."""
 
     def __post_init__(self) -> None:
         traces, (dx, dy) = self.traces, self.steps
@@ -104,10 +108,15 @@ class RecordedScan:
                 f"all its samples are {traces.flat[0]:g}, so that it shows nothing; check the "
                 "digitiser, and which field has the A-scans"
             )
-        if not (dx > 0 and (traces.shape[2] == 1 or dy > 0)):
+        if not (0 < dx <= _WIDEST and (traces.shape[2] == 1 or 0 < dy <= _WIDEST)):
             raise RecordError(
-                f"its steps are {dx} and {dy} m, so that it has no places; give the distance "
-                "between A-scans with --step, in mm"
+                f"its steps are {dx} and {dy} m; give the distance between A-scans with --step, "
+                f"up to {1e3 * _WIDEST:g} mm"
+            )
+        if not (math.isnan(self.disc) or 0 < self.disc <= _WIDEST):
+            raise RecordError(
+                f"the disc is {self.disc} m wide; give more than 0, up to {1e3 * _WIDEST:g} mm, "
+                "with --disc, or leave it out"
             )
         if not 0 < self.interval < _LONGEST or not math.isfinite(self.start):
             raise RecordError(
@@ -233,7 +242,7 @@ def _scan(fields: Mapping[str, Any], *, time_first: bool) -> RecordedScan:
     traces = traces.reshape(*traces.shape[:2], -1)
     rate = _number(fields, "rate")
     interval = _number(fields, "interval", 1 / rate if rate > 0 else math.nan)
-    start = _number(fields, "start", 0.0)
+    start = _number(fields, "start")
     if times.size == len(traces) > 1:
         interval, start = float(times[-1] - times[0]) / (times.size - 1), float(times[0])
     steps = tuple(_step(fields, axis) for axis in "xy")
@@ -244,13 +253,14 @@ def _scan(fields: Mapping[str, Any], *, time_first: bool) -> RecordedScan:
     return RecordedScan(
         traces,
         interval,
-        start,
+        start if math.isfinite(start) else 0.0,
         (steps[0], steps[1] if traces.shape[2] > 1 else math.nan),
         tuple(_vector(fields, "speeds").tolist()),
         tuple(_vector(fields, "thicknesses").tolist()),
         band,
         _number(fields, "disc"),
         _number(fields, "gain"),
+        start_known=math.isfinite(start),
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError, counted
 from minorloop_head.ultrasound.echoes import vertex
 from minorloop_head.ultrasound.recorded_scan import RecordedScan
 from minorloop_head.ultrasound.scan_surfaces import (
@@ -167,10 +167,11 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
     if scan.traces.shape[1] * scan.traces.shape[2] < _FEWEST:
         places = scan.traces.shape[1] * scan.traces.shape[2]
         raise RecordError(f"{places} A-scans do not tell flaws from surfaces; give {_FEWEST}")
+    scan, dead = _without_dead(scan)
     field = recorded_field(scan)
     surfaces = find_surfaces(scan, field)
     field = field.earlier(surfaces.offsets).local().earlier(-surfaces.offsets)
-    advice = [*contradictions(scan, surfaces), *_advice(scan, surfaces)]
+    advice = [*dead, *contradictions(scan, surfaces), *_advice(scan, surfaces)]
     layers, found = [], list[ScanFlaw]()
     for layer in _layers(scan, surfaces, field):
         layers.append(layer)
@@ -178,11 +179,41 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
             advice.append(f"the echoes of its surfaces hide all of layer {layer.number}")
         found += _candidates(scan, surfaces, layer, least)
     flaws, repeats = _explained(found, surfaces.times, scan)
+    if not flaws and not surfaces.times.size:
+        advice.append(
+            "no echo stands out of the noise, neither of a surface nor of a flaw, so that the scan "
+            "says nothing of the part; check coupling and gain, and which field has the A-scans"
+        )
     return ScanFlaws(scan, surfaces, tuple(layers), flaws, repeats, tuple(advice))
+
+
+def _without_dead(scan: RecordedScan) -> tuple[RecordedScan, list[str]]:
+    """Return a scan whose constant A-scans are the mean of those beside them along x, said so.
+
+    A gap would cut the echo of a flaw in two.
+    """
+    dead = np.ptp(scan.traces, axis=0) == 0
+    if not dead.any():
+        return scan, []
+    traces = scan.traces.copy()
+    for y in np.flatnonzero(dead.any(axis=0) & ~dead.all(axis=0)):
+        gaps, alive = np.flatnonzero(dead[:, y]), np.flatnonzero(~dead[:, y])
+        at = np.searchsorted(alive, gaps)
+        before, after = alive[np.maximum(at - 1, 0)], alive[np.minimum(at, alive.size - 1)]
+        traces[:, gaps, y] = 0.5 * (traces[:, before, y] + traces[:, after, y])
+    return replace(scan, traces=traces), [
+        f"{counted(int(dead.sum()), 'A-scan')} without a signal taken for the mean of those "
+        "beside; what is there is not seen"
+    ]
 
 
 def _advice(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     said = []
+    if not scan.start_known:
+        said.append(
+            "the time of the first sample is not known and taken for 0, the pulse; where it is "
+            "later, the first layer is thicker than said; give it with --start, in us"
+        )
     if scan.clipped and surfaces.times.size:
         long = surfaces.plateaus[0]
         off = _unsure(scan, surfaces, min(2, len(scan.speeds)))
@@ -194,8 +225,8 @@ def _advice(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     missing = len(scan.speeds) - surfaces.times.size
     if missing > 1:
         said.append(
-            f"{surfaces.times.size} surfaces are seen, and {len(scan.speeds)} layers are given; "
-            "those after the last surface are taken for one"
+            f"{counted(surfaces.times.size, 'surface')} found, and {len(scan.speeds)} layers "
+            "given: those after the last surface are taken for one"
         )
     return said
 

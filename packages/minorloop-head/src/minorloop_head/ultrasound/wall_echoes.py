@@ -13,7 +13,7 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop_head.geometry import wall_point
 from minorloop_head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, vertex
 from minorloop_head.ultrasound.field import CalibratedProbe
-from minorloop_head.ultrasound.profile import Profile, centred
+from minorloop_head.ultrasound.profile import pivot_wave
 
 Indices = npt.NDArray[np.intp]
 PULSE = 0.1e-3
@@ -112,7 +112,7 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
 
     Notes
     -----
-    The distance of the wall is that of `centred`: a misplaced pivot is no depth. The waves of a
+    The distance of the wall is less `pivot_wave`: a misplaced pivot is no depth. The waves of a
     focused beam go down at angles t up to arctan(D / 2F), and delay by 2 d cos(t) / c; the mean
     over the disc is 1 - t^2 / 4.
     """
@@ -120,11 +120,8 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
     heard = [_strongest(one, probe.speed) for one in swept]
     depth, loudest, snr = np.array([each[:3] for each in heard]).reshape(-1, 3).T
     found = snr >= _LEAST_SNR
-    wave = np.zeros(len(spots))
+    wave = pivot_wave(spots[found, 0], depth[found], spots[:, 0])
     if found.any():
-        profile = Profile(spots[found, :2], depth[found], 1 / snr[found], found[found], np.zeros(2))
-        change = profile.depths - centred(profile).depths
-        wave = np.interp(spots[:, 0], spots[found, 0], change, period=2 * np.pi)
         wave += np.median((depth - wave)[found])
     usual = float(np.median(loudest[found])) if found.any() else 1.0
     clear = found & (loudest >= _RINGING * usual)
