@@ -40,9 +40,14 @@ def lens(sets: Sequence[str]) -> None:
 
 
 def _lens_of(folder: Path, side: float) -> None:
-    from minorloop_head.procedures.calibrate import calibrate_lens, find_target, look_through
+    from minorloop_head.procedures.calibrate import (
+        ExpectedTarget,
+        calibrate_lens,
+        find_target,
+        look_through,
+    )
 
-    pictures = look_through(folder, find_target(folder, side))
+    pictures = look_through(folder, find_target(folder, ExpectedTarget(side)))
     fit = calibrate_lens(pictures)
     print(f"{folder.name}: {pictures.target}, {len(fit.seen)} of {_count(pictures)} pictures")
     print(f"  free: {fit.model}; rms {fit.rms:.3f} px, in pictures left out {fit.rms_left_out:.3f}")

@@ -5,7 +5,12 @@ import pytest
 
 from benchmarks import real_lenses as real
 from benchmarks.lens_sets import deviations
-from minorloop_head.procedures.calibrate import calibrate_lens, find_target, look_through
+from minorloop_head.procedures.calibrate import (
+    ExpectedTarget,
+    calibrate_lens,
+    find_target,
+    look_through,
+)
 
 
 def test_deviations_contain_what_the_lens_does_not_explain():
@@ -35,7 +40,7 @@ def test_real_endoscopes_have_the_lens_that_opencv_finds(
     step = 1 if name == "viking_left" else 3
     for path in sorted(folder.iterdir())[::step]:
         (tmp_path / path.name).symlink_to(path)
-    pictures = look_through(tmp_path, find_target(tmp_path, 1e-3 * side))
+    pictures = look_through(tmp_path, find_target(tmp_path, ExpectedTarget(1e-3 * side)))
     assert str(pictures.target) == target
     fit = calibrate_lens(pictures)
     for each, value in zip(fit.measured, focals, strict=False):

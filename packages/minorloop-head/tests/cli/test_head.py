@@ -346,7 +346,7 @@ def test_a_camera_beside_sensors_says_that_they_are_not_used(capsys, monkeypatch
 
 
 SMALL = "--target squares=7x5,side=4"
-CALIBRATE = f"head calibrate {SMALL} --head head.json --serial H-07"
+CALIBRATE = f"head calibrate --head head.json --serial H-07 {SMALL}"
 
 
 @pytest.fixture(scope="module")
@@ -370,8 +370,10 @@ def scene(tmp_path_factory):
 def test_a_head_is_calibrated_from_pictures(run, scene):
     folder, truth = scene
     (folder / "lens" / "junk.png").write_text("no picture")
-    first = f"{CALIBRATE} --pictures {folder}/lens --mount {folder}/mount --on-axis --json"
-    status, out, error = run(f"{first} --leds 0,2.5,0;-2.2,-1.2,0 --report report.html")
+    first = f"{CALIBRATE} --pictures {folder}/lens --mount {folder}/mount --json"
+    status, out, error = run(
+        f"{first} --target side=4,on-axis=yes --leds 0,2.5,0;-2.2,-1.2,0 --report report.html"
+    )
     assert status == 0
     printed = json.loads(out)["measured"]
     assert all(f"warning: {each}\n" in error for each in json.loads(out)["warnings"])
@@ -402,7 +404,7 @@ def test_a_head_is_calibrated_from_pictures(run, scene):
     assert len(known.measured) == len(printed)
     assert known.calibration.lever == pytest.approx(1e-3 * printed["lever"]["value"])
     # Another part of it later: the rest is kept.
-    status, out, _ = run(f"{CALIBRATE} --led-pictures {folder}/leds --force --radius 12.5")
+    status, out, _ = run(f"{CALIBRATE} --leds {folder}/leds --force --pipe radius=12.5")
     assert status == 0
     assert "LED 3 x" in out
     after = read_head("head.json")
@@ -427,7 +429,7 @@ def test_a_camera_on_a_robot_is_calibrated_from_poses_of_its_flange(run, refused
     Path("robot.csv").write_text("\n".join(lines))
     save_head(HeadFile(serial="H-07", calibration=HALF, calibrated=LATER), "head.json")
     known = f"{CALIBRATE} --pictures {folder}/lens --mount {folder}/mount --force --json"
-    status, out, _ = run(f"{known} --robot robot.csv")
+    status, out, _ = run(f"{known} --angles robot.csv")
     assert status == 0
     printed = json.loads(out)["measured"]
     for name, value in (
@@ -437,7 +439,7 @@ def test_a_camera_on_a_robot_is_calibrated_from_poses_of_its_flange(run, refused
         assert abs(printed[name]["value"] - value) < 4 * printed[name]["sd"]
     Path("feet.csv").write_text("\n".join(lines).replace("[mm]", "[ft]"))
     assert "column 'x' of feet.csv is in ft; give it in mm or m" in refused(
-        f"{known} --robot feet.csv".replace(" --json", "")
+        f"{known} --angles feet.csv".replace(" --json", "")
     )
 
 
@@ -497,10 +499,8 @@ HALF = replace(VIEW, lens=Pinhole(320, 240, 260.0, (159.5, 119.5)))
         ("--force", "there is nothing to calibrate"),
         ("--leds 1,2,3 --head new.json", "the lens is not calibrated; give its pictures"),
         ("--leds 1,2,3 --angles a.csv --force", "those of the pictures of --mount"),
-        ("--leds 1,2,3 --robot a.csv --force", "--robot are those of the pictures of --mount"),
-        ("--mount a --robot a.csv --angles a.csv --force", "give either --angles or --robot"),
         ("--leds 1,2,3 --target disc --force", "--target is 'disc'; give auto, charuco"),
-        ("--leds 1,2,3 --force --radius 0", "--radius is 0.0; give 0.1 to 1000 mm"),
+        ("--leds 1,2,3 --force --pipe radius=0", "radius of --pipe is 0; give 0.1 to 1000 mm"),
         ("--leds 1,2,3 --target squares=9", "squares of --target is '9'; give columns and rows"),
         ("--print-target target.doc", "let it end in .pdf, .svg, .png"),
     ],
@@ -561,7 +561,7 @@ class Still:
 def test_pictures_are_named_by_the_angles_of_the_joints(answer, monkeypatch):
     monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", Still)
     take = "head photograph --camera camera:0"
-    shown = answer(f"{take} --out mount --actuator twin:head --steps 2 --hold 20")
+    shown = answer(f"{take} --out mount --actuator twin:head --plan steps=2,hold=20")
     assert shown["pictures"] == 4
     names = sorted(path.name for path in Path("mount").iterdir())
     angles = [tuple(map(float, re.search("pan(.*)_tilt(.*).png", name).groups())) for name in names]
@@ -572,15 +572,15 @@ def test_pictures_are_named_by_the_angles_of_the_joints(answer, monkeypatch):
 def test_pictures_are_taken_by_hand(run, monkeypatch):
     monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", Still)
     take = "head photograph --camera camera:0"
-    status, _, error = run(f"{take} --out lens --count 3 --every 0")
+    status, _, error = run(f"{take} --out lens --plan count=3,every=0")
     assert (status, error.count("hold the target")) == (0, 3)
     assert sorted(path.name for path in Path("lens").iterdir()) == ["00.png", "01.png", "02.png"]
     for options, sentence in (
         ("--out lens", "lens"),
-        ("--out new --steps 1", "--steps is 1; give 2 to 20"),
+        ("--out new --plan count=0", "count of --plan is 0; give 1 to 1000"),
         ("--out new --exposure 0", "--exposure is 0; give 0.01 to 1000 ms"),
         ("--out new1 --exposure 2", "camera:0 does not let its exposure be set from here"),
-        ("--out new2 --actuator twin:head --highest 9", "beyond the limits"),
+        ("--out new2 --actuator twin:head --plan highest=9", "beyond the limits"),
         ("--out new3 --actuator twin:ipmc", "two currents in A"),
     ):
         status, _, error = run(f"{take} {options}")

@@ -47,7 +47,7 @@ def test_the_verb_prints_flaws_and_replaces_what_the_file_says(tmp_path, capsys)
     scan = drawn_block(1003).scan
     content = {name: value for name, value in scan.fields().items() if name != "speeds"}
     savemat(tmp_path / "block.mat", {**content, "v": scan.speeds})
-    options = ["--field", "speeds=v", "--step", f"{1e3 * scan.steps[0]}", "--json"]
+    options = ["--field", "speeds=v", "--given", f"step={1e3 * scan.steps[0]}", "--json"]
     assert main(["head", "scan", str(tmp_path / "block.mat"), *options]) == 0
     found = json.loads(capsys.readouterr().out)
     assert len(found["findings"]) == 4
@@ -64,7 +64,8 @@ def test_the_verb_prints_flaws_and_replaces_what_the_file_says(tmp_path, capsys)
         ([], "give those of the layers with --speeds"),
         (["--field", "speeds"], "--field is 'speeds'; give FIELD=NAME"),
         (["--speeds", "1480,x"], "--speeds"),
-        (["--band", "1"], "--band"),
+        (["--given", "low=one"], "one"),
+        (["--given", "band=1"], "--given has no 'band'"),
     ],
 )
 def test_the_verb_refuses_in_one_line(tmp_path, capsys, options, said):

@@ -101,7 +101,7 @@ def test_more_speeds_than_surfaces_are_said():
 
 def test_an_unknown_time_of_the_first_sample_is_said():
     found = scan_flaws(replace(block(1003)[0].scan, start_known=False))
-    assert "give it with --start" in found.advice[0]
+    assert "give it with --given start=US" in found.advice[0]
 
 
 def test_a_scans_without_a_signal_do_not_cut_a_flaw_in_two():

@@ -15,7 +15,7 @@ from minorloop.values import called, parsed
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.report import Report
-    from minorloop_head.procedures.calibrate import CalibratedHead
+    from minorloop_head.procedures.calibrate import CalibratedHead, ExpectedTarget
     from minorloop_head.vision.lens_calibration import LensFit
     from minorloop_head.vision.mount_calibration import MountFit
     from minorloop_head.vision.targets import Target
@@ -31,10 +31,10 @@ _ENLARGED = 100
 """Length of a residual in the report, in its own length."""
 
 
-def target_of(text: str) -> tuple[str, tuple[int, int] | None, float]:
-    """Return kind, columns and rows if they are given, and side in metres of ``auto,side=3``."""
+def target_of(text: str) -> ExpectedTarget:
+    """Return the target of ``auto,side=3``."""
     from minorloop.arrays import as_finite
-    from minorloop_head.procedures.calibrate import AUTO
+    from minorloop_head.procedures.calibrate import AUTO, ExpectedTarget
     from minorloop_head.vision.targets import KINDS
 
     given = parsed(text)
@@ -42,7 +42,7 @@ def target_of(text: str) -> tuple[str, tuple[int, int] | None, float]:
     if kind not in (AUTO, *KINDS):
         raise ParameterError(f"--target is {kind!r}; give {AUTO}, {', '.join(KINDS)}")
 
-    def made(squares: str = "", side: float = 3.0) -> tuple[tuple[int, int] | None, float]:
+    def made(squares: str = "", side: float = 3.0, on_axis: bool = False) -> ExpectedTarget:
         counts = squares.lower().split("x") if squares else []
         if squares and not (
             len(counts) == 2 and all(each.isascii() and each.isdigit() for each in counts)
@@ -51,29 +51,43 @@ def target_of(text: str) -> tuple[str, tuple[int, int] | None, float]:
                 f"squares of --target is {squares!r}; give columns and rows such as 9x7"
             )
         said = (int(counts[0]), int(counts[1])) if counts else None
-        return said, 1e-3 * as_finite("side of --target", side)
+        return ExpectedTarget(1e-3 * as_finite("side of --target", side), kind, said, on_axis)
 
-    return kind, *called(made, "--target", given.options)
+    return called(made, "--target", given.options)
 
 
-def led_places(text: str) -> FloatArray:
-    """Return positions (N, 3) in metres of ``x,y,z;x,y,z`` in mm."""
+def pipe_of(text: str) -> dict[str, float]:
+    """Return radius and thickness in metres of ``radius=10,thickness=2``, those that are given."""
+    from minorloop.arrays import as_finite
+
+    def made(radius: float | None = None, thickness: float | None = None) -> dict[str, float]:
+        given = {"radius": (radius, 1000.0), "thickness": (thickness, 100.0)}
+        for name, (value, most) in given.items():
+            if value is not None and not 0.1 <= as_finite(f"{name} of --pipe", value) <= most:
+                raise ParameterError(f"{name} of --pipe is {value}; give 0.1 to {most:g} mm")
+        return {name: 1e-3 * value for name, (value, _) in given.items() if value is not None}
+
+    return called(made, "--pipe", parsed(text).options)
+
+
+def leds_of(text: str | None) -> tuple[FloatArray | None, Path | None]:
+    """Return positions (N, 3) in metres of ``x,y,z;x,y,z`` in mm, or a folder of pictures."""
     import numpy as np
 
-    places = [
-        _common.numbers("leds", part, (3,), "x,y,z in mm for each LED, with ; between them")
-        for part in text.split(";")
-    ]
+    if text is None or Path(text).is_dir():
+        return None, None if text is None else Path(text)
+    form = "x,y,z in mm for each LED, with ; between them, or a folder of pictures"
+    places = [_common.numbers("leds", part, (3,), form) for part in text.split(";")]
     found = np.array(places)
     away = np.linalg.norm(found, axis=1)
     if not (away.min() >= _NEAREST and away.max() <= _FARTHEST):
         raise ParameterError(
             f"--leds is {text!r}; give places {_NEAREST:g} to {_FARTHEST:g} mm from the lens, in mm"
         )
-    return 1e-3 * found
+    return 1e-3 * found, None
 
 
-def print_target(target: Target, path: Path, *, force: bool) -> None:
+def print_target(expected: ExpectedTarget, path: Path, *, force: bool, as_json: bool) -> None:
     """Write a target to be printed at scale, with a bar to check the scale."""
     from matplotlib.figure import Figure
 
@@ -82,6 +96,7 @@ def print_target(target: Target, path: Path, *, force: bool) -> None:
     if path.suffix.lower() not in _FORMATS:
         raise OutputError(f"{path} is of no known format; let it end in {', '.join(_FORMATS)}")
     check_writable(path, force=force)
+    target = expected.printed()
     rim = max(1e3 * target.square, 8.0)
     wide, high = 1e3 * target.size
     page_wide, page_high = max(wide, 2 * _BAR) + 2 * rim, high + 2 * rim
@@ -100,6 +115,10 @@ def print_target(target: Target, path: Path, *, force: bool) -> None:
     )
     axes.text(0.0, below + 1.0, words, fontsize=5, va="top")
     write_atomically(path, _drawn(figure, path.suffix.lower()[1:]))
+    if as_json:
+        _common.print_json({"target": str(path)})
+    else:
+        typer.echo(f"kept in {path}; print it at 100 %, and measure the bar and a square")
 
 
 def _drawn(figure: Any, kind: str) -> bytes:

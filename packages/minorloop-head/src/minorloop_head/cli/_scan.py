@@ -9,8 +9,18 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError
+from minorloop.values import parsed
 
-_UNITS = {"rate": 1e6, "start": 1e-6, "thicknesses": 1e-3, "disc": 1e-3}
+_UNITS = {
+    "rate": ("rate", 1e6),
+    "start": ("start", 1e-6),
+    "step": ("x_step", 1e-3),
+    "y_step": ("y_step", 1e-3),
+    "low": ("low", 1e6),
+    "high": ("high", 1e6),
+    "disc": ("disc", 1e-3),
+}
+"""Keys of ``--given``: the field of a scan, and its unit in SI."""
 
 
 def scan(
@@ -35,18 +45,16 @@ def scan(
         str | None,
         typer.Option(metavar="MM,...", help="Thicknesses of the layers, to be compared."),
     ] = None,
-    step: Annotated[
-        str | None, typer.Option(metavar="MM[,MM]", help="Steps between A-scans along x and y.")
-    ] = None,
-    rate: Annotated[float | None, _common.number_option("Sampling rate in MHz.")] = None,
-    start: Annotated[
-        float | None, _common.number_option("Time of the first sample in us, the pulse being at 0.")
-    ] = None,
-    band: Annotated[
-        str | None,
-        typer.Option(metavar="MHZ,MHZ", help="Lowest and highest frequency of the pulse."),
-    ] = None,
-    disc: Annotated[float | None, _common.number_option("Diameter of the disc in mm.")] = None,
+    given: Annotated[
+        str,
+        typer.Option(
+            metavar="KEY=VALUE,...",
+            help="What replaces the values of the file: sampling rate in MHz; start, the time of "
+            "the first sample in us, the pulse being at 0; step between A-scans along x, and "
+            "y-step, in mm; low and high, the ends of the band of the pulse in MHz; disc, the "
+            "diameter of the probe in mm.",
+        ),
+    ] = "",
     field: Annotated[
         list[str] | None,
         typer.Option(
@@ -72,24 +80,14 @@ def scan(
     from minorloop_head.ultrasound.recorded_scan import read_scan
     from minorloop_head.ultrasound.scan_flaws import scan_flaws
 
-    values: dict[str, Any] = {"rate": rate, "start": start, "disc": disc}
-    some = range(1, 21)
-    for name, text in (("speeds", speeds), ("thicknesses", thicknesses)):
-        values[name] = text and _common.numbers(name, text, some, "numbers, one for each layer")
-    if step is not None:
-        steps = _common.numbers("step", step, (1, 2), "one or two numbers in mm")
-        values |= {f"{axis}_step": 1e-3 * each for axis, each in zip("xy", steps, strict=False)}
-    if band is not None:
-        edges = _common.numbers("band", band, (2,), "two numbers in MHz")
-        values |= dict(zip(("low", "high"), (1e6 * each for each in edges), strict=True))
-    given = {name: value for name, value in values.items() if value is not None}
-    for name in _UNITS.keys() & given:
-        given[name] = [_UNITS[name] * v for v in given[name]] if name == "thicknesses" else (
-            _UNITS[name] * given[name]
-        )  # fmt: skip
+    values: dict[str, Any] = _in_si(given)
+    for name, text, unit in (("speeds", speeds, 1.0), ("thicknesses", thicknesses, 1e-3)):
+        if text is not None:
+            form = "numbers, one for each layer"
+            values[name] = [unit * v for v in _common.numbers(name, text, range(1, 21), form)]
     names = dict(_pair(each) for each in field or ())
     with _common.working(f"reading {file}") as now:
-        recorded = read_scan(file, names=names, **given)
+        recorded = read_scan(file, names=names, **values)
         now("focusing")
         found = scan_flaws(recorded)
         content = scan_content(found, str(file))
@@ -104,6 +102,17 @@ def scan(
     _common.print_advice(content["advice"])
     if out is not None:
         typer.echo(f"kept in {out}")
+
+
+def _in_si(text: str) -> dict[str, float]:
+    """Return the fields of a scan in SI units by ``--given``."""
+    found = {}
+    for key, value in parsed(text).options.items():
+        if key not in _UNITS:
+            raise ParameterError(f"--given has no {key!r}; it has {', '.join(_UNITS)}")
+        name, unit = _UNITS[key]
+        found[name] = unit * _common.numbers("given", value, (1,), f"a number for {key}")[0]
+    return found
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -484,5 +484,5 @@ app.command(
     "--target charuco,squares=9x7,side=3 --head head.json --serial H-07"
 )(calibrate)
 app.command(
-    epilog="Example: minorloop head scan block.mat --speeds 1480,5900 --step 0.5 --out scanned"
+    epilog="Example: minorloop head scan block.mat --speeds 1480,5900 --given step=0.5 --out found"
 )(scan)

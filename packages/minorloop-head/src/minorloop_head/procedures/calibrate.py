@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -34,7 +34,7 @@ from minorloop_head.vision.lens_calibration import (
 from minorloop_head.vision.measured import Measured
 from minorloop_head.vision.mount_calibration import MountFit, fit_mount
 from minorloop_head.vision.target_search import markers_in, search_target
-from minorloop_head.vision.targets import NONE, SeenTarget, Target
+from minorloop_head.vision.targets import KINDS, NONE, SeenTarget, Target
 from minorloop_head.vision.video import frames, names
 
 AUTO = "auto"
@@ -55,6 +55,26 @@ _FAR, _CONTRADICTED = 4.0, 2.0
 deviations: with Gaussian angles of six pictures, the fewest, either is rarer than 1 in 1,000."""
 _ALIGNED, _ASIDE = 1.0, 0.3
 """Deviations of the mount from the ideal one that are reported, in degrees and mm."""
+
+
+@dataclass(frozen=True)
+class ExpectedTarget:
+    """What is known of a target before its pictures are looked at."""
+
+    side: float
+    """Of a square, or distance of circles, in metres, which pictures do not show."""
+    kind: str = AUTO
+    """One of `minorloop_head.vision.targets.KINDS`, or `AUTO`."""
+    squares: tuple[int, int] | None = None
+    """Columns and rows."""
+    on_axis: bool = False
+    """Whether the target of the mount is square to the pipe with its middle on the axis."""
+
+    def printed(self) -> Target:
+        """Return the target to print; the usual one where nothing is said."""
+        return Target(
+            KINDS[0] if self.kind == AUTO else self.kind, *(self.squares or (9, 7)), self.side
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,16 +126,12 @@ class CalibratedHead:
         return (*(self.lens.warnings if self.lens else ()), *self.doubts)
 
 
-def find_target(
-    folder: PathLike, square: float, kind: str = AUTO, squares: tuple[int, int] | None = None
-) -> Target:
+def find_target(folder: PathLike, expected: ExpectedTarget) -> Target:
     """Return the target that the pictures of a folder show.
 
-    ``square`` is the side of a square or the distance of circles in metres, which pictures do not
-    show; ``kind``, one of `minorloop_head.vision.targets.KINDS` or `AUTO`, and ``squares``, columns
-    and rows, are what is expected. Raises a `RecordError` if the pictures show no target, or
-    another one.
+    Raises a `RecordError` if the pictures show no target, or another one than expected.
     """
+    kind, squares, square = expected.kind, expected.squares, expected.side
     called = _pictures_in(folder)
     chosen = set(np.linspace(0, len(called) - 1, min(len(called), _SAMPLE)).astype(int).tolist())
     read = (frame.image for frame in frames(str(folder), damaged=True))
@@ -428,6 +444,99 @@ def _check_size(pictures: TargetPictures, lens: Pinhole) -> None:
         )
 
 
+def calibrate_head(
+    before: HeadFile,
+    *,
+    target: ExpectedTarget,
+    pictures: PathLike | None = None,
+    mount: PathLike | None = None,
+    angles: PathLike | None = None,
+    angle_sd: float = 0.1,
+    leds: FloatArray | None = None,
+    led_pictures: PathLike | None = None,
+    radius: float | None = None,
+    thickness: float | None = None,
+    told: Callable[[str], object] = lambda text: None,
+) -> CalibratedHead:
+    """Calibrate lens, mount and LEDs of a head from folders of pictures of a flat target.
+
+    Parameters
+    ----------
+    before : HeadFile
+        The head as known so far; what is not measured keeps its value.
+    target : ExpectedTarget
+    pictures, mount : path, optional
+        Folders of pictures everywhere in the image, for the lens, and of a target at rest at
+        several angles of the joints.
+    angles : path, optional
+        Table of the angles of the joints, as of `calibrate_mount`, or of the poses of a flange, as
+        of `calibrate_hand_eye`.
+    angle_sd : float
+        Standard deviation of an angle of the joints, in degrees.
+    leds : (N, 3) array, optional
+        Positions of the LEDs in the camera, in metres.
+    led_pictures : path, optional
+        Instead of them: folder with a folder of pictures for each LED.
+    radius, thickness : float, optional
+        Of the pipe and its wall, in metres.
+    told : callable
+        Is given a text on the progress.
+
+    Raises
+    ------
+    ParameterError
+        If there is nothing to calibrate, or the lens is not known.
+    RecordError
+        If pictures or tables do not determine what they are for.
+    """
+    if not (pictures or mount or led_pictures or leds is not None):
+        raise ParameterError("there is nothing to calibrate; give --pictures, --mount or --leds")
+    if angles and not mount:
+        raise ParameterError("--angles are those of the pictures of --mount; give it too")
+    if not 1e-3 <= angle_sd <= 10.0:
+        raise ParameterError(f"--angle-sd is {angle_sd}; give 0.001 to 10 degrees")
+    used, left_out = dict[str, int](), dict[str, str]()
+    shown: Target | None = None
+
+    def looked(folder: PathLike, what: str) -> TargetPictures:
+        nonlocal shown
+        told(f"looking for the target in {folder}")
+        shown = shown or find_target(folder, target)
+        found = look_through(folder, shown)
+        used[what] = len(found.seen)
+        left_out.update({f"{Path(folder).name}/{n}": why for n, why in found.left_out.items()})
+        return found
+
+    lens, fit, sd = None, None, CORNER_SD
+    doubts: tuple[str, ...] = ()
+    measured: tuple[Measured, ...] = ()
+    if pictures:
+        lens = calibrate_lens(looked(pictures, "the lens"))
+        sd = lens.rms / math.sqrt(2)
+        left_out.update({f"{Path(pictures).name}/{n}": why for n, why in lens.left_out.items()})
+        used["the lens"] = len(lens.seen)
+    known = lens.lens if lens else lens_of(before)
+    if mount and angles and _of_flange(angles):
+        found = looked(mount, "the flange")
+        measured = calibrate_hand_eye(found, known, angles, corner_sd=sd).measured
+    elif mount:
+        found = looked(mount, "the mount")
+        fit = calibrate_mount(
+            found, known, angles, corner_sd=sd, angle_sd=angle_sd, on_axis=target.on_axis,
+            centre_sd=centre_sd_of(lens.measured if lens else before.measured),
+        )  # fmt: skip
+        doubts = mount_doubts(fit, [each.name for each in found.seen], angle_sd)
+    if led_pictures:
+        lit = [looked(each, f"LED {n}") for n, each in enumerate(led_folders(led_pictures), 1)]
+        leds, places = calibrate_leds(lit, known, sd)
+        measured = (*measured, *places)
+    head, advice = calibrated_head(
+        before, lens=lens, mount=fit, leds=leds, measured=measured,
+        radius=radius, thickness=thickness,
+    )  # fmt: skip
+    return CalibratedHead(head, lens, fit, left_out, used, advice, doubts, shown)
+
+
 def calibrated_head(
     before: HeadFile,
     *,
@@ -554,6 +663,12 @@ def _angles_of_table(file: PathLike) -> dict[str, tuple[float, float]]:
     if len(found) < len(pictures):
         raise RecordError(f"{file} names a picture twice; give one row for each")
     return found
+
+
+def _of_flange(file: PathLike) -> bool:
+    """Return whether a table has poses of a flange, and no angles of joints."""
+    with opened(file) as table:
+        return "x" in [split_header(header)[0] for header in table.headers]
 
 
 def _flanges_of_table(file: PathLike) -> dict[str, FloatArray]:

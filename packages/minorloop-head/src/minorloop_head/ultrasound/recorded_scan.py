@@ -110,18 +110,18 @@ class RecordedScan:
             )
         if not (0 < dx <= _WIDEST and (traces.shape[2] == 1 or 0 < dy <= _WIDEST)):
             raise RecordError(
-                f"its steps are {dx} and {dy} m; give the distance between A-scans with --step, "
-                f"up to {1e3 * _WIDEST:g} mm"
+                f"its steps are {dx} and {dy} m; give the distance between A-scans with --given "
+                f"step=MM, up to {1e3 * _WIDEST:g}"
             )
         if not (math.isnan(self.disc) or 0 < self.disc <= _WIDEST):
             raise RecordError(
                 f"the disc is {self.disc} m wide; give more than 0, up to {1e3 * _WIDEST:g} mm, "
-                "with --disc, or leave it out"
+                "with --given disc=MM, or leave it out"
             )
         if not 0 < self.interval < _LONGEST or not math.isfinite(self.start):
             raise RecordError(
                 f"the interval between samples is {self.interval} s, and the first is at "
-                f"{self.start} s; give the sampling rate with --rate, in MHz, and --start, in us"
+                f"{self.start} s; give the sampling rate with --given rate=MHZ,start=US"
             )
         slow, fast = _SPEEDS
         if not self.speeds or not all(slow <= each <= fast for each in self.speeds):
@@ -135,7 +135,7 @@ class RecordedScan:
             raise RecordError(
                 f"the band of the pulse is {1e-6 * low:.3g} to {1e-6 * high:.3g} MHz, the sampling "
                 f"rate {1e-6 / self.interval:.3g} MHz, and an A-scan {1e6 * long:.3g} us long, in "
-                "which this band does not fit; give --band and --rate, in MHz"
+                "which this band does not fit; give --given rate=MHZ,low=MHZ,high=MHZ"
             )
 
     @cached_property

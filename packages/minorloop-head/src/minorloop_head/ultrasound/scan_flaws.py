@@ -212,7 +212,7 @@ def _advice(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     if not scan.start_known:
         said.append(
             "the time of the first sample is not known and taken for 0, the pulse; where it is "
-            "later, the first layer is thicker than said; give it with --start, in us"
+            "later, the first layer is thicker than said; give it with --given start=US"
         )
     if scan.clipped and surfaces.times.size:
         long = surfaces.plateaus[0]
