@@ -66,6 +66,14 @@ def clipped(noise: float) -> Damage:
     return damage
 
 
+def clipped_far(case: Case, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A sensor that ends 30 to 40 % below or above an end of the output, before larger noise."""
+    y, side = case.output(case.u), _sign(rng)
+    limit = (side * y).max() - rng.uniform(0.3, 0.4) * np.ptp(y)
+    y = side * np.minimum(side * y, limit)
+    return case.u, y + rng.uniform(0.01, 0.02) * case.span * rng.normal(size=y.size)
+
+
 def limited(case: Case, rng: np.random.Generator) -> tuple[Array, Array]:
     """A source that cannot give all that the log says."""
     return applied(case, _clip(case.u, rng))
@@ -422,6 +430,7 @@ _LATE = ("lag", "late", "rate")
 KINDS: dict[str, Kind] = {
     "clipped, exactly": Kind(clipped(0.0), ("clipped",)),
     "clipped, noise of 0.01 %": Kind(clipped(1e-4), ("clipped",)),
+    "clipped far, noise of 1 to 2 %": Kind(clipped_far, ("clipped",)),
     "clipped, noise of 0.1 %": Kind(clipped(1e-3), ("clipped",)),
     "clipped, noise of 0.5 %": Kind(clipped(5e-3), ("clipped",)),
     "clipped, noise of 1 %": Kind(clipped(1e-2), ("clipped",)),

@@ -9,7 +9,7 @@
      "model": {"kind": "preisach", "levels": [...], "weights": [...], ...},
      "provenance": {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0",
                     "data": "run.csv", "sha256": "9f86...", "scores": {"nrmse": 0.004}},
-     "warnings": ["the output is clipped: ..."]}
+     "warnings": ["the output is clipped or saturated: ..."]}
 
 ``lag`` is the number of whole samples by which the output follows the model; a model of a record
 with times may have ``lag_s`` as well, the same in seconds. In the provenance,

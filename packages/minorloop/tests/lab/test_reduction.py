@@ -178,7 +178,7 @@ def test_a_saturated_sensor_is_noticed(long):
     clipped = Record(log.u, np.maximum(log.y, 19.0), log.t, log.inputs, log.outputs)
     found = reduce(clipped, conversion=LASER)
     assert [fault.kind for fault in found.faults] == ["clipped"]
-    assert "the output is clipped at its lowest, 19: " in found.notes[0]
+    assert "the output is clipped or saturated at its lowest, 19: " in found.notes[0]
     assert 0 < np.isnan(found.record().y).sum() < LEVELS.size
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
+from minorloop.identification.cut_outputs import cut_depth
 from minorloop.identification.rough_model import RoughRecord, one_of_each
 from minorloop.lab import faults
 from minorloop.lab.faults import Fault
@@ -36,16 +37,14 @@ range of the input, from which the last one to a rail says nothing."""
 _FEWEST, _LEAST_PATH = 4, 0.1
 """Readings at a rail, of as many inputs where the record is not coarse, and the range of these
 inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
-_HELD = 0.5
-"""Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
 _NOISY, _RISES = 1.35, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
 _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
 """Least width of each of the two bands below a rail, in spans; least readings at the rail over
 those in the lower band; most readings in the upper band over these; and least logarithm of how
 likely the depths in both are where an output is clipped over how likely where it saturates."""
-_LAST_STEP, _LEAST_STEP = 0.2, 0.03
-"""Last step of a coarse record to a rail, over the step before, and in spans."""
+_LEAST_STEP = 0.03
+"""Least last step of a coarse record to a rail, in spans."""
 
 
 def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Fault]:
@@ -157,13 +156,19 @@ def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tupl
 
 
 def clipped(record: RoughRecord) -> Iterator[Fault]:
-    """Find extremes where the output suddenly stays within its noise while the input goes on."""
+    """Find extremes where the output suddenly stays within its noise while the input goes on.
+
+    The density of the readings shows it where the noise is small or inputs are few, the shape of
+    the branches where it is larger.
+    """
     u, size, places = _landings(record)
     y, noise = record.y[places], noise_of(np.diff(record.values, 2), 2)
     for word, way in (("highest", 1), ("lowest", -1)):
         depth = float((way * record.values).max()) - way * record.values
         live = noise_above_resolution(record.values[depth > _EQUAL * record.span]) > 0
         width = _rail(way * u, way * y, way * size, record.span, noise, live)
+        if width is None:
+            width = cut_depth(record, way)
         if width is None:
             continue
         yield faults.clipped(record.y, record.places[depth <= width], word)
@@ -204,9 +209,6 @@ def _rail(
         count = np.count_nonzero(at) if coarse else np.unique(u[at]).size
         if count < _FEWEST:
             continue
-        beyond = up & (u >= np.median(u[at]))
-        if np.count_nonzero(at & beyond) < _HELD * np.count_nonzero(beyond):
-            continue  # stuck: such inputs move the output elsewhere
         if width <= _EQUAL * span and live:
             return width
         if np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
@@ -215,7 +217,7 @@ def _rail(
         if not noisy or _rise(u[at], y[at]) > _RISES * width:
             continue
         if coarse:
-            found = _abrupt(u, depth, width, span)
+            found = _abrupt(u, depth, width) > _LEAST_STEP * span
         else:
             found = _sudden(depth[up], weights[up], width, span)
         if found:
@@ -245,13 +247,7 @@ def _sudden(depth: FloatArray, weights: FloatArray, width: float, span: float) -
     return bool(at >= _MORE * max(lower, 1.0) and not denser)
 
 
-def _abrupt(u: FloatArray, depth: FloatArray, width: float, span: float) -> bool:
-    """Whether the last steps to a rail are not much smaller than those before."""
+def _abrupt(u: FloatArray, depth: FloatArray, width: float) -> float:
+    """Mean rise of the last steps to a rail, 0 where none leads there."""
     entries = np.flatnonzero((depth[1:] <= width) & (depth[:-1] > width) & (np.diff(u) > 0))
-    if not entries.size:
-        return False
-    last = float(np.mean(depth[entries])) - width
-    entries = entries[entries > 0]
-    entries = entries[u[entries] > u[entries - 1]]
-    before = float(np.mean(depth[entries - 1] - depth[entries])) if entries.size else 0.0
-    return last > max(_LAST_STEP * before, _LEAST_STEP * span)
+    return float(np.mean(depth[entries])) - width if entries.size else 0.0

@@ -148,7 +148,7 @@ def _robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
     weights = np.ones(near.size)
     found = np.zeros(basis.columns)
     for _ in range(_ROUNDS):
-        found = _weighted(rows, near - middle, weights)
+        found = weighted(rows, near - middle, weights)
         weights = 1 / np.maximum(np.abs(rows @ found - near + middle), smallest)
         weights /= weights.mean()
     coefficients = found[1:].reshape(-1, basis.degree)
@@ -172,11 +172,12 @@ def chebyshev_sums(x: FloatArray, coefficients: FloatArray, constant: float) -> 
 def least_error(matrix: FloatArray, y: FloatArray) -> float:
     """Root-mean-square error of the rough model fitted by least squares."""
     centre = y - y.mean()
-    found = _weighted(matrix, centre, np.ones(y.size))
+    found = weighted(matrix, centre, np.ones(y.size))
     return float(np.sqrt(np.mean((matrix @ found - centre) ** 2)))
 
 
-def _weighted(rows: FloatArray, wanted: FloatArray, weights: FloatArray) -> FloatArray:
+def weighted(rows: FloatArray, wanted: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the coefficients (Q,) of rows (N, Q) of least weighted squared error, with a ridge."""
     heavy = rows * weights[:, None]
     gram = rows.T @ heavy
     gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram)

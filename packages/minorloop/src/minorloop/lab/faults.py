@@ -86,12 +86,14 @@ def listed(samples: IntArray, values: FloatArray) -> str:
 def clipped(values: FloatArray, places: IntArray, extreme: str) -> Fault:
     """Return the fault of readings at the ``"highest"`` or ``"lowest"`` of all."""
     limit = np.nanmax(values) if extreme == "highest" else np.nanmin(values)
+    share = places.size / np.count_nonzero(np.isfinite(values))
     text = (
-        f"the output is clipped at its {extreme}, {limit:.6g}: {places.size} readings are within "
-        f"noise of it while the input goes on, first at sample {places[0]}; there the range of the "
-        "sensor ends, or the source limits the input, and a model is not valid beyond it"
+        f"the output is clipped or saturated at its {extreme}, {limit:.6g}: {places.size} readings "
+        f"({share:.1%}) are within noise of it while the input goes on, first at sample "
+        f"{places[0]}; the range of the sensor ends there, or the source limits the input, or the "
+        "actuator saturates, and the model holds within this range only"
     )
-    remedy = "use a wider range or smaller inputs, or empty these cells"
+    remedy = "use a wider range or smaller inputs, or empty these cells, unless it saturates"
     return Fault.at(places, values, "clipped", text, remedy)
 
 

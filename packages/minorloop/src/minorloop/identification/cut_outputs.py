@@ -1,0 +1,124 @@
+"""Whether an output is cut at a level, by the likelihood of a rough model that is cut there.
+
+An output that is cut goes up to a level along any branch and stays there, while one that saturates
+bends. The polynomials of plays of the rough model are fitted as they are, cut at a level, and bent
+towards one. What a cut hides is simpler than what it shows, so that their degrees are chosen too,
+and fits are compared by the criterion of Schwarz.
+
+References
+----------
+Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
+Tobin, Estimation of relationships for limited dependent variables, Econometrica 26, 1958.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, IntArray
+from minorloop.identification.rough_model import RoughRecord, few, weighted
+from minorloop.lab.noise import noise_of, spread
+
+_DEGREES = (2, 4, 8)
+"""Degrees of the polynomials."""
+_LEVELS = (0.0, 1.0, 2.0, 3.0)
+"""Distances of a level below the highest reading, in standard deviations of the noise."""
+_BENDS = (0.05, 0.12, 0.3)
+"""Widths of the bend of an output that saturates, in spans."""
+_ABOVE = (0.0, 0.5)
+"""Distances of its level above the highest reading, in widths of the bend."""
+_SURE = 6.0
+"""Logarithm of how likely a cut is over how likely anything else, from which it is one."""
+_FAR_SD, _FAR = 8.0, 0.2
+"""Error against the rough model of outliers, in robust deviations and in spans."""
+_ROUNDS, _SETTLED = 8, 1e-4
+"""Most Gauss-Newton steps of a fit, and relative decrease of the squared error that ends them."""
+_LEAST_SLOPE = 0.05
+"""Least slope by which the error of a bent output is divided, so that a step stays finite."""
+_TINY = 1e-6
+"""Weight of readings at the level, and least squared error, against singular systems."""
+_AT = 2.0
+"""Distance below the level up to which readings are at it, in standard deviations of the noise."""
+
+
+def cut_depth(record: RoughRecord, way: int) -> float | None:
+    """Return how far below the highest output (``way`` 1; -1: above the lowest) it is cut.
+
+    In the unit of the output, with the noise of readings; None where it is not cut.
+    """
+    places = few(record.places)
+    off = record.y[places] - record.rough[places]
+    places = places[np.abs(off) <= max(_FAR_SD * spread(off), _FAR * record.span)]
+    y = way * record.y[places] / record.span
+    y -= np.median(y)
+    fits = [_Fit(rows, y) for rows in _bases(record, places)]
+    noise = min(
+        noise_of(np.diff(record.values, 2), 2) / record.span,
+        min(spread(fit.error) for fit in fits),
+    )
+    top = float(y.max())
+    levels = [top - depth * noise for depth in _LEVELS]
+    cut, level = min((fit.cost(noise, level), level) for fit in fits for level in levels)
+    if min(fit.cost(noise) for fit in fits) - cut < _SURE:
+        return None
+    bent = min(
+        fit.cost(noise, top + above * bend, bend)
+        for fit in fits for bend in _BENDS for above in _ABOVE
+    )  # fmt: skip
+    if bent - cut < _SURE:
+        return None
+    return (top - level + _AT * noise) * record.span
+
+
+def _bases(record: RoughRecord, places: IntArray) -> Iterator[FloatArray]:
+    """Yield the polynomials of each degree at these samples, (N, Q)."""
+    rows, highest = record.basis.rows(places), record.basis.degree
+    degree = np.append(0, np.tile(np.arange(1, highest + 1), (rows.shape[1] - 1) // highest))
+    for most in _DEGREES:
+        if most <= highest:
+            yield rows[:, degree <= most]
+
+
+class _Fit:
+    """Fits of some polynomials (N, Q) to outputs (N,), in spans."""
+
+    def __init__(self, rows: FloatArray, y: FloatArray) -> None:
+        self.rows, self.y = rows, y
+        self.first = weighted(rows, y, np.ones(y.size))
+        self.error = y - rows @ self.first
+
+    def cost(self, noise: float, level: float = np.inf, bend: float = 0.0) -> float:
+        """Half of Schwarz's criterion of an output that is cut at a level, or bends towards it."""
+        samples, unknowns = self.rows.shape
+        squares = float(self.error @ self.error) if np.isinf(level) else self._least(level, bend)
+        squares += samples * (noise / 2) ** 2  # less than the noise is chance
+        unknowns += np.isfinite(level)
+        return float(samples * np.log(squares + _TINY) + unknowns * np.log(samples)) / 2
+
+    def _least(self, level: float, bend: float) -> float:
+        """Squared error of the best fit, by Gauss-Newton steps from that without a level."""
+        found, least = self.first, np.inf
+        for _ in range(_ROUNDS):
+            x = self.rows @ found
+            seen, slope = _saturated(x, level, bend)
+            error = self.y - seen
+            squares = float(error @ error)
+            settled = squares > (1 - _SETTLED) * least
+            least = min(least, squares)
+            if settled:
+                break
+            step = np.where(slope > 0, error / np.maximum(slope, _LEAST_SLOPE), 0.0)
+            found = weighted(self.rows, x + step, slope**2 + _TINY)
+        return least
+
+
+def _saturated(x: FloatArray, level: float, bend: float) -> tuple[FloatArray, FloatArray]:
+    """Output (N,) that is cut at a level, or bends towards it; and its slope (N,)."""
+    if not bend:
+        return np.minimum(x, level), (x < level).astype(float)
+    from scipy.special import expit
+
+    below = (level - x) / bend
+    return level - bend * np.logaddexp(0.0, below), expit(below)

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from fault_records import plant, record
+from minorloop.identification.curves import Curves
+from minorloop.identification.cut_outputs import cut_depth
+from minorloop.identification.rough_model import RoughRecord
+
+
+def rough(u, y):
+    return RoughRecord.of(u, y, np.isfinite(y), Curves.whole("negative"), 0)
+
+
+def sweeps(seed):
+    ends = np.r_[0, 1, np.random.default_rng(seed).uniform(size=38)]
+    return np.interp(np.linspace(0, 39, 1500), np.arange(40), ends)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("noise", [0.003, 0.01, 0.02])
+def test_an_output_that_is_cut_before_noise_is_found_at_its_level(noise, way):
+    rng = np.random.default_rng(1000)
+    u = sweeps(1000)
+    y = plant(u)
+    level = (way * y).max() - 0.3 * np.ptp(y)
+    read = way * np.minimum(way * y, level) + noise * np.ptp(y) * rng.normal(size=u.size)
+    depth = cut_depth(rough(u, read), way)
+    assert depth == pytest.approx((way * read).max() - level, abs=4 * noise * np.ptp(y))
+    assert cut_depth(rough(u, read), -way) is None
+
+
+@pytest.mark.parametrize("bend", [0.0, 2.0, 4.0])
+def test_an_output_that_saturates_smoothly_is_not_cut(bend):
+    rng = np.random.default_rng(1001)
+    u = sweeps(1001)
+    y = plant(u) / np.ptp(plant(u))
+    y = np.tanh(bend * y) if bend else y
+    y += 0.01 * np.ptp(y) * rng.normal(size=u.size)
+    assert [cut_depth(rough(u, y), way) for way in (1, -1)] == [None, None]
+
+
+def test_the_unit_of_a_record_does_not_matter():
+    u, y = record(noise=0.01)
+    y = np.minimum(y, y.max() - 0.3 * np.ptp(y)) + 0.005 * np.random.default_rng(1).normal(size=400)
+    depth = cut_depth(rough(u, y), 1)
+    assert depth is not None
+    assert cut_depth(rough(1e3 * u, 1e-6 * y + 5e-6), 1) == pytest.approx(1e-6 * depth, rel=1e-6)
