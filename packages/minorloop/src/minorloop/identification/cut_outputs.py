@@ -53,7 +53,7 @@ def cut_depth(record: RoughRecord, way: int) -> float | None:
     places = places[np.abs(off) <= max(_FAR_SD * spread(off), _FAR * record.span)]
     y = way * record.y[places] / record.span
     y -= np.median(y)
-    fits = [_Fit(rows, y) for rows in _bases(record, places)]
+    fits = [_CutFit(rows, y) for rows in _bases(record, places)]
     noise = min(
         noise_of(np.diff(record.values, 2), 2) / record.span,
         min(spread(fit.error) for fit in fits),
@@ -81,7 +81,7 @@ def _bases(record: RoughRecord, places: IntArray) -> Iterator[FloatArray]:
             yield rows[:, degree <= most]
 
 
-class _Fit:
+class _CutFit:
     """Fits of some polynomials (N, Q) to outputs (N,), in spans."""
 
     def __init__(self, rows: FloatArray, y: FloatArray) -> None:
