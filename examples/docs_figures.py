@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 import minorloop as ml
 from minorloop.drawing.operators import draw_density
 
-FOLDER = Path(__file__).parent.parent / "docs" / "figures"
+EXAMPLES = Path(__file__).parent
+FOLDER = EXAMPLES.parent / "docs" / "figures"
 HISTORY = (0.0, 0.9, 0.15, 0.7, 0.3, 0.55)
 """Extrema of an input, after negative saturation at 0."""
 
@@ -77,6 +78,33 @@ def draw_tutorial() -> Figure:
     return figure
 
 
+def draw_wall() -> Figure:
+    """The record of a wall under cyclic load, its model, and the errors where it was not fitted."""
+    record = ml.read(EXAMPLES / "wall.csv", input="force", output="displacement")
+    fit = ml.identify(record, holdout=0.3)
+    out = fit.held_out
+    curve = np.polynomial.Polynomial.fit(fit.u[~out], fit.y[~out], 5)
+    figure = Figure(figsize=(10, 3.9), layout="constrained")
+    figure.suptitle(
+        f"A wall under cyclic load, measured: error on rows that were not fitted "
+        f"{fit.holdout_nrmse:.2%} of range"
+    )
+    loop, errors = figure.subplots(1, 2, width_ratios=(1, 1.15))
+    loop.plot(fit.u, fit.prediction, color="C0", lw=1, label="model")
+    loop.plot(fit.u[~out][::3], fit.y[~out][::3], "o", ms=3, color="C1", label="fitted")
+    loop.plot(fit.u[out][::3], fit.y[out][::3], "o", ms=3, color="C3", label="not fitted")
+    loop.set(xlabel="force [kN]", ylabel="displacement [mm]", title="Measured and modelled")
+    row = np.flatnonzero(out)
+    errors.plot(row, (curve(fit.u) - fit.y)[out], color="0.5", label="polynomial of degree 5")
+    errors.plot(row, (fit.prediction - fit.y)[out], color="C0", label="minorloop")
+    errors.set(xlabel="row", ylabel="error [mm]", title="Error on rows that were not fitted")
+    for axes in (loop, errors):
+        axes.grid(alpha=0.25)
+        axes.legend(frameon=False)
+    return figure
+
+
 if __name__ == "__main__":
     draw_memory().savefig(FOLDER / "memory.png", dpi=100)
     draw_tutorial().savefig(FOLDER / "tutorial.png", dpi=100)
+    draw_wall().savefig(FOLDER / "wall.png", dpi=100)
