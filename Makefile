@@ -24,7 +24,7 @@ BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs pages console screenshots studies test test-all expected compare torture check bench real judge figures format lock wheel smoke fuzz clean
+.PHONY: help setup demo docs pages console screenshots studies test test-all expected compare torture check bench real judge figures format lock wheel smoke licences fuzz clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -118,6 +118,9 @@ wheel: setup $(PAGES) ## build both wheels and source distributions into dist/, 
 
 smoke: setup $(BUILT) ## build, install in fresh environments and use, with each extra alone; EXTRAS="jax mesh" for some
 	$(BIN)/python tests/packaging/smoke.py $(EXTRAS)
+
+licences: setup ## list the licences of all installed dependencies
+	@$(BIN)/python tests/packaging/licences.py
 
 fuzz: setup ## damaged model files, tables and answers of instruments, CASES=100000 of them; prints counts
 	PYTHONPATH=$(TESTS) $(BIN)/python -m fuzz $(or $(CASES),100000)

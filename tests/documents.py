@@ -131,9 +131,7 @@ def check_exists(command):
         for target in (word for word in words[1:] if "=" not in word):
             assert re.search(rf"^{target}:", text, re.MULTILINE), command
     elif program == "pip":
-        named = re.fullmatch(
-            r"(?:\./packages/)?(minorloop(?:-head)?)(?:\[(\w+)\])?", words[-1]
-        )
+        named = re.fullmatch(r"(?:\./packages/)?(minorloop(?:-head)?)(?:\[(\w+)\])?", words[-1])
         assert words[1] == "install", command
         assert named, command
         text = (ROOT / "packages" / named[1] / "pyproject.toml").read_text()
