@@ -374,10 +374,7 @@ class ModelScore(Scored):
     def columns(self, time: Quantity) -> dict[str, list[Any]]:
         """Return the columns of a table of all rows by header; what is not known is empty.
 
-        Parameters
-        ----------
-        time : Quantity
-            Name of the times.
+        ``time``: name of the times.
         """
         known, t = self.simulation.model, self.simulation.t
         columns = {} if t is None else {str(time): t}
@@ -525,10 +522,7 @@ class ModelScore(Scored):
     def report(self, model: str, source: str) -> Report:
         """Return a report on the errors.
 
-        Parameters
-        ----------
-        model, source : str
-            Names of the model file and of the record.
+        ``model`` and ``source``: names of the model file and of the record.
         """
         known = self.simulation.model
         report = Report(

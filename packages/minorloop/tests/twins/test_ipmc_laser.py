@@ -1,12 +1,12 @@
 import numpy as np
 
-from minorloop.lab.curvature import curvature_from_displacement
+from minorloop.lab.conversion import LaserCurvature
 from minorloop.twins.ipmc import Ipmc
 from minorloop.twins.ipmc_laser import CODE, DISTANCE, HEIGHT, NOISE, IpmcLaser
 
 
 def curvature(distance):
-    return curvature_from_displacement(distance * 1e-3, DISTANCE * 1e-3, HEIGHT * 1e-3)
+    return LaserCurvature(DISTANCE, HEIGHT).convert(distance)
 
 
 def test_the_laser_shows_the_curvature_of_the_same_strip():

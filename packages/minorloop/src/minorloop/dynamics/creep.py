@@ -27,10 +27,8 @@ PER_DECADE = 2
 class Creep:
     """A prompt part and a sum of slow lags: y = offset + (gain + sum c_i / (tau_i s + 1)) x.
 
-    Raises
-    ------
-    ParameterError
-        If a time is not positive, a strength is negative, or the shapes differ.
+    Raises a `ParameterError` if a time is not positive, a strength is negative, or the shapes
+    differ.
     """
 
     times: FloatArray
@@ -79,10 +77,7 @@ class Creep:
     def settled(self, x: float) -> FloatArray:
         """Return the state (n,) after a signal that was constant for long.
 
-        Parameters
-        ----------
-        x : float
-            Its value.
+        ``x``: its value.
         """
         return np.full(self.times.size, as_finite("x", x))
 
@@ -94,10 +89,7 @@ class Creep:
     def normalised(self) -> Creep:
         """Return the same creep with DC gain 1 and without offset.
 
-        Raises
-        ------
-        ParameterError
-            If its DC gain is not positive.
+        Raises a `ParameterError` if its DC gain is not positive.
         """
         if self.dc_gain <= 0:
             raise ParameterError(f"the DC gain is {self.dc_gain:g} and cannot be made 1")
@@ -109,15 +101,7 @@ class Creep:
         At each sample the remaining creep of the past is subtracted from the target. The rest is
         divided by the gain within one interval. Times, ``before`` and errors are as of `simulate`.
 
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs.
-
-        Raises
-        ------
-        NotInvertibleError
-            If there is no prompt part.
+        ``targets`` (T,): wanted outputs. Raises a `NotInvertibleError` if there is no prompt part.
         """
         times, wanted = as_waveform(t, targets, name="targets")
         if self.gain <= 0:
@@ -152,6 +136,9 @@ def fit_creep(
 ) -> Creep:
     """Fit creep to a record of holds, by least squares with non-negative strengths.
 
+    Raises a `SignalError` if the shapes differ, or x never changes; a `ParameterError` if the times
+    are not in order.
+
     Parameters
     ----------
     t : (T,) array_like
@@ -166,13 +153,6 @@ def fit_creep(
         not given.
     times : (n,) array_like, optional
         The time constants themselves, in seconds.
-
-    Raises
-    ------
-    SignalError
-        If the shapes differ, or x never changes.
-    ParameterError
-        If the times are not in order.
 
     References
     ----------

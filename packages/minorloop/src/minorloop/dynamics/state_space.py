@@ -128,10 +128,8 @@ def _ends(
 def canonical(numerator: FloatArray, denominator: FloatArray) -> StateSpace:
     """Return the controllable canonical form, whose settled state is known exactly.
 
-    Parameters
-    ----------
-    numerator, denominator : (n + 1,) arrays
-        Coefficients, highest power first; the first of the denominator is 1.
+    ``numerator`` and ``denominator`` (n + 1,): coefficients, highest power first, the first of the
+    denominator is 1.
 
     Returns
     -------

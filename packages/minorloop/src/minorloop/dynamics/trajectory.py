@@ -20,10 +20,7 @@ _UNIT = 1e-6
 class Trajectory:
     """An operator for the settled values, and unit step responses for the transients.
 
-    Raises
-    ------
-    ParameterError
-        If a response is unstable or its DC gain is not 1.
+    Raises a `ParameterError` if a response is unstable or its DC gain is not 1.
 
     References
     ----------

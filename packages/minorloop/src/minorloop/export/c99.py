@@ -50,12 +50,8 @@ class CSource:
 
         Raises an `OutputError` if the folder is not empty or cannot be written to.
 
-        Parameters
-        ----------
-        folder : str or path
-            The folder.
-        force : bool
-            Whether the folder may contain files; those of the same names are replaced.
+        ``folder``: the folder; ``force``: whether the folder may contain files, those of the same
+        names are replaced.
         """
         return write_folder(folder, self.files, force=force)
 
@@ -63,10 +59,7 @@ class CSource:
 def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:
     """Write the C of a model into a folder, with parameters and errors as of `CSource.write`.
 
-    Parameters
-    ----------
-    model, **options
-        As of `source`, whose errors this has too.
+    ``model`` and ``**options`` are as of `source`, whose errors this has too.
     """
     code = source(model, **options)
     code.write(folder, force=force)

@@ -114,12 +114,8 @@ def read_manifest(
     Raises a `RecordError` if the manifest cannot be read, lacks a column, lists nothing, or names a
     specimen twice.
 
-    Parameters
-    ----------
-    path : str or path
-        The manifest.
-    input, output : str, optional
-        Columns of the records, for specimens whose row names none.
+    ``path``: the manifest; ``input`` and ``output``: columns of the records, for specimens whose
+    row names none.
     """
     text = _text_of(Path(path))
     delimiter = max(",;\t", key=text.partition("\n")[0].count)

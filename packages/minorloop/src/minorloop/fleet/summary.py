@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 FIGURES = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening", "seconds")
-JUDGED = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening")
+_JUDGED = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening")
 WORDS = ("min", "quarter", "median", "three_quarters", "max")
 FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
@@ -124,7 +124,7 @@ class Summary:
         outliers among fewer than eight specimens.
         """
         found = []
-        for figure in JUDGED:
+        for figure in _JUDGED:
             values = self._values(figure)
             if values.size < _FEWEST:
                 continue

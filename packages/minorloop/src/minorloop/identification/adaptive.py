@@ -21,7 +21,7 @@ from minorloop.identification.prior import Gaussian, Prior
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory, Start
 
-Role: TypeAlias = Literal["design", "outlier", "repeat", "validation"]
+_Role: TypeAlias = Literal["design", "outlier", "repeat", "validation"]
 
 VALIDATION = 4
 """Holds at random levels at the end of an experiment; they are never fitted."""
@@ -178,7 +178,7 @@ class Adaptive:
             return None
         return self._validation_level(progress.validated, float(u[-1]))
 
-    def roles(self, u: Sequence[float], y: Sequence[float]) -> list[Role]:
+    def roles(self, u: Sequence[float], y: Sequence[float]) -> list[_Role]:
         """Return the role of each point, u and y as of `choose`; an ``outlier`` is not fitted."""
         return _Progress(self, u, y).roles
 
@@ -299,7 +299,7 @@ class _Progress:
     def __init__(self, of: Adaptive, u: Sequence[float], y: Sequence[float]) -> None:
         self.of = of
         self.u, self.y = np.array(u, dtype=np.float64), np.array(y, dtype=np.float64)
-        self.roles: list[Role] = []
+        self.roles: list[_Role] = []
         self.designed = self.validated = self.extra = self.replaced = 0
         self.changes: dict[int, float] = {}
         self.repeat_next = self.validating = False
@@ -352,7 +352,7 @@ class _Progress:
         """Set the role of a point that is no repetition."""
         early = self.of.least_gain > 0 and self.designed >= self.of._first.size
         self.validating = self.is_designed or (early and self.design(k) is None)
-        role: Role = "validation" if self.validating else "design"
+        role: _Role = "validation" if self.validating else "design"
         self.validated += self.validating
         self.designed += not self.validating
         if self._is_doubtful(k):

@@ -290,10 +290,7 @@ def isolated_long(steps: FloatArray) -> BoolArray:
 
     Where the rate of a record changes, intervals are as long as those on one side.
 
-    Parameters
-    ----------
-    steps : (N,) array
-        Intervals in seconds.
+    ``steps`` (N,): intervals in seconds.
 
     Returns
     -------

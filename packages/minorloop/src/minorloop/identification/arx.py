@@ -45,6 +45,10 @@ def arx(
     Unstable equations are excluded. Those with negative or complex poles must simulate better by 5
     % than all others.
 
+    Raises a `SignalError` if the shapes differ, the samples are not even or too few, nothing
+    changes, or no stable equation fits; a `ParameterError` if the second record has another
+    interval.
+
     Parameters
     ----------
     t : (T,) array_like
@@ -54,14 +58,6 @@ def arx(
         with a hold at whose end the plant is at rest.
     second : tuple of t, u, y, optional
         Another record to choose by. Its gain is fitted again, because hysteresis changes it.
-
-    Raises
-    ------
-    SignalError
-        If the shapes differ, the samples are not even or too few, nothing changes, or no
-        stable equation fits.
-    ParameterError
-        If the second record has another interval.
 
     References
     ----------

@@ -61,10 +61,7 @@ class Prediction(Drawn):
     def covers(self, y: FloatArray) -> float:
         """Share of outputs (T,) inside their bands; NaN is ignored.
 
-        Parameters
-        ----------
-        y : (T,) array_like
-            Outputs that were measured.
+        ``y`` (T,): outputs that were measured.
         """
         known = np.isfinite(y)
         inside = (y >= self.lower) & (y <= self.upper)

@@ -347,12 +347,8 @@ class UpdatedFactor:
     Saunders and Wright, A Schur-complement method for sparse quadratic programming, in Reliable
     Numerical Computation, 1990).
 
-    Parameters
-    ----------
-    free : (n,) array of bool
-        Unknowns that are factorised, m of them.
-    factor : (m, m) array
-        Upper Cholesky factor of their normal equations.
+    ``free`` (n,) of bool: unknowns that are factorised, m of them; ``factor`` (m, m): upper
+    Cholesky factor of their normal equations.
     """
 
     def __init__(self, free: BoolArray, factor: FloatArray) -> None:

@@ -44,10 +44,7 @@ class PlaneSpec:
     ``levels`` (L + 1,); ``relay`` and ``diagonal`` as in `Preisach`; ``offset``, ``slope``:
     whether these are fitted.
 
-    Raises
-    ------
-    ParameterError
-        If there are more than `MOST_BANDS` bands.
+    Raises a `ParameterError` if there are more than `MOST_BANDS` bands.
     """
 
     levels: Levels
@@ -208,10 +205,7 @@ class DesignMatrix:
 
         Raises a `ParameterError` if there are more than `MOST_DENSE` bands.
 
-        Parameters
-        ----------
-        weight : (M,) array, optional
-            Of each sample; one if not given.
+        ``weight`` (M,): of each sample, one if not given.
         """
         if self.spec.bands > MOST_DENSE:
             raise ParameterError(

@@ -18,10 +18,7 @@ from minorloop.identification.diagnosis import rank_and_condition
 def staircase(levels: npt.ArrayLike) -> FloatArray:
     """Return every level going up, then going down, (2 L + 1,).
 
-    Parameters
-    ----------
-    levels : (L + 1,) array_like
-        Strictly increasing inputs.
+    ``levels`` (L + 1,): strictly increasing inputs.
     """
     grid = as_levels(levels)
     return np.concatenate([grid, grid[-2::-1]])
@@ -100,12 +97,8 @@ def report(u: npt.ArrayLike, levels: npt.ArrayLike) -> ExcitationReport:
 
     Raises a `SignalError` if ``u`` is not one finite sequence.
 
-    Parameters
-    ----------
-    u : (T,) array_like
-        Inputs; each is measured.
-    levels : (L + 1,) array_like
-        Thresholds of the plane to be identified.
+    ``u`` (T,): inputs, each is measured; ``levels`` (L + 1,): thresholds of the plane to be
+    identified.
     """
     inputs = as_samples(u, name="u")
     if inputs.ndim != 1:

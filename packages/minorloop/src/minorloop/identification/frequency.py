@@ -313,17 +313,8 @@ def response_of(
 def describing_function(model: Operator, amplitude: float) -> complex:
     """Gain of the fundamental component of an operator for a periodic sine.
 
-    Parameters
-    ----------
-    model : Operator
-        Any rate-independent operator.
-    amplitude : float
-        Amplitude of the input, in its unit; its mean is 0.
-
-    Raises
-    ------
-    ParameterError
-        If the amplitude is not positive.
+    ``model``: any rate-independent operator; ``amplitude``: amplitude of the input, in its unit,
+    its mean is 0. Raises a `ParameterError` if the amplitude is not positive.
 
     References
     ----------

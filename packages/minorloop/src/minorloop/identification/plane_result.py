@@ -376,10 +376,7 @@ class Identification(Fit[Preisach]):
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
         """Standard deviation of predicted readings along the record, sensor noise included.
 
-        Parameters
-        ----------
-        samples : (M,) array_like of int
-            Which samples, in increasing order.
+        ``samples`` (M,) of int: which samples, in increasing order.
 
         Returns
         -------

@@ -77,10 +77,6 @@ def fit_prepared(
         Of `Plane`.
     fit : callable
         Identifies rows with a lag, as `Plane.fit`.
-
-    Returns
-    -------
-    Identification
     """
     u, y, _ = record.checked
     delay = parse_lag(lag) if isinstance(lag, str) else None

@@ -69,6 +69,9 @@ def fit_response(
 ) -> RationalFit:
     """Fit a transfer function G(s) with G(0) = 1 and all poles in the left half plane.
 
+    Raises a `SignalError` if the shapes differ, a number is zero or not finite, or there are too
+    few frequencies; a `ParameterError` if an order is out of its range.
+
     Parameters
     ----------
     frequencies : (F,) array_like
@@ -82,13 +85,6 @@ def fit_response(
         Number of zeros, at most ``order``. If not given, the criterion chooses up to one less
         than poles. Weakly damped poles and zeros in the right half plane must then halve the
         error, because they often fit noise.
-
-    Raises
-    ------
-    SignalError
-        If the shapes differ, a number is zero or not finite, or there are too few frequencies.
-    ParameterError
-        If an order is out of its range.
 
     Notes
     -----

@@ -55,10 +55,7 @@ class RecursiveState:
 class Recursive:
     """Recursive identification of a Preisach model, from settled samples.
 
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
+    Raises a `ParameterError` if an option is out of its range.
 
     References
     ----------
@@ -94,17 +91,9 @@ class Recursive:
     def begin(self, start: Start = "negative", model: Preisach | None = None) -> RecursiveState:
         """Return the state before the first sample.
 
-        Parameters
-        ----------
-        start : {"negative", "positive", "demagnetised"} or Memory
-            Memory of the actuator.
-        model : Preisach, optional
-            Initial model on the same levels; all weights are zero if not given.
-
-        Raises
-        ------
-        ParameterError
-            If the model has other levels, relays or diagonal, or a slope.
+        ``start``: memory of the actuator; ``model``: initial model on the same levels, all weights
+        are zero if not given. Raises a `ParameterError` if the model has other levels, relays or
+        diagonal, or a slope.
         """
         theta = np.zeros(self.spec.unknowns)
         if model is not None:
@@ -131,6 +120,8 @@ class Recursive:
         Only the memory is updated if the output has not settled or was not measured (NaN), if the
         input is beyond the levels, or if no relay switched.
 
+        Raises a `ParameterError` if the input is not finite, or the output is infinite.
+
         Parameters
         ----------
         state : RecursiveState
@@ -141,11 +132,6 @@ class Recursive:
             Output that was measured; NaN if it was not.
         settled : bool
             Whether the output has settled.
-
-        Raises
-        ------
-        ParameterError
-            If the input is not finite, or the output is infinite.
         """
         value, output = as_finite("u", u), float(y)
         if np.isinf(output):
@@ -203,10 +189,7 @@ class Recursive:
     def regressor(self, memory: Memory) -> FloatArray:
         """(n,) signed area fractions of all cells, and one for the offset.
 
-        Parameters
-        ----------
-        memory : Memory
-            Of the relays.
+        ``memory``: of the relays.
         """
         row = np.ones(self.spec.unknowns)
         extrema = np.array(memory.extrema)

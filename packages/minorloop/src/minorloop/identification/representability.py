@@ -50,17 +50,9 @@ class Representability:
 def representability(u: npt.ArrayLike, y: npt.ArrayLike) -> Representability:
     """Compare the outputs of a record wherever it repeats a memory or a branch.
 
-    Parameters
-    ----------
-    u : (T,) array_like
-        Inputs, starting at the lowest one (negative saturation).
-    y : (T,) array_like
-        Settled outputs; NaN where nothing was measured.
-
-    Raises
-    ------
-    SignalError
-        If lengths differ, or fewer than two outputs are finite.
+    ``u`` (T,): inputs, starting at the lowest one (negative saturation); ``y`` (T,): settled
+    outputs, NaN where nothing was measured. Raises a `SignalError` if lengths differ, or fewer than
+    two outputs are finite.
     """
     inputs, outputs = as_pair(u, y)
     if np.count_nonzero(np.isfinite(outputs)) < 2:

@@ -33,10 +33,6 @@ def record_faults(
         Lag of the model in samples.
     searched : bool
         Whether that lag was searched; then what is left is no lag alone.
-
-    Returns
-    -------
-    tuple of Fault
     """
     known = np.isfinite(y)
     known[curves.positions(u.size) < lag] = False

@@ -76,6 +76,9 @@ def frequency_response(
     bias. After ``settling`` seconds and at least three whole periods, two more are measured. The
     operator gets the same input as the plant.
 
+    Raises a `ParameterError` if a frequency, amplitude or option is out of its range; a
+    `SignalError` if the record is too short, or the input does not oscillate.
+
     Parameters
     ----------
     drive : callable
@@ -91,13 +94,6 @@ def frequency_response(
         Seconds before the measured periods; five of the slowest time constants are enough.
     operator : Operator, optional
         Model of the hysteresis that comes before the dynamics.
-
-    Raises
-    ------
-    ParameterError
-        If a frequency, amplitude or option is out of its range.
-    SignalError
-        If the record is too short, or the input does not oscillate.
     """
     before: dict[str, Any] = {
         "preamble": preamble.input,
@@ -223,10 +219,7 @@ def at_every_amplitude(
 
     Raises a `SignalError` if there is no such frequency.
 
-    Parameters
-    ----------
-    frequencies, amplitudes : (N,) sequence of float
-        Frequency in Hz and amplitude of each sine.
+    ``frequencies`` and ``amplitudes`` (N,): frequency in Hz and amplitude of each sine.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Laser displacement to bending curvature, and back.
+"""Bending curvature to laser displacement; `lab.conversion.LaserCurvature` is the way back.
 
 A strip is clamped at one end. At height ``h0`` above the clamp a laser measures the distance
 ``d`` to it; ``d0`` is the distance to the plane in which the strip stands when it is straight.
@@ -19,34 +19,6 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
 
 
-def curvature_from_displacement(d: npt.ArrayLike, d0: float, h0: float) -> FloatArray:
-    """Curvature of a strip from the distance that a laser measures.
-
-    Raises a `SignalError` if a distance is not finite, or the strip would bend past a quarter
-    circle; a `ParameterError` if ``d0`` or ``h0`` is not a length.
-
-    The curvature has the shape of ``d``, in 1/m, positive where ``d`` is below ``d0``.
-
-    Parameters
-    ----------
-    d : array_like
-        Measured distances, in metres.
-    d0 : float
-        Distance to the straight strip, in metres.
-    h0 : float
-        Height of the laser above the clamp, in metres, positive.
-    """
-    _check_geometry(d0, h0)
-    distance = _numbers(d, "d")
-    x = d0 - distance
-    _refuse(
-        np.abs(x) > h0,
-        distance,
-        f"distance {{}} m is over h0 = {h0:g} m away from d0 = {d0:g} m: past a quarter circle",
-    )
-    return np.asarray(2 * x / (x**2 + h0**2))[()]
-
-
 def displacement_from_curvature(
     kappa: npt.ArrayLike, d0: float, h0: float, *, length: float = 0.02
 ) -> FloatArray:
@@ -62,13 +34,17 @@ def displacement_from_curvature(
     kappa : array_like
         Curvature in 1/m.
     d0, h0 : float
-        As in ``curvature_from_displacement``.
+        Distance to the straight strip, and height of the laser above the clamp, in metres.
     length : float
         Free length of the strip, in metres.
     """
-    _check_geometry(d0, h0)
-    _check_length("length", length)
-    curvature = _numbers(kappa, "kappa")
+    if not np.isfinite(d0):
+        raise ParameterError(f"d0 is {d0}; give a finite distance in m")
+    for name, value in (("h0", h0), ("length", length)):
+        if not (np.isfinite(value) and value > 0):
+            raise ParameterError(f"{name} is {value}; give a positive length in m")
+    curvature = np.asarray(kappa, dtype=np.float64)
+    _refuse(~np.isfinite(curvature), curvature, "kappa is {}; every sample must be finite")
     _refuse(
         np.abs(curvature) * h0 > 1,
         curvature,
@@ -85,28 +61,6 @@ def displacement_from_curvature(
     # (1 - sqrt(1 - (kappa h0)^2)) / kappa, rid of the cancellation at small curvature.
     x = curvature * h0**2 / (1 + np.sqrt(1 - (curvature * h0) ** 2))
     return np.asarray(d0 - x)[()]
-
-
-def _check_geometry(d0: float, h0: float) -> None:
-    if not np.isfinite(d0):
-        raise ParameterError(f"d0 is {d0}; give a finite distance in m")
-    _check_length("h0", h0)
-
-
-def _check_length(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise ParameterError(f"{name} is {value}; give a positive length in m")
-
-
-def _numbers(values: npt.ArrayLike, name: str) -> FloatArray:
-    if np.iscomplexobj(values):
-        raise SignalError(f"{name} is complex; give real numbers")
-    try:
-        numbers = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise SignalError(f"{name} is not an array of numbers: {error}") from None
-    _refuse(~np.isfinite(numbers), numbers, f"{name} is {{}}; every sample must be finite")
-    return numbers
 
 
 def _refuse(bad: npt.NDArray[np.bool_], values: FloatArray, message: str) -> None:

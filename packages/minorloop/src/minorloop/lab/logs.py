@@ -115,7 +115,7 @@ def read_log(
         quantity,
         curves=None if curves is None else columns[curves],
         groups=None if groups is None else columns[groups],
-        sd=None if deviation is None else known_deviations(columns[deviation], y),
+        sd=None if deviation is None else _known_deviations(columns[deviation], y),
         origin=Origin(check, found, deviation or "", said, chosen, why, rows=kept),
     )
 
@@ -219,7 +219,7 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
         return _checked(table.read([time], dates=[time])[time], header)
 
 
-def known_deviations(sd: FloatArray, y: Samples) -> FloatArray | None:
+def _known_deviations(sd: FloatArray, y: Samples) -> FloatArray | None:
     """Return the standard deviations, or None where no measured output has one."""
     return sd if np.isfinite(sd[np.isfinite(y)]).any() else None
 

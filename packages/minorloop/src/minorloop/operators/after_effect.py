@@ -319,12 +319,7 @@ class AfterEffect(ByValue, Drawn):
 class TimedTracker:
     """An operator with after-effect that follows one live input and owns its state.
 
-    Parameters
-    ----------
-    model : AfterEffect
-        The operator.
-    start : start state, Memory or AfterEffectState
-        State before the first sample.
+    ``model``: the operator; ``start``: state before the first sample.
     """
 
     __slots__ = ("_before", "_creep", "_rows", "_stack", "_tables", "model")

@@ -70,10 +70,7 @@ class Differential(ABC):
     def slopes(self, z: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the slopes for rising and for falling inputs.
 
-        Parameters
-        ----------
-        z : (n,) array_like
-            Outputs.
+        ``z`` (n,): outputs.
 
         Returns
         -------
@@ -232,10 +229,7 @@ class Duhem(ByValue, Differential):
 
     Steps are exact: on each piece the output is an exponential of the input.
 
-    Raises
-    ------
-    ParameterError
-        If levels do not increase, lengths differ, or a number is not finite.
+    Raises a `ParameterError` if levels do not increase, lengths differ, or a number is not finite.
 
     References
     ----------

@@ -32,10 +32,8 @@ class DeadZones(ByValue):
     ``S(x) = sum of weights[k] * d_k(x)``, where ``d_k(x)`` is ``max(x - s, 0)`` for a threshold
     s > 0, ``min(x - s, 0)`` for s < 0, and ``x`` for s = 0.
 
-    Raises
-    ------
-    ParameterError
-        If there is no threshold, they do not increase, lengths differ, or a number is not finite.
+    Raises a `ParameterError` if there is no threshold, they do not increase, lengths differ, or a
+    number is not finite.
 
     References
     ----------

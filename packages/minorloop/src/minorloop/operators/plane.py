@@ -43,10 +43,7 @@ def relay_outputs(relay: Relay, on: FloatArray) -> FloatArray:
 def nodes_from_weights(weights: FloatArray) -> FloatArray:
     """Return the Everett values at the nodes from cell weights.
 
-    Parameters
-    ----------
-    weights : (L, L) array
-        Cell weights in the lower triangle, in the unit of the output.
+    ``weights`` (L, L): cell weights in the lower triangle, in the unit of the output.
 
     Returns
     -------
@@ -62,10 +59,7 @@ def nodes_from_weights(weights: FloatArray) -> FloatArray:
 def weights_from_nodes(nodes: FloatArray) -> FloatArray:
     """Return the cell weights from Everett values at the nodes, their mixed differences.
 
-    Parameters
-    ----------
-    nodes : (L + 1, L + 1) array
-        Everett values; the upper triangle and the diagonal are zero.
+    ``nodes`` (L + 1, L + 1): everett values, the upper triangle and the diagonal are zero.
 
     Returns
     -------
@@ -88,13 +82,8 @@ def integrate_density(levels: Levels, density: Density) -> FloatArray:
 
     Raises a `ParameterError` if the density is not finite somewhere on the plane.
 
-    Parameters
-    ----------
-    levels : (L + 1,) array
-        Thresholds.
-    density : callable
-        ``density(alpha, beta)``, vectorised over equal shapes; unit of the output per squared unit
-        of the input.
+    ``levels`` (L + 1,): thresholds; ``density``: ``density(alpha, beta)``, vectorised over equal
+    shapes, unit of the output per squared unit of the input.
 
     Returns
     -------

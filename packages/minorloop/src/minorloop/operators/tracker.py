@@ -19,12 +19,7 @@ AnyMemory = TypeVar("AnyMemory")
 class Tracker:
     """A Preisach operator that follows one live input and owns its memory.
 
-    Parameters
-    ----------
-    model : Preisach
-        The operator.
-    start : {"negative", "positive", "demagnetised"} or Memory
-        Memory before the first sample.
+    ``model``: the operator; ``start``: memory before the first sample.
     """
 
     __slots__ = ("_rows", "_stack", "_tables", "_u", "_y", "model")
@@ -97,12 +92,7 @@ class Tracker:
 class StepTracker(Generic[AnyMemory]):
     """An operator that follows one live input and owns its memory.
 
-    Parameters
-    ----------
-    model : operator with ``step`` and ``aim``
-        For example `PrandtlIshlinskii`.
-    memory : as ``model.step`` takes it
-        Memory before the first sample.
+    ``model``: for example `PrandtlIshlinskii`; ``memory``: memory before the first sample.
     """
 
     __slots__ = ("memory", "model")
