@@ -37,7 +37,6 @@ PARTS = (
     "after_effect",
     "group_bands",
     "bands",
-    "major_loops",
     "faults",
     "connections",
     "uploads",

@@ -62,7 +62,7 @@ PriorOption = Annotated[
     typer.Option(
         "--prior",
         autocompletion=one_of(_PRIORS),
-        help="gaussian[:mean=ridge], smooth[:strength=X] (0 for none), or auto (gaussian where it "
+        help="gaussian, smooth[:strength=X] (0 for none), or auto (gaussian where it "
         "is quick, or where samples are few or leave much of the plane open).",
     ),
 ]

@@ -254,8 +254,7 @@ def _refined(
     found = alternate(record, best.dynamics, static, best.operator, creeping=creeping)
     if banded:
         known = without(found.dynamics, record, found.operator)
-        mean = prior.mean if isinstance(prior, Gaussian) else "zero"
-        result = _fitter(plane, Gaussian(mean), record)(*known)
+        result = _fitter(plane, Gaussian(), record)(*known)
         y = found.dynamics.outputs(record, result.model)
         found = replace(found, result=result, error=record.error(y, record.fitted))
     if found.dynamics.delay < _LEAST_DELAY:
