@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,13 +151,5 @@ def _show(result: SteeredHead, title: str) -> None:
 
 def _fault(fault: DriveFault) -> dict[str, Any]:
     """Return a fault of a drive by name."""
-    return {
-        "axis": fault.axis,
-        "began_s": fault.began,
-        "lasted_s": fault.lasted,
-        "times": fault.times,
-        "what": fault.what,
-        "cooled": fault.cooled,
-        "over": fault.over,
-        "late": fault.late,
-    }
+    units = {"began": "began_s", "lasted": "lasted_s"}
+    return {units.get(name, name): value for name, value in asdict(fault).items()}

@@ -261,39 +261,30 @@ class Guard:
                 f"target {shown!r:.40} is not a number below {LARGEST:g}; {wanted:.4g} degrees "
                 "are kept"
             )
-        estimate, heated, driven = self._predicted(state, steps)
-        expected = Expected(
-            angle=estimate.expected,
-            motion=estimate.wire.angle - state.estimate.wire.angle,
-            heating=state.applied**2 + estimate.ambient - state.estimate.wire.power,
-            driven=driven.angle,
-            steps=steps,
+        predicted, heated, driven = self._predicted(state, steps)
+        reading, lateness = self._judged(
+            state, (read, as_number(measurement)), predicted, driven.angle, steps
         )
-        reading = self._readings.step(state.reading, read, as_number(measurement), expected)
-        lateness = self._lateness.step(
-            state.lateness, state.estimate, state.applied, reading.value,
-            expected=expected.angle, steps=steps,
-        )  # fmt: skip
-        if lateness.doubted:
-            if not state.lateness.doubted:  # the readings have led the estimate astray
-                past = (driven.angle,) * len(estimate.past)
-                estimate = Estimate(driven, state.bias, 0.0, past)
-            if reading.fault not in COOLED:
-                reading = reading._replace(value=math.nan, fault="late")
-        estimate = self.observer.corrected(estimate, reading.value)
+        expected = predicted.expected
+        if lateness.doubted and not state.lateness.doubted:
+            # The readings have led the estimate astray.
+            past = (driven.angle,) * len(predicted.past)
+            predicted = Estimate(driven, state.bias, 0.0, past)
+        estimate = self.observer.corrected(predicted, reading.value)
         reach = ReachState()
         if not reading.fault:
             reach = self._watch.step(state.reach, wanted, reading.value, state.applied, estimate)
         target = self._target(wanted, reach)
         # Where readings are not used, a law goes on with what the model expects.
         instead = reading.used or math.isnan(as_number(read))
-        known = reading.value if instead else expected.angle
+        known = reading.value if instead else expected
         requested, inner = self._requested(state, estimate, target, known, steps)
         cool = self._allowed(estimate, heated)
         current = min(requested, cool, self._useful(reading, reach, estimate))
         if self.controller and current != requested:
             inner = replace(inner, applied=current)
-        moving = as_number(whole) != state.asked and math.isfinite(as_number(whole))
+        number = as_number(whole)
+        moving = number != state.asked and math.isfinite(number)
         at_limit = current >= self.observer.highest or current <= 0.0
         behind = at_limit and moving and abs(wanted - reading.value) > _BEHIND_BY
         above = reading.value > wanted + _BEHIND_BY and not state.fault
@@ -309,7 +300,7 @@ class Guard:
             reading=reading,
             lateness=lateness,
             reach=reach,
-            asked=as_number(whole),
+            asked=number,
             steps=state.steps + 1,
             clock=clock,
             behind=state.behind + self.observer.interval if behind else 0.0,
@@ -411,6 +402,31 @@ class Guard:
             heated += interval * gained / (lag + interval)
             driven = observer.wire.step(driven, power, interval, ambient=state.bias)
         return estimate, heated, driven
+
+    def _judged(
+        self,
+        state: GuardState,
+        read: tuple[object, float],
+        predicted: Estimate,
+        driven: float,
+        steps: int,
+    ) -> tuple[ReadingState, Lateness]:
+        """Return what is known by a reading, raw and without coupling, and how late it is."""
+        expected = Expected(
+            angle=predicted.expected,
+            motion=predicted.wire.angle - state.estimate.wire.angle,
+            heating=state.applied**2 + predicted.ambient - state.estimate.wire.power,
+            driven=driven,
+            steps=steps,
+        )
+        reading = self._readings.step(state.reading, *read, expected)
+        lateness = self._lateness.step(
+            state.lateness, state.estimate, state.applied, reading.value,
+            expected=expected.angle, steps=steps,
+        )  # fmt: skip
+        if lateness.doubted and reading.fault not in COOLED:
+            reading = reading._replace(value=math.nan, fault="late")
+        return reading, lateness
 
     def _target(self, wanted: float, reach: ReachState) -> float:
         """Return the target of the law."""

@@ -325,7 +325,7 @@ class HeadControl:
 
     def _near(self, wanted: FloatArray, newest: FloatArray, lead: float) -> FloatArray:
         """Return wanted readings (axes,) no farther from the newest ones than a lead."""
-        near = np.clip(wanted, newest - lead, newest + lead)
+        near = np.minimum(np.maximum(wanted, newest - lead), newest + lead)
         return np.where(np.isnan(newest), wanted, near)
 
     def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
@@ -335,14 +335,19 @@ class HeadControl:
         """
         known = np.abs(wanted) < LARGEST
         filled = np.where(known, wanted, instead + self._mixing @ instead)
-        ends = np.array([axis.observer.wire.operator.range for axis in self.axes])
-        own = np.clip(self._undo @ filled, ends[:, 0], ends[:, 1])
+        low, top = self._ends
+        own = np.minimum(np.maximum(self._undo @ filled, low), top)
         return np.where(known, wanted - self._mixing @ own, np.nan)
 
     @cached_property
     def _mixing(self) -> FloatArray:
         """Coupling of other axes into the sensors."""
         return np.asarray(self.coupling) - np.eye(len(self.axes))
+
+    @cached_property
+    def _ends(self) -> FloatArray:
+        """(2, axes) least and largest angle of each wire by its model."""
+        return np.array([axis.observer.wire.operator.range for axis in self.axes]).T
 
     @cached_property
     def _undo(self) -> FloatArray:

@@ -8,6 +8,7 @@
 """
 
 from minorloop_head.inspection.heads import InspectedHead, Water, inspected_head, swept_head
+from minorloop_head.inspection.inspect_pictures import inspect_pictures
 from minorloop_head.inspection.inspect_pipe import Inspection, inspect
 from minorloop_head.inspection.sweep_wall import SweptWall, sweep
 
@@ -17,6 +18,7 @@ __all__ = [
     "SweptWall",
     "Water",
     "inspect",
+    "inspect_pictures",
     "inspected_head",
     "sweep",
     "swept_head",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,10 +12,7 @@ from minorloop_head.control.head import HeadState
 from minorloop_head.vision.wall_patches import UNTURNED
 
 _SHORT = 5
-"""Steps from which a fault is listed on its own; shorter ones that are alike are counted together:
-more than are lost by chance."""
-_MANY = 10
-"""Faults that are alike from which on they are counted together, however long they are."""
+"""Steps from which a fault is why a target was missed: more than are lost by chance."""
 _UNREAD, _DOUBTED = "there was no reading", "readings jumped as no wire can, and were not used"
 _UNUSED = _UNREAD, _DOUBTED, UNTURNED
 """Kinds of faults before the sensor counts as at fault."""
@@ -25,14 +21,11 @@ _SLOW = 0.4
 limit, so that rounding does not matter."""
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 """Numbers in a text, such as of patches that agree: faults that differ only there are alike."""
-_NEAR, _SHARE = 0.2, 0.1
-"""Seconds, or share of the longer one, by which faults of two axes may differ that are named as
-one."""
 
 
 @dataclass(frozen=True)
 class DriveFault:
-    """A fault, or short ones that are alike."""
+    """Faults of an axis that are alike, or of both axes that are equal."""
 
     axis: str
     """Such as ``pan``, or ``pan and tilt``."""
@@ -64,14 +57,23 @@ class DriveFault:
 
 
 @dataclass
-class _Open:
-    """A fault that goes on: its kind, when it began, its text, steps, and if the wire cooled."""
+class _Noted:
+    """A fault of an axis, from when it began until when it ended, and if the wire cooled."""
 
+    axis: str
     kind: str
-    began: float
     what: str
+    began: float
+    until: float
+    over: bool = False
     steps: int = 0
     cooled: bool = False
+
+    @property
+    def fault(self) -> DriveFault:
+        """The fault alone."""
+        lasted = self.until - self.began
+        return DriveFault(self.axis, self.began, lasted, self.what, 1, self.cooled, self.over)
 
 
 class FaultLog:
@@ -93,8 +95,8 @@ class FaultLog:
         self._old: list[tuple[float, float]] = []
         self._late: list[tuple[float, float]] = []
         self._kept: list[float] = []
-        self._open: dict[tuple[str, str], _Open] = {}
-        self._found: list[tuple[DriveFault, int]] = []
+        self._noted: list[_Noted] = []
+        self._open: dict[tuple[str, str], _Noted] = {}
 
     def note(self, t: float, state: HeadState, why: str = "", age: float = math.nan) -> None:
         """Take the state of the control after a step.
@@ -125,18 +127,20 @@ class FaultLog:
         self._t = t
 
     def found(self, t: float) -> tuple[DriveFault, ...]:
-        """Return all faults until a time in seconds, the first ones first, then late steps."""
+        """Return all faults until a time in seconds, the first ones first, then late steps.
+
+        Those of an axis that are alike are one, unless the wire cooled.
+        """
         found: dict[tuple[object, ...], DriveFault] = {}
-        every = sorted(self._each(t), key=lambda pair: pair[0].began)
-        count = Counter(_kind(fault) for fault, steps in every if steps >= _SHORT)
-        for fault, steps in every:
-            alone = fault.cooled or (steps >= _SHORT and count[_kind(fault)] < _MANY)
-            key = *_kind(fault), fault.began if alone else None
+        for each in self._noted:
+            each.until = each.until if each.over else t
+            key = each.axis, _NUMBER.sub("", each.what), each.began if each.cooled else None
+            one = each.fault
             if key in found:
                 before = found[key]
-                lasted = before.lasted + fault.lasted
-                fault = replace(before, lasted=lasted, times=before.times + 1, over=fault.over)
-            found[key] = fault
+                lasted, times = before.lasted + one.lasted, before.times + 1
+                one = replace(before, lasted=lasted, times=times, over=one.over)
+            found[key] = one
         return (*_joined(found.values()), *self._all_old(0.0, t), *self._all_late())
 
     def during(self, name: str, first: float, last: float) -> str:
@@ -146,11 +150,9 @@ class FaultLog:
         axis was not read, it is the fault of that one.
         """
         on = _joined(
-            fault
-            for fault, steps in self._each(self._t)
-            if (steps >= _SHORT or fault.cooled)
-            and fault.began < last
-            and fault.began + fault.lasted > first
+            each.fault
+            for each in self._noted
+            if (each.steps >= _SHORT or each.cooled) and each.began < last and each.until > first
         )
         own = [each for each in on if name in each.axis]
         if own:
@@ -158,14 +160,6 @@ class FaultLog:
         if on and any(first <= t <= last for t in self._kept):
             return f"the head waited, or went back to where it was read before: {on[-1]}"
         return next((each.what for each in self._all_old(first, last)), "")
-
-    def _each(self, t: float) -> list[tuple[DriveFault, int]]:
-        """Return each fault until a time with its number of steps."""
-        still = [
-            (_fault(name, each, t, over=False), each.steps)
-            for (name, _), each in self._open.items()
-        ]
-        return [*self._found, *still]
 
     def _all_old(self, first: float, last: float) -> Iterator[DriveFault]:
         """Yield one fault for all pictures between two times that were too old, if any was."""
@@ -193,20 +187,18 @@ class FaultLog:
         now = self._open.get((name, of))
         # A sensor is at fault after some readings that were not used: it is one fault.
         grown = now is not None and now.kind in _UNUSED and kind not in ("", *_UNUSED)
-        if now is not None and kind != now.kind and not grown:
-            self._found.append((_fault(name, now, t), now.steps))
-            del self._open[name, of]
-            now = None
+        if now is not None:
+            now.until = t
+            if kind != now.kind and not grown:
+                now.over, now = True, None
+                del self._open[name, of]
         if kind:
-            now = self._open.setdefault((name, of), now or _Open(kind, t, what))
-            if kind != now.kind:
+            if now is None:
+                now = self._open[name, of] = _Noted(name, kind, what, t, t)
+                self._noted.append(now)
+            elif kind != now.kind:
                 now.kind, now.what = kind, what
             now.steps, now.cooled = now.steps + 1, now.cooled or cooled
-
-
-def _kind(fault: DriveFault) -> tuple[str, str]:
-    """Return the axis and the fault, alike for all faults that differ in a count only."""
-    return fault.axis, _NUMBER.sub("", fault.what)
 
 
 def _reading(axis: GuardState, why: str) -> tuple[str, str]:
@@ -230,47 +222,9 @@ def _with(what: str, why: str) -> str:
     return f"{what} ({why})" if why else what
 
 
-def _fault(name: str, each: _Open, t: float, *, over: bool = True) -> DriveFault:
-    return DriveFault(name, each.began, t - each.began, each.what, 1, each.cooled, over)
-
-
 def _joined(faults: Iterable[DriveFault]) -> tuple[DriveFault, ...]:
-    """Return faults with those that all axes had at about the same time as one."""
-    found: list[DriveFault] = []
-    for fault in faults:
-        k = next((k for k, each in enumerate(found) if _same(each, fault)), None)
-        if k is None:
-            found.append(fault)
-        else:
-            found[k] = _as_one(found[k], fault)
-    return tuple(found)
-
-
-def _same(one: DriveFault, other: DriveFault) -> bool:
-    """Return whether two axes had a fault at about the same time."""
-    longer, more = max(one.lasted, other.lasted), max(one.times, other.times)
-    return (
-        other.axis not in one.axis
-        and (_kind(one)[1], one.cooled, one.over) == (_kind(other)[1], other.cooled, other.over)
-        and abs(one.began - other.began) <= _NEAR
-        and abs(one.lasted - other.lasted) <= max(_NEAR, _SHARE * longer)
-        and abs(one.times - other.times) <= _SHARE * more
-    )
-
-
-def _as_one(one: DriveFault, other: DriveFault) -> DriveFault:
-    """Return a fault of two axes; where a number in the text differs, it has both."""
-    others = iter(_NUMBER.findall(other.what))
-
-    def both(found: re.Match[str]) -> str:
-        second = next(others)
-        return found[0] if found[0] == second else f"{found[0]} and {second}"
-
-    return replace(
-        one,
-        axis=f"{one.axis} and {other.axis}",
-        began=min(one.began, other.began),
-        lasted=max(one.lasted, other.lasted),
-        times=max(one.times, other.times),
-        what=_NUMBER.sub(both, one.what),
-    )
+    """Return faults with those that all axes had alike as one."""
+    axes: dict[DriveFault, list[str]] = {}
+    for each in faults:
+        axes.setdefault(replace(each, axis=""), []).append(each.axis)
+    return tuple(replace(each, axis=" and ".join(names)) for each, names in axes.items())

@@ -1,0 +1,224 @@
+"""Inspect pictures of a pipe that somebody else took: all of them are searched, each alone."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from minorloop.errors import OutputError, RecordError, counted
+from minorloop.files import PathLike, new_folder, table_text, write_atomically
+from minorloop.report import Picture, Report, Table
+from minorloop_head.inspection.journal import Told, untold
+from minorloop_head.inspection.report import figure_of, table, written
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.pictures import (
+    COLUMNS,
+    DAMAGED,
+    TIME,
+    InspectedPicture,
+    PicturePose,
+    annotated,
+    inspect_picture,
+    unusable,
+)
+from minorloop_head.vision.calibrated_camera import Image
+from minorloop_head.vision.frame_checks import GOOD
+from minorloop_head.vision.imaging import opencv
+from minorloop_head.vision.video import frames, names
+
+SHOWN = 20
+"""Findings that a terminal shows, and pictures in the report: those with the most evidence."""
+
+
+def inspect_pictures(
+    source: str,
+    calibrated: Callable[[tuple[int, ...]], HeadCalibration],
+    poses: Iterator[PicturePose] | Mapping[str, PicturePose],
+    *,
+    joints: bool = False,
+    out: PathLike | None = None,
+    told: Told = untold,
+) -> dict[str, Any]:
+    """Find holes, pits and cracks in pictures of a pipe, each picture alone.
+
+    Parameters
+    ----------
+    source : str
+        A picture, a folder of pictures, or a video.
+    calibrated : callable
+        Returns the calibration of the camera for the shape of the first picture.
+    poses : iterator of PicturePose, or mapping
+        One for each picture, or those of some by their names; others are left out then. NaN is
+        along the pipe.
+    joints : bool
+        Whether pan and tilt are what the joints read; those of the line of sight otherwise.
+    out : path, optional
+        New or empty folder for findings, report and marked pictures.
+    told : callable
+        Is given texts on the progress.
+
+    Returns
+    -------
+    dict
+        Of ``findings.json``.
+
+    Raises
+    ------
+    RecordError
+        If there is no picture that can be read, or no pose for one.
+    ParameterError
+        If the source cannot be read.
+    OutputError
+        If the folder is not empty, or cannot be written.
+    """
+    called, view = names(source), None
+    found: list[InspectedPicture] = []
+    best: list[tuple[float, str, Image]] = []
+    with nullcontext(None) if out is None else _folder(out) as folder:
+        for number, frame in enumerate(frames(source, damaged=True)):
+            if view is None and frame.image.size:
+                view = calibrated(frame.image.shape)
+            name = called[number] if called else f"frame {number}"
+            if isinstance(poses, Mapping) and name not in poses:
+                continue  # the journal has it as another picture's, with its findings marked
+            pose = poses[name] if isinstance(poses, Mapping) else next(poses, None)
+            if pose is None:
+                raise RecordError(
+                    f"the poses have {counted(number, 'row')}, and there are more pictures; give a "
+                    "row for each"
+                )
+            picture = InspectedPicture(name=name, t=frame.t, verdict=DAMAGED)
+            if view is not None:
+                sight = _line_of_sight(pose, view if joints else None)
+                picture = inspect_picture(frame.image, view, sight, name, frame.t)
+            found.append(picture)
+            told(f"{counted(len(found), 'picture')} inspected")
+            if folder is not None and picture.findings:
+                marked = _mark(frame.image, picture, folder / "pictures", number)
+                best = sorted([*best, (_weight(picture), name, marked)], key=lambda one: -one[0])
+                best = best[:SHOWN]
+        told(f"{counted(len(found), 'picture')} inspected", kept=True)
+        if view is None:
+            has = "no picture that can be read" if found else "no pictures"
+            raise RecordError(f"{source} has {has}; give others")
+        content = _content(found, still=bool(called))
+        if folder is not None:
+            _write(folder, content, best, Path(source).name, still=bool(called))
+    return content
+
+
+@contextmanager
+def _folder(out: PathLike) -> Iterator[Path]:
+    """Yield a new folder, without marked pictures after an error: the same can be done again."""
+    with new_folder(out) as folder:
+        try:
+            yield folder
+        except BaseException:
+            shutil.rmtree(folder / "pictures", ignore_errors=True)
+            raise
+
+
+def _line_of_sight(pose: PicturePose, view: HeadCalibration | None) -> PicturePose:
+    """Return a pose with the line of sight; with a calibration its angles are of the joints."""
+    read = [pose.pan, pose.tilt]
+    sight = read if view is None else view.line_of_sight(read).tolist()
+    pan, tilt = (0.0 if math.isnan(angle) else angle for angle in sight)
+    return replace(pose, pan=pan, tilt=tilt)
+
+
+def _content(found: Sequence[InspectedPicture], *, still: bool) -> dict[str, Any]:
+    """Return the content of ``findings.json``; still pictures have no time."""
+    rows = [row for picture in found for row in picture.rows()]
+    bad = [
+        {"picture": each.name, TIME: round(each.t, 3), "verdict": each.verdict}
+        for each in found
+        if each.verdict != GOOD
+    ]
+    for row in (*rows, *bad) if still else ():
+        del row[TIME]
+    shares = [0.0 if each.light is None else each.light.searched for each in found]
+    return {
+        "pictures": len(found),
+        "unusable": unusable(found),
+        "unusable pictures": bad,
+        "searched": round(sum(shares) / len(shares), 3),
+        "advice": _advice(found),
+        "findings": rows,
+    }
+
+
+def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
+    """Return what is likely to be wrong with the poses."""
+    wrong = [(each.name, each.light.off) for each in pictures if each.light and each.light.off]
+    if not wrong:
+        return []
+    pan, tilt = (5 * round(median(off[n] for _, off in wrong) / 5) for n in (0, 1))
+    return [
+        f"the light in {counted(len(wrong), 'picture')} ({wrong[0][0]} first) does not fit pan "
+        f"and tilt, and would fit about {pan:+d} and {tilt:+d} degrees more; places and sizes are "
+        "wrong then, and holes are missed. With --head, pan and tilt are what the sensors read; "
+        "with --lens, they are from the axis of the pipe"
+    ]
+
+
+def _weight(picture: InspectedPicture) -> float:
+    """Return by what pictures are chosen for the report."""
+    evidence = [each.evidence for each in picture.findings if not math.isnan(each.evidence)]
+    return max(evidence, default=0.0)
+
+
+def _mark(image: Image, picture: InspectedPicture, folder: Path, number: int) -> Any:
+    """Write a picture with its findings marked, and return it."""
+    marked = annotated(image, picture.findings)
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{number:06d}.jpg"
+    if not opencv().imwrite(str(path), marked):
+        raise OutputError(f"{path} cannot be written; check the disk")
+    return marked
+
+
+def _write(
+    out: Path,
+    content: dict[str, Any],
+    best: Sequence[tuple[float, str, Any]],
+    title: str,
+    *,
+    still: bool,
+) -> None:
+    """Write findings, unusable pictures and report."""
+    columns, listed = (
+        [name for name in names if name != TIME or not still]
+        for names in (COLUMNS, ("picture", TIME, "verdict"))
+    )
+    tables = (("findings", columns, "findings"), ("unusable", listed, "unusable pictures"))
+    for name, headers, rows in tables:
+        values = ([row[header] for header in headers] for row in content[rows])
+        write_atomically(out / f"{name}.csv", table_text(headers, values))
+    write_atomically(out / "findings.json", f"{json.dumps(content, indent=1)}\n")
+
+    def drawn() -> Report:
+        said = "; ".join([picture_summary(content), *content["advice"]])
+        report = Report(f"Inspection of {title}", said)
+        cells = table(content["findings"], columns)
+        report.add("Findings", table=Table(tuple(columns), cells))
+        pictures = [Picture(figure_of(marked), name) for _, name, marked in best]
+        report.add("Pictures with the most evidence", pictures=pictures)
+        return report
+
+    written(drawn, out / "report.html")
+
+
+def picture_summary(content: Mapping[str, Any]) -> str:
+    """Return how much was found in how many pictures, and how many could not be used."""
+    bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
+    count, pictures = len(content["findings"]), content["pictures"]
+    said = f"{counted(count, 'finding')} in {counted(pictures, 'picture')}"
+    said = f"{said}; not usable: {bad}" if bad else said
+    return f"{said}; {content['searched']:.0%} of their area searched"
