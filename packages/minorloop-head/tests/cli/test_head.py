@@ -588,13 +588,13 @@ def test_pictures_are_taken_by_hand(run, monkeypatch):
 
 
 def test_a_calibration_without_leds_says_what_will_refuse_it():
-    from minorloop_head.procedures.calibrate import calibrated_head
+    from minorloop_head.procedures.calibrate import _calibrated
 
     lens = SimpleNamespace(lens=Pinhole(), measured=())
-    head, advice = calibrated_head(HeadFile(serial="H-07"), lens=lens)
+    head, advice = _calibrated(HeadFile(serial="H-07"), lens, None, None)
     assert len(head.calibration.leds) == 1
     assert "give the places of all 3 with --leds" in advice[0]
-    advice = calibrated_head(HeadFile(serial="H-07"), lens=lens, leds=np.full((1, 3), 1e-3))[1]
+    advice = _calibrated(HeadFile(serial="H-07"), lens, None, np.full((1, 3), 1e-3))[1]
     assert "has 1 LED, and the console and head inspect switch 3" in advice[0]
 
 

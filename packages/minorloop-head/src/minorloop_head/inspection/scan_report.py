@@ -46,7 +46,7 @@ _ROWS = 500
 """Depths of a picture."""
 
 
-def flaw_row(flaw: ScanFlaw) -> dict[str, Any]:
+def _flaw_row(flaw: ScanFlaw) -> dict[str, Any]:
     """Return a flaw in mm; None where not known."""
     point = math.isnan(flaw.size)
     largest = float(np.nanmax([flaw.width, flaw.length]))
@@ -97,8 +97,8 @@ def scan_content(found: ScanFlaws, source: str) -> dict[str, Any]:
         "surfaces [us]": [round(1e6 * each, 3) for each in surfaces.times.tolist()],
         "tilt [deg]": rounded(math.degrees(found.tilt), 3),
         "layers": layers,
-        "findings": [flaw_row(each) for each in found.flaws],
-        "repeats": [flaw_row(each) for each in found.repeats],
+        "findings": [_flaw_row(each) for each in found.flaws],
+        "repeats": [_flaw_row(each) for each in found.repeats],
         "advice": list(found.advice),
     }
 
@@ -141,7 +141,7 @@ def keep_scan(found: ScanFlaws, out: PathLike, source: str) -> dict[str, Any]:
     content = scan_content(found, source)
     with new_folder(out) as folder:
         rows = content["findings"]
-        names = list(flaw_row(found.flaws[0])) if rows else []
+        names = list(_flaw_row(found.flaws[0])) if rows else []
         listed = ([number, *row.values()] for number, row in enumerate(rows, 1))
         write_atomically(folder / "findings.csv", table_text(["number", *names], listed))
         write_atomically(folder / "findings.json", json.dumps(content, indent=1) + "\n")
@@ -165,10 +165,10 @@ def scan_report(found: ScanFlaws, content: dict[str, Any]) -> Report:
             "through the layers, without what most places have in common and where echoes of "
             "surfaces hide others. Dashed lines are surfaces, numbers those of the table."
         )
-        report.add("B-scan", pictures=[Picture(draw_b_scan(found, recorded, line), caption)])
+        report.add("B-scan", pictures=[Picture(_draw_b_scan(found, recorded, line), caption)])
     if found.scan.traces.shape[2] > 1:
         caption = "C-scan: the loudest echo over each place of a layer, focused."
-        report.add("C-scan", pictures=[Picture(draw_c_scan(found), caption)])
+        report.add("C-scan", pictures=[Picture(_draw_c_scan(found), caption)])
     table = Table(tuple(content["layers"][0]), [_texts(row) for row in content["layers"]])
     report.add("Layers", table=table)
     if content["repeats"]:
@@ -200,7 +200,7 @@ def _at(found: ScanFlaws, line: int) -> str:
     return "" if single else f" at y = {1e3 * line * found.scan.steps[1]:.1f} mm"
 
 
-def draw_b_scan(found: ScanFlaws, recorded: Field, line: int = 0) -> Any:
+def _draw_b_scan(found: ScanFlaws, recorded: Field, line: int = 0) -> Any:
     """Draw a line along x of a scan before and after focusing, with the flaws marked.
 
     ``recorded``: the field of the scan, level with its first surface.
@@ -241,7 +241,7 @@ def draw_b_scan(found: ScanFlaws, recorded: Field, line: int = 0) -> Any:
     return figure
 
 
-def draw_c_scan(found: ScanFlaws) -> Any:
+def _draw_c_scan(found: ScanFlaws) -> Any:
     """Draw the loudest echo over each place of each layer of a raster, with the flaws marked."""
     (_, nx, ny), (dx, dy) = found.scan.traces.shape, found.scan.steps
     figure, axes = new_figure(1, len(found.layers), 3.6, grid=False, squeeze=False)

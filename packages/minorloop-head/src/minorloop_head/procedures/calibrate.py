@@ -41,7 +41,7 @@ AUTO = "auto"
 """Kind of a target that is to be found out from the pictures."""
 _SAMPLE, _EXPLAINED = 16, 5
 """Pictures in which a target is searched, and pictures without one that are explained."""
-CORNER_SD = 0.1
+_CORNER_SD = 0.1
 """Standard deviation of a corner in pixels, for a lens that was calibrated before."""
 _FEWEST = 6
 """Corners away from a reflection that are enough for the pose of the target."""
@@ -249,7 +249,7 @@ def calibrate_mount(
     lens: Pinhole,
     angles: PathLike | None,
     *,
-    corner_sd: float = CORNER_SD,
+    corner_sd: float = _CORNER_SD,
     angle_sd: float = 0.1,
     on_axis: bool = False,
     centre_sd: tuple[float, float] = (0.0, 0.0),
@@ -309,7 +309,7 @@ def calibrate_mount(
 
 
 def calibrate_hand_eye(
-    pictures: TargetPictures, lens: Pinhole, robot: PathLike, *, corner_sd: float = CORNER_SD
+    pictures: TargetPictures, lens: Pinhole, robot: PathLike, *, corner_sd: float = _CORNER_SD
 ) -> HandEyeFit:
     """Fit the pose of the camera on the flange of a robot to pictures of a target at rest.
 
@@ -374,7 +374,7 @@ def centre_sd_of(measured: Iterable[Measured]) -> tuple[float, float]:
 
 
 def calibrate_leds(
-    folders: Sequence[TargetPictures], lens: Pinhole, corner_sd: float = CORNER_SD
+    folders: Sequence[TargetPictures], lens: Pinhole, corner_sd: float = _CORNER_SD
 ) -> tuple[FloatArray, tuple[Measured, ...]]:
     """Fit the positions of LEDs to their reflections, one folder for each LED.
 
@@ -421,7 +421,7 @@ def led_folders(folder: PathLike) -> list[Path]:
     return found
 
 
-def lens_of(head: HeadFile) -> Pinhole:
+def _lens_of(head: HeadFile) -> Pinhole:
     """Return the lens of a head that was calibrated before.
 
     Raises a `ParameterError` if it was not.
@@ -507,7 +507,7 @@ def calibrate_head(
         left_out.update({f"{Path(folder).name}/{n}": why for n, why in found.left_out.items()})
         return found
 
-    lens, fit, sd = None, None, CORNER_SD
+    lens, fit, sd = None, None, _CORNER_SD
     doubts: tuple[str, ...] = ()
     measured: tuple[Measured, ...] = ()
     if pictures:
@@ -515,7 +515,7 @@ def calibrate_head(
         sd = lens.rms / math.sqrt(2)
         left_out.update({f"{Path(pictures).name}/{n}": why for n, why in lens.left_out.items()})
         used["the lens"] = len(lens.seen)
-    known = lens.lens if lens else lens_of(before)
+    known = lens.lens if lens else _lens_of(before)
     if mount and angles and _of_flange(angles):
         found = looked(mount, "the flange")
         measured = calibrate_hand_eye(found, known, angles, corner_sd=sd).measured
@@ -530,41 +530,22 @@ def calibrate_head(
         lit = [looked(each, f"LED {n}") for n, each in enumerate(led_folders(led_pictures), 1)]
         leds, places = calibrate_leds(lit, known, sd)
         measured = (*measured, *places)
-    head, advice = calibrated_head(
-        before, lens=lens, mount=fit, leds=leds, measured=measured,
-        radius=radius, thickness=thickness,
-    )  # fmt: skip
+    head, advice = _calibrated(before, lens, fit, leds, measured, radius, thickness)
     return CalibratedHead(head, lens, fit, left_out, used, advice, doubts, shown)
 
 
-def calibrated_head(
+def _calibrated(
     before: HeadFile,
-    *,
-    lens: LensFit | None = None,
-    mount: MountFit | None = None,
-    leds: FloatArray | None = None,
+    lens: LensFit | None,
+    mount: MountFit | None,
+    leds: FloatArray | None,
     measured: tuple[Measured, ...] = (),
     radius: float | None = None,
     thickness: float | None = None,
 ) -> tuple[HeadFile, tuple[str, ...]]:
-    """Return the head with its new calibration, and advice.
-
-    Raises a `ParameterError` if the lens is not known.
-
-    Parameters
-    ----------
-    before : HeadFile
-        The head as known so far; what was not measured keeps its value.
-    lens, mount : LensFit, MountFit, optional
-    leds : (N, 3) array, optional
-        Positions in the camera, in metres.
-    measured : tuple of Measured
-        Of the LEDs.
-    radius, thickness : float, optional
-        Of the pipe and its wall, in metres.
-    """
+    """Return the head with its new calibration, and advice; what is None keeps its value."""
     old = before.calibration
-    seen_by = lens_of(before) if lens is None else lens.lens
+    seen_by = _lens_of(before) if lens is None else lens.lens
     base = replace(old or HeadCalibration(lens=seen_by, leds=np.zeros((1, 3))), lens=seen_by)
     if mount is not None:
         pan, tilt = mount.straight

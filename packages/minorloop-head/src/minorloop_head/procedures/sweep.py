@@ -4,7 +4,7 @@ The head holds pan and tilt, so that the beam is square to the wall. The cathete
 line and rolls back fast; all the while it advances slowly, by a line's distance for each line. It
 never stops in between: friction would hold it, and then let it jump farther than the next line.
 
-A request moves the catheter for one tick only. Whoever does not go on has stopped it, and XX
+A request moves the catheter for one tick only. Whoever does not go on has stopped it.
 """
 
 from __future__ import annotations

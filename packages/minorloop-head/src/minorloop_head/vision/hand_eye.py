@@ -19,7 +19,7 @@ from minorloop.errors import RecordError, counted
 from minorloop_head.vision.lens_calibration import TargetPose
 from minorloop_head.vision.measured import Measured
 
-LEAST_POSES = 4
+_LEAST_POSES = 4
 """Fewest poses: three determine the 12 unknowns, and one more shows whether they agree."""
 _LEAST_TURN = 10.0
 """Least turn about a second axis, in degrees: along a single axis the place is free."""
@@ -70,10 +70,10 @@ def fit_hand_eye(poses: Sequence[TargetPose], flange: FloatArray) -> HandEyeFit:
     Park and Martin, Robot sensor calibration: solving AX = XB on the Euclidean group, 1994, for
     the start; then least squares in all numbers, with the errors of turns and places estimated.
     """
-    if len(poses) < LEAST_POSES:
+    if len(poses) < _LEAST_POSES:
         raise RecordError(
             f"{counted(len(poses), 'picture')} with a target at known poses of the flange; give "
-            f"{LEAST_POSES} or more"
+            f"{_LEAST_POSES} or more"
         )
     turns = np.asarray(flange, dtype=np.float64)[:, :3, :3]
     places = np.asarray(flange, dtype=np.float64)[:, :3, 3]
