@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from minorloop_head.procedures.calibrate import look_through
 from minorloop_head.vision.target_search import markers_in, search_target
 from minorloop_head.vision.targets import SeenTarget, Target, plane_misfit
 
@@ -109,3 +110,14 @@ def test_pictures_of_anything_show_no_target():
         shown.append(((fur - fur.min()) / np.ptp(fur) * 255).astype(np.uint8))
     assert search_target(shown, 3e-3) is None
     assert markers_in(shown) == ""
+
+
+def test_pictures_of_two_kinds_in_a_folder_are_told_apart(tmp_path):
+    charuco = Target("charuco", 7, 5, 4e-3, dictionary="DICT_4X4_50")
+    other = Target("chessboard", 9, 6, 4e-3)
+    for name, target in (("a", charuco), ("b", other)):
+        for n, image in enumerate(pictures(target, turned=False)):
+            cv2.imwrite(str(tmp_path / f"{name}{n}.png"), image)
+    found = look_through(tmp_path, charuco)
+    assert [each.name for each in found.seen] == ["a0.png", "a1.png", "a2.png"]
+    assert all("it shows a chessboard" in why for why in found.left_out.values())

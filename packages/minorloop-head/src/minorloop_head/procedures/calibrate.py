@@ -226,7 +226,8 @@ def _why_none(images: Sequence[Image]) -> str:
 def _why_not(image: Image, target: Target) -> str:
     """Return why a target is not found in a picture."""
     other = search_target([image], target.square)
-    if other is None or (target.kind == "charuco" and other.kind != "charuco"):
+    marked = target.kind == "charuco" and bool(markers_in([image]))
+    if other is None or (marked and other.kind != "charuco"):
         return NONE  # between its markers it is a chessboard
     if other.kind != target.kind:
         return f"it shows {other}"

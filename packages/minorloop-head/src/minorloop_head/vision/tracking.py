@@ -34,7 +34,7 @@ from minorloop_head.vision.reflectance_map import NO_ANGLE, finite_angles
 from minorloop_head.vision.wall_patches import Patches
 
 TRACKED, LOST, _OUT_OF_VIEW = "tracked", "lost", "out of view"
-AMBIGUOUS, _APART, _JUMPED = "several alike", "apart from its surroundings", "jumped"
+AMBIGUOUS, APART, _JUMPED = "several alike", "apart from its surroundings", "jumped"
 """Verdicts of a step; others are those of ``frame_checks``."""
 
 SURELY = 0.6
@@ -303,7 +303,7 @@ class PatchTracker:
             if score < _HIDDEN * state.usual:
                 return _Found(angles, score, self._loss(state, start), False)
             if score >= SURELY and distance * np.hypot(*off[0]) > _APART and agree > 1:
-                return _Found(angles, score, _APART, False)
+                return _Found(angles, score, APART, False)
             angles = angles + off[0] if score >= SURELY else angles
         pixel = self.camera.pixel(state.home, *angles.tolist())
         verdict = TRACKED if self._inside(pixel, _BORDER) else _OUT_OF_VIEW
