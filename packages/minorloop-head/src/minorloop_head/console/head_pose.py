@@ -12,6 +12,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
+from scipy.spatial.transform import Rotation
+
 from minorloop_head.console.messages import Pair
 from minorloop_head.geometry import REACH, wrapped
 
@@ -127,8 +129,7 @@ def aimed(config: HeadPoseMap, state: HeadPoseState, turned: Pair) -> Pair:
 
 def angle_between(one: Quaternion, other: Quaternion) -> float:
     """Return the angle of the turn from one pose to another, in radians."""
-    cosine = abs(sum(a * b for a, b in zip(_unit(one), _unit(other), strict=True)))
-    return 2.0 * math.acos(min(cosine, 1.0))
+    return float(_between(one, other).magnitude())
 
 
 def jumped(before: Quaternion, after: Quaternion, passed: float) -> bool:
@@ -141,10 +142,8 @@ def pose_of(yaw: float, pitch: float, roll: float) -> Quaternion:
 
     All are in radians; a positive roll leans the head to the left.
     """
-    turned = 0.0, math.sin(-yaw / 2), 0.0, math.cos(yaw / 2)
-    raised = math.sin(pitch / 2), 0.0, 0.0, math.cos(pitch / 2)
-    leaning = 0.0, 0.0, math.sin(roll / 2), math.cos(roll / 2)
-    return _times(_times(turned, raised), leaning)
+    x, y, z, w = Rotation.from_euler("YXZ", (-yaw, pitch, roll)).as_quat().tolist()
+    return x, y, z, w
 
 
 def _is_pose(pose: Quaternion) -> bool:
@@ -157,12 +156,15 @@ def turn(reference: Quaternion, pose: Quaternion) -> Pair:
 
     If the head looks straight up or down from the reference, the yaw is NaN.
     """
-    x, y, z, w = _times(_inverse(_unit(reference)), _unit(pose))
-    # The line of sight: -z in the frame of the reference.
-    ahead = (-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y)))
-    level = math.hypot(ahead[0], ahead[2])
-    yaw = math.atan2(ahead[0], -ahead[2]) if level > _STEEPEST else math.nan
-    return yaw, math.atan2(ahead[1], level)
+    right, up, back = _between(reference, pose).apply((0.0, 0.0, -1.0)).tolist()  # line of sight
+    level = math.hypot(right, back)
+    yaw = math.atan2(right, -back) if level > _STEEPEST else math.nan
+    return yaw, math.atan2(up, level)
+
+
+def _between(one: Quaternion, other: Quaternion) -> Rotation:
+    """Return the turn from one pose to another, in the frame of the first."""
+    return Rotation.from_quat(one).inv() * Rotation.from_quat(other)
 
 
 def into_cone(angles: Pair, cone: float) -> Pair:
@@ -218,23 +220,3 @@ def _filtered(
 
 def _share(cutoff: float, interval: float) -> float:
     return 1.0 / (1.0 + 1.0 / (2.0 * math.pi * cutoff * interval))
-
-
-def _unit(q: Quaternion) -> Quaternion:
-    size = math.hypot(*q)
-    return q[0] / size, q[1] / size, q[2] / size, q[3] / size
-
-
-def _inverse(q: Quaternion) -> Quaternion:
-    return -q[0], -q[1], -q[2], q[3]
-
-
-def _times(a: Quaternion, b: Quaternion) -> Quaternion:
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
