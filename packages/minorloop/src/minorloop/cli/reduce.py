@@ -33,8 +33,7 @@ _Holds = Annotated[
         metavar="KEY=VALUE,...",
         help="range=LOW:HIGH of the sensor, beyond which readings are not used; tolerance: slope "
         "of a settled output per second, 0.2 % of the span in a hold; input_tolerance: changes of "
-        "the input that are noise, estimated; shortest hold in seconds; "
-        "subtract_drift=yes: a drift of the sensor that holds show.",
+        "the input that are noise, estimated; shortest hold in seconds.",
     ),
 ]
 _Keep = Annotated[

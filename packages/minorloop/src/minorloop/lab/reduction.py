@@ -24,7 +24,7 @@ from minorloop.files import PathLike, check_writable, table_text, write_atomical
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.faults import Fault, codes, input_without_spikes, listed, usable, without_spikes
 from minorloop.lab.gaps import known_memory
-from minorloop.lab.holds import FoundHold, SensorDrift, find_drift, find_holds, turning_points
+from minorloop.lab.holds import FoundHold, find_holds, turning_points
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
 from minorloop.lab.timebase import GAP
@@ -74,8 +74,7 @@ class ReducedPoint:
     end: float = np.nan
     """Output at the end of the hold, not extrapolated."""
     common_sd: float = np.nan
-    """Standard deviation of the conversion, and of a drift that was subtracted: an error that the
-    points have in common."""
+    """Standard deviation of the conversion: an error that the points have in common."""
     known: bool = True
     """Whether the memory is known; after a break it is not, until the input has made it known."""
 
@@ -92,8 +91,6 @@ class Reduction(Drawn):
     """What else was found and what to do about it, one sentence each."""
     log: Record
     """The log with the output converted; NaN where a reading cannot be used."""
-    drift: SensorDrift | None = None
-    """Drift of the sensor, if there is one and it was not subtracted."""
 
     def __len__(self) -> int:
         return len(self.points)
@@ -126,7 +123,7 @@ class Reduction(Drawn):
     @property
     def remedy(self) -> str:
         """What to do about holds that have not settled."""
-        return _remedy(self.log, [p for p in self.points if p.verdict == "unsettled"], self.drift)
+        return _remedy(self.log, [p for p in self.points if p.verdict == "unsettled"])
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -197,7 +194,6 @@ def reduce(
     tolerance: float | None = None,
     input_tolerance: float | None = None,
     shortest: float = 0.0,
-    subtract_drift: bool = False,
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
 
@@ -219,9 +215,6 @@ def reduce(
         Changes of the input up to this size are noise; estimated if not given.
     shortest : float
         Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
-    subtract_drift : bool
-        Whether to subtract a drift of the sensor, if the holds show one, from its first sample on.
-        Otherwise no hold counts as settled that the drift moves by more than the tolerance.
 
     Raises
     ------
@@ -261,25 +254,18 @@ def reduce(
             "sensor; sd contains it: averaging does not reduce it where the noise is less"
         )
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
-    drift = find_drift(log.t, log.y, holds, 1 / _WINDOW)
-    if drift is not None:
-        faults.append(_drifting(drift, log, subtract_drift))
-        if subtract_drift:
-            since = log.t - log.t[0]
-            log = log.replace(y=log.y - drift.rate * since)
-            common, drift = np.hypot(common, drift.sd * since), None
     known, bridged = _known(record, u, holds)
     points = [
         replace(point, known=bool(known[point.stop - 1]))
-        for point in _points(log, holds, common, tolerance, values, drift)
+        for point in _points(log, holds, common, tolerance, values)
     ]
     if not any(np.isfinite(point.value) for point in points):
         raise RecordError(
             f"none of the {len(holds)} holds has a usable output: "
             + ("; ".join(map(str, faults)) or "the output was not measured there")
         )
-    advice = (*notes, *bridged, *_advice(log, points, drift))
-    return Reduction(tuple(points), tuple(faults), advice, log, drift)
+    advice = (*notes, *bridged, *_advice(log, points))
+    return Reduction(tuple(points), tuple(faults), advice, log)
 
 
 def _check(record: Record, tolerance: float | None, shortest: float) -> None:
@@ -370,22 +356,6 @@ def _known(record: Record, u: FloatArray, holds: list[FoundHold]) -> tuple[BoolA
     return known_memory(u, check.breaks[hiding]), [note] * bool(within)
 
 
-def _drifting(drift: SensorDrift, log: Record, subtracted: bool) -> Fault:
-    count, clock = (3600.0, "hour") if log.timed else (1.0, "sample")
-    unit = f" {log.output.unit}" if log.output.unit else ""
-    return Fault(
-        "drift",
-        (),
-        drift.rate,
-        f"the sensor drifts by {count * drift.rate:.3g} +- {count * drift.sd:.1g}{unit} per "
-        f"{clock}, {abs(drift.share):.1%} of range along the record: the holds end with this slope "
-        "whichever way the output went before",
-        "it was subtracted; let the sensor warm up before the next log"
-        if subtracted
-        else "let the sensor warm up and measure again, or subtract it (subtract_drift)",
-    )
-
-
 def _too_few(u: FloatArray) -> str:
     """Return a sentence if an input has holds of too few samples to be found, otherwise ""."""
     counts = [hold.end - hold.begin for hold in find_holds(u, fewest=_SHORTEST)]
@@ -412,7 +382,6 @@ def _points(
     common: FloatArray,
     tolerance: float | None,
     values: FloatArray,
-    drift: SensorDrift | None,
 ) -> list[ReducedPoint]:
     steps = np.diff(log.t)
     interval = float(np.median(steps[steps > 0]))
@@ -424,8 +393,6 @@ def _points(
         if hold is not None:
             slope = change / _duration(log.t, hold, interval) if tolerance is None else tolerance
             point = _judged(log, hold, common, slope, interval)
-            if drift is not None and abs(drift.rate) > slope and point.verdict != "unread":
-                point = replace(point, value=point.end, sd=np.nan, verdict="unsettled")
             rounding = _rounding(values, point.value)
             points.append(replace(point, sd=float(np.hypot(point.sd, rounding))))
     return points
@@ -518,10 +485,8 @@ def _listed(numbers: list[int]) -> str:
     return f"hold {', '.join(map(str, numbers[:8]))}" + (", ..." if len(numbers) > 8 else "")
 
 
-def _remedy(log: Record, points: list[ReducedPoint], drift: SensorDrift | None) -> str:
+def _remedy(log: Record, points: list[ReducedPoint]) -> str:
     """Return what to do about holds that have not settled."""
-    if drift is not None:
-        return "the sensor drifts, so that they never do: subtract the drift (subtract_drift)"
     counts = [np.count_nonzero(np.isfinite(log.y[p.begin : p.stop])) for p in points]
     usual = float(np.median(counts)) if counts else ENOUGH
     if usual >= ENOUGH:
@@ -532,7 +497,7 @@ def _remedy(log: Record, points: list[ReducedPoint], drift: SensorDrift | None) 
     )
 
 
-def _advice(log: Record, points: list[ReducedPoint], drift: SensorDrift | None) -> list[str]:
+def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
     holds = [point for point in points if point.verdict != "passed"]
     unsettled, unread = (
         [k for k, point in enumerate(holds, 1) if point.verdict == verdict]
@@ -543,7 +508,7 @@ def _advice(log: Record, points: list[ReducedPoint], drift: SensorDrift | None) 
         notes.append(
             f"{len(unsettled)} of {len(holds)} holds did not settle ({_listed(unsettled)}): an "
             "output that has not settled is left out, and its input drives the memory only; "
-            f"{_remedy(log, [holds[k - 1] for k in unsettled], drift)}, or keep them all the same "
+            f"{_remedy(log, [holds[k - 1] for k in unsettled])}, or keep them all the same "
             "(--keep-unsettled)"
         )
     if unread:
