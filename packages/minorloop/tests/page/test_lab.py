@@ -8,6 +8,7 @@ from starlette.requests import Request
 
 from minorloop import modelfile
 from minorloop.operators.preisach import Preisach
+from minorloop.page import lab as lab_page
 from minorloop.page.auth import Authentication
 from minorloop.page.lab import LabPage, _name, application
 from minorloop.page.uploads import Quota
@@ -183,14 +184,14 @@ class Page:
         return Request(scope, self.receive)
 
 
-LARGE = b"x" * 2000
+FILE = b"x" * 2000
 
 
 def at_work(work, **quota):
     """The result of some work with a lab whose two pools a test controls."""
 
     async def run():
-        lab = LabPage(workers=2, quota=Quota(**{"small": 1000, "file": 4000, **quota}))
+        lab = LabPage(workers=2, quota=Quota(**{"file": 4000, **quota}))
         lab._workers, lab._quick = Pool(), Pool()
         await lab.start()
         try:
@@ -217,60 +218,32 @@ def files(scratch):
     return [path.name for path in scratch.glob("*/*/*")]
 
 
-def test_a_small_file_waits_for_no_large_one(scratch):
+def test_requests_on_their_way_are_counted(scratch, monkeypatch):
+    monkeypatch.setattr(lab_page, "_MOST_JOBS", 2)
+
     async def work(lab):
-        large = [asyncio.create_task(lab._drop(Page(LARGE).request())) for _ in range(5)]
-        await until(lambda: lab._workers.asked)
-        lab._quick.free.set()
-        answer = await lab._drop(Page(b"small").request())
-        assert len(lab._workers.asked) == 1  # the other worker is left to small files
-        assert not any(each.done() for each in large)
-        lab._workers.free.set()
-        return [answer, *await asyncio.gather(*large)]
-
-    assert [answer.status_code for answer in at_work(work)] == [200] * 6
-
-
-def test_large_files_on_their_way_are_counted(scratch):
-    async def work(lab):
-        waiting = [Page(LARGE[:-1], LARGE[-1:]) for _ in range(3)]
+        waiting = [Page(FILE[:-1], FILE[-1:]) for _ in range(3)]
         first = [asyncio.create_task(lab._drop(page.request())) for page in waiting[:2]]
-        await until(lambda: lab._workers.asked)
+        await until(lambda: lab._quick.asked)
         refused = await lab._drop(waiting[2].request())
-        lab._workers.free.set()
+        lab._quick.free.set()
         await asyncio.gather(*first)
         return refused
 
-    refused = at_work(work, large=2)
+    refused = at_work(work)
     assert refused.status_code == 503
     assert "lab is busy" in json.loads(refused.body)["error"]
 
 
 def test_what_has_no_room_is_refused_before_it_comes(scratch):
     async def work(lab):
-        page = Page(LARGE)
+        page = Page(FILE)
         return await lab._drop(page.request()), page.parts
 
     refused, unread = at_work(work, disk=1024)
     assert refused.status_code == 507
-    assert unread == [LARGE]
+    assert unread == [FILE]
     assert files(scratch) == []
-
-
-def test_a_file_that_was_abandoned_while_it_waited_is_never_begun(scratch):
-    async def work(lab):
-        first, second = Page(LARGE), Page(LARGE)
-        served = asyncio.create_task(lab._drop(first.request()))
-        await until(lambda: lab._workers.asked)
-        abandoned = asyncio.create_task(lab._drop(second.request()))
-        await until(lambda: len(files(scratch)) == 2)
-        second.gone.set()
-        await abandoned
-        lab._workers.free.set()
-        await served
-        return lab._workers.asked
-
-    assert at_work(work) == ["look"]
 
 
 def test_a_page_that_goes_ends_its_identification(scratch):
@@ -296,7 +269,7 @@ def test_a_page_that_goes_ends_its_identification(scratch):
 
 def test_half_a_file_leaves_nothing(scratch):
     async def work(lab):
-        page = Page(LARGE[:500], b"", length=len(LARGE))
+        page = Page(FILE[:500], b"", length=len(FILE))
         page.parts[1:] = []
         receive = page.receive
 
@@ -315,6 +288,6 @@ def test_half_a_file_leaves_nothing(scratch):
 
 def test_a_body_longer_than_announced_is_refused(scratch):
     async def work(lab):
-        return await lab._drop(Page(LARGE, LARGE, LARGE, length=10).request())
+        return await lab._drop(Page(FILE, FILE, FILE, length=10).request())
 
     assert at_work(work).status_code == 413

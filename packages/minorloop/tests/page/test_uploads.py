@@ -10,7 +10,7 @@ from minorloop.page.lab import LabPage
 from minorloop.page.uploads import FullError, Quota, Uploads
 
 MIB = 1024**2
-QUOTA = Quota(disk=40 * MIB, files=4, small=MIB, file=8 * MIB)
+QUOTA = Quota(disk=30 * MIB + 1000, files=4, file=8 * MIB)
 
 
 @pytest.fixture(autouse=True)
@@ -52,9 +52,8 @@ def test_uploads_are_kept_and_removed_with_the_server(scratch):
 def test_unfinished_uploads_count(monkeypatch):
     async def work(found):
         await found.add("one.csv", 8 * MIB)
-        with pytest.raises(FullError, match=r"at most 4 files and 40 MiB"):
+        with pytest.raises(FullError, match=r"at most 4 files and 30 MiB"):
             await found.add("two.csv", 8 * MIB)
-        await found.add("small.csv", 1000)  # a part is kept free for small files
 
     kept(work)
 

@@ -33,8 +33,6 @@ _LONGEST_NAME = 120
 """Bytes of the name under which a file is kept; systems allow 255."""
 _MOST_JOBS = 32
 """Requests that may compute or wait at once."""
-_AT_ONCE = 4
-"""Large files that may be received at once."""
 _PAUSE, _WHOLE = 10.0, 600.0
 """Most seconds without a byte, and for a whole body."""
 
@@ -113,8 +111,8 @@ def _answered(work: Callable[[Any, Request], Awaitable[Response]]) -> Any:
 class LabPage:
     """Uploaded files and the workers that compute with them.
 
-    ``workers`` are the simultaneous computations; of two or more, one is kept free for small files.
-    Uploads are kept in ``folder``; in the system's folder for temporary files without it.
+    ``workers`` are the simultaneous identifications; another one answers what is quick. Uploads are
+    kept in ``folder``; in the system's folder for temporary files without it.
     """
 
     def __init__(
@@ -122,11 +120,9 @@ class LabPage:
     ) -> None:
         self._quota = quota = quota or Quota()
         limited = partial(Workers, memory=quota.memory, file=quota.result)
-        self._workers, self._quick = limited(workers), limited(1, longest=20.0)
+        self._workers, self._quick = limited(workers), limited(1, longest=60.0)
         self._uploads = Uploads(quota, folder)
-        self._jobs, self._large = 0, 0
-        self._reading = asyncio.Semaphore(_AT_ONCE)
-        self._for_large = asyncio.Semaphore(max(workers - 1, 1))
+        self._jobs = 0
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of the lab page."""
@@ -162,7 +158,7 @@ class LabPage:
     async def _drop(self, request: Request) -> Response:
         """Receive a file and describe its columns."""
         size = _length(request, self._quota.file)
-        with self._job(size):
+        with self._job():
             upload = await self._received(request, size)
             described = await self._described(request, upload)
         return JSONResponse({"user": upload.key, **described})
@@ -172,10 +168,7 @@ class LabPage:
         name = _name(request.query_params.get("name", ""))
         upload = await self._uploads.add(name, size)
         try:
-            async with contextlib.AsyncExitStack() as stack:
-                if size > self._quota.small:
-                    await stack.enter_async_context(self._reading)
-                stack.enter_context(upload.in_use())
+            with upload.in_use():
                 await self._uploads.write(upload, _chunks(request, self._quota.file))
         except BaseException:
             await self._uploads.remove(upload)
@@ -195,12 +188,8 @@ class LabPage:
         return found
 
     async def _look(self, upload: Upload) -> dict[str, Any]:
-        options = {"folder": str(upload.folder), "name": upload.name}
         with upload.in_use():
-            if not self._is_large(upload):
-                return await self._quick.ask("look", **options)
-            async with self._for_large:
-                return await self._workers.ask("look", **options)
+            return await self._quick.ask("look", folder=str(upload.folder), name=upload.name)
 
     @_answered
     async def _identify(self, request: Request) -> Response:
@@ -216,13 +205,7 @@ class LabPage:
     async def _identified(self, upload: Upload, choice: dict[str, Any]) -> AsyncIterator[bytes]:
         options = {"folder": str(upload.folder), "name": upload.name, **choice}
         try:
-            async with contextlib.AsyncExitStack() as stack:
-                stack.enter_context(upload.in_use())
-                stack.enter_context(self._job(upload.length))
-                if self._is_large(upload):
-                    if self._for_large.locked():
-                        yield _line({"stage": "waiting for other large files"})
-                    await stack.enter_async_context(self._for_large)
+            with upload.in_use(), self._job():
                 async for report in self._workers.run("identify_file", **options):
                     yield _line(report)
         except _RefusedError as error:
@@ -234,7 +217,7 @@ class LabPage:
         task = request.url.path.rsplit("/", 1)[-1]
         upload = self._upload(request)
         options = msgspec.structs.asdict(await _decoded(request, _asked[task]))
-        with upload.in_use(), self._job(0):
+        with upload.in_use(), self._job():
             found = await self._quick.ask(task, folder=str(upload.folder), **options)
         if "error" in found:
             raise _RefusedError(found["error"])
@@ -254,20 +237,16 @@ class LabPage:
             raise _RefusedError("this file was removed; drop it again", status)
         return upload
 
-    def _is_large(self, upload: Upload) -> bool:
-        return upload.length > self._quota.small
-
     @contextlib.contextmanager
-    def _job(self, size: int) -> Iterator[None]:
-        """Count a job while it runs or waits; there is a separate limit for large files."""
-        large = int(size > self._quota.small)
-        if self._jobs >= _MOST_JOBS or self._large + large > self._quota.large:
+    def _job(self) -> Iterator[None]:
+        """Count a job while it runs or waits."""
+        if self._jobs >= _MOST_JOBS:
             raise _RefusedError("the lab is busy; try again in a minute", 503)
-        self._jobs, self._large = self._jobs + 1, self._large + large
+        self._jobs += 1
         try:
             yield
         finally:
-            self._jobs, self._large = self._jobs - 1, self._large - large
+            self._jobs -= 1
 
 
 def application(authentication: Authentication, lab: LabPage) -> Starlette:

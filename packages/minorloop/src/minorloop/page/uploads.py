@@ -42,15 +42,10 @@ class Quota:
     """Bytes of all, with those that their results may have."""
     files: int = 64
     """Number of all."""
-    small: int = 1024**2
-    """Bytes up to which a file is small; a quarter of the disk and of the number is kept free for
-    small files, and large ones do not delay them."""
     result: int = 5 * 1024**2 // 2
     """Bytes of each result of a file, which a worker cannot exceed."""
     memory: int = 2 * 1024**3
     """Bytes of memory of each worker, which it cannot exceed."""
-    large: int = 16
-    """Large files that may be received, read or identified at the same time."""
     kept: float = 4 * 3600.0
     """Seconds without use after which a file is removed."""
     spared: float = 60.0
@@ -185,8 +180,7 @@ class Uploads:
     def _has_room(self, size: int) -> bool:
         quota, counted = self.quota, [*self._all.values(), *self._leaving]
         taken, count = sum(each.size for each in counted), len(counted)
-        share = 1.0 if size <= quota.small else 0.75
-        return taken + size + self._reserved <= share * quota.disk and count < share * quota.files
+        return taken + size + self._reserved <= quota.disk and count < quota.files
 
     async def _on_disk(self, work: Callable[..., _T], *options: Any) -> _T:
         return await asyncio.get_running_loop().run_in_executor(self._disk, work, *options)
