@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._completion import addresses, one_of
 from minorloop.cli._run_progress import carry_out_levels
 from minorloop.errors import OutputError, ParameterError
 from minorloop.values import called, parsed
@@ -41,7 +40,6 @@ _Address = Annotated[
         show_default=False,
         help="Address of the head, such as bench:head.toml, see minorloop devices; or a simulated "
         "one: twin:head, or twin:pipe, which has a camera.",
-        autocompletion=one_of(addresses),
     ),
 ]
 _Seeing = Annotated[
@@ -408,7 +406,6 @@ def sweep(
         typer.Option(
             show_default=False,
             help="Its address: twin:pipe, the only head with a probe.",
-            autocompletion=one_of(["twin:pipe"]),
         ),
     ],
     out: Annotated[

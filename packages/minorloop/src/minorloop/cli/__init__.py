@@ -12,7 +12,6 @@ import typer.main
 
 from minorloop.cli import (
     _common,
-    _completion,
     demo,
     devices,
     drive,
@@ -111,7 +110,6 @@ def main(
         # A unit or a file name that the terminal cannot show must not end the program.
         sys.stdout.reconfigure(errors="backslashreplace")
     _common.expect_json("--json" in given)
-    _completion.join_words()
     try:
         command = parser()
         status = int(command(given or ["--help"], prog_name=name, standalone_mode=False) or 0)

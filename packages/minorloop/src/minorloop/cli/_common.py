@@ -18,7 +18,6 @@ import typer
 
 from minorloop import values
 from minorloop.cli._compilation import compilation_said
-from minorloop.cli._completion import addresses, one_of
 from minorloop.errors import MinorloopError, OutputError, ParameterError, all_done
 
 if TYPE_CHECKING:
@@ -83,7 +82,6 @@ Start = Annotated[
     str,
     typer.Option(
         help="Memory before the first row: negative, positive or demagnetised.",
-        autocompletion=one_of(("negative", "positive", "demagnetised")),
     ),
 ]
 Address = Annotated[
@@ -92,7 +90,6 @@ Address = Annotated[
         show_default=False,
         help="Its address, such as bench:bench.toml or twin:ipmc; a twin may have options, as "
         "twin:ipmc,specimen=3,noise=0.05,seed=4. See minorloop devices.",
-        autocompletion=one_of(addresses),
     ),
 ]
 Input = Annotated[

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError
 from minorloop.values import TextValue, called, ends, merged, parsed, plain
 
@@ -47,7 +46,6 @@ LawOption = Annotated[
     typer.Option(
         "--law",
         metavar="[KIND:]KEY=VALUE,...",
-        autocompletion=one_of(tuple(f"{kind}:" for kind in _LAWS)),
         help="plane: levels (bands, 250 at most), spacing (uniform or adaptive), relay (bipolar, "
         "unipolar), diagonal (uniform, reversible), slope (a linear part), lag (rows, or seconds "
         "as '3 ms'), signed (negative weights, for butterfly loops), offset; yes, no and auto "
@@ -61,7 +59,6 @@ PriorOption = Annotated[
     str,
     typer.Option(
         "--prior",
-        autocompletion=one_of(_PRIORS),
         help="gaussian, smooth[:strength=X] (0 for none), or auto (gaussian where it "
         "is quick, or where samples are few or leave much of the plane open).",
     ),

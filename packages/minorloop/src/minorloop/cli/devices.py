@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._completion import addresses, one_of
 
 NAME = "devices"
 EXAMPLE = "minorloop devices bench:bench.toml"
@@ -20,7 +19,6 @@ def run(
         typer.Argument(
             show_default=False,
             help="Actuators and others to open, make safe and read; what there is without any.",
-            autocompletion=one_of(addresses),
         ),
     ] = None,
     as_json: _common.Json = False,

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError, counted
 from minorloop.files import check_name
 from minorloop.values import as_duration, called, numbers, parsed
@@ -50,7 +49,6 @@ def run(
             "periods are measured, five of the slowest time constants; three periods at least), "
             "measured (periods, 2), samples (of a period, 240) and tick (of the bench in seconds: "
             "frequencies are rounded to whole ticks).",
-            autocompletion=one_of([*_PATTERNS, _SINES]),
         ),
     ],
     low: Annotated[

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._completion import one_of
 from minorloop.errors import RecordError
 from minorloop.values import called, ends, parsed
 
@@ -16,7 +15,6 @@ EXAMPLE = (
     'minorloop reduce log.csv --input "voltage [V]" --output distance '
     "--convert laser:20,15,0.02,0.05 --save points.csv --report reduced.html"
 )
-_SIDES = ("output", "input", "both")
 
 _Log = Annotated[Path, typer.Argument(help="Raw log: samples of input and sensor.")]
 _Input = Annotated[str, typer.Option(help="Column of the input, such as 'voltage [V]'.")]
@@ -24,7 +22,7 @@ _Output = Annotated[str, typer.Option(help="Column of the sensor; an empty cell:
 _Flip = Annotated[
     str | None,
     typer.Option(
-        help="Change the sign of the output, the input or both.", autocompletion=one_of(_SIDES)
+        help="Change the sign of the output, the input or both.",
     ),
 ]
 _Holds = Annotated[

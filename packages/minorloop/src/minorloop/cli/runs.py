@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._completion import one_of
 from minorloop.cli._measured import sampling
 from minorloop.cli._run_progress import said_left, time_left
 from minorloop.errors import ParameterError, StoreError
@@ -35,7 +34,6 @@ def run(
             show_default=False,
             help="list (one line for each store), show (its points), or export (one row for each "
             "point, or sample of a sine).",
-            autocompletion=one_of(_ACTIONS),
         ),
     ],
     store: Annotated[
