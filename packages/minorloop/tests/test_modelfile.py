@@ -247,17 +247,6 @@ def test_refuses_numbers_that_are_not_finite(number, content, path):
         load(path)
 
 
-@pytest.mark.parametrize("key", ["lag", "offset", "name"])
-def test_refuses_a_key_that_is_there_twice(key, path):
-    save(Preisach([0.0, 1.0], [[1.0]]), path)
-    text = path.read_text()
-    start = text.index(f'"{key}"')
-    again = text[start : text.index(",", start) + 1]
-    path.write_text(text[:start] + again + text[start:])
-    with pytest.raises(ModelFileError, match=f"it has the key '{key}' twice"):
-        load(path)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

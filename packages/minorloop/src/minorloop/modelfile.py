@@ -52,11 +52,9 @@ bands have version 3, others with warnings version 2, and all others version 1.
 
 from __future__ import annotations
 
-import json
 import os
 import stat
 import warnings as _warnings
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -562,7 +560,6 @@ def read(path: PathLike) -> ModelFile:
     _check_header(path, data)
     try:
         content = msgspec.json.decode(data, type=Content)
-        _check_repeats(data)
         if content.version != _version(content.bands is not None, bool(content.warnings)):
             raise ParameterError(
                 "a file with bands has version 3, another one with warnings 2, all others 1"
@@ -624,20 +621,6 @@ def _check_words(provenance: Provenance) -> None:
         check_name(f"the {what} of the provenance", text or "")
     for name in provenance.scores:
         check_name("the score", name)
-
-
-def _check_repeats(data: bytes) -> None:
-    """Refuse an object that has a key twice: readers differ in which of the two they use."""
-    number: Any = float  # whole numbers may have more digits than int() takes
-    json.loads(data.decode(), object_pairs_hook=_once, parse_int=number)
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    known = dict(pairs)
-    if len(known) < len(pairs):
-        twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
-        raise ParameterError(f"it has the key {twice!r} twice; keep one of the two")
-    return known
 
 
 def _flood(data: bytes) -> str:

@@ -47,13 +47,6 @@ def test_a_reversible_diagonal_is_chosen_where_small_loops_have_no_area():
     assert identify(u, y, Plane(LEVELS, diagonal="auto")).model.diagonal == "reversible"
 
 
-def test_relays_are_compared_without_an_offset_only():
-    u, y = a_record(300)
-    assert identify(u, y, Plane(5, relay="auto")).choices == ()
-    (choice,) = identify(u, y + 10, Plane(5, relay="auto", offset=False)).choices
-    assert "relays" in choice.chosen
-
-
 def test_rows_of_one_group_are_compared_in_contiguous_parts(monkeypatch):
     monkeypatch.setattr(choosing, "_MOST_ROWS", 150)
     u, y = a_record(300)

@@ -233,8 +233,7 @@ def _first(record: FitRecord) -> FitRecord:
 def structure(spec: PlaneSpec) -> str:
     """Return the structure of a plane in words."""
     slope = " with slope" if spec.slope else ""
-    relay = "" if spec.offset else f", {spec.relay} relays"
-    return f"{spec.diagonal} diagonal{slope}{relay}"
+    return f"{spec.diagonal} diagonal{slope}"
 
 
 def _choose_lag(

@@ -187,7 +187,6 @@ def _coarse(plane: Plane) -> Plane:
     return replace(
         plane,
         levels=_BANDS if bands == "auto" or bands > _BANDS else levels,  # type: ignore[operator]
-        relay="bipolar" if plane.relay == "auto" else plane.relay,
         diagonal="reversible" if plane.diagonal == "auto" else plane.diagonal,
         slope=False if plane.slope == "auto" else plane.slope,
         spacing="uniform",

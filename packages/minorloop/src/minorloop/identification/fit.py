@@ -57,7 +57,7 @@ class Plane:
     levels: int | npt.ArrayLike | Literal["auto"] = "auto"
     """Number of bands, over the range of the input, or the (L + 1,) thresholds themselves.
     ``"auto"`` compares 25 and 50 bands, where there are samples for so many."""
-    relay: Relay | Literal["auto"] = "bipolar"
+    relay: Relay = "bipolar"
     """As in `Preisach`."""
     diagonal: Diagonal | Literal["auto"] = "auto"
     """As in `Preisach`."""
@@ -98,7 +98,7 @@ class Plane:
         """
         inputs, outputs, coded = record.checked
         check_option("spacing", self.spacing, ("uniform", "adaptive"))
-        check_option("relay", self.relay, (*RELAYS, "auto"))
+        check_option("relay", self.relay, RELAYS)
         check_option("diagonal", self.diagonal, ("uniform", "reversible", "auto"))
         slope = False if self.slope == "auto" else self.slope
         checks.check_flags(slope=slope, signed=self.signed, offset=self.offset)
@@ -150,24 +150,20 @@ class Plane:
     def structures(self, levels: Levels) -> list[PlaneSpec]:
         """Return the structures to compare, the simplest first.
 
-        With an offset, both kinds of relays predict the same. A reversible diagonal contains the
-        slope within the levels.
+        A reversible diagonal contains the slope within the levels.
 
         Parameters
         ----------
         levels
             Thresholds (L + 1,).
         """
-        relays: list[Any] = [self.relay]
-        if self.relay == "auto":
-            relays = ["bipolar"] if self.offset else list(RELAYS)
         diagonals: list[Any] = [self.diagonal]
         if self.diagonal == "auto":
             diagonals = ["uniform", "reversible"]
         slopes = [False, True] if self.slope == "auto" else [bool(self.slope)]
         return [
-            PlaneSpec(levels, kind, shape, bool(self.offset), linear)
-            for kind, shape, linear in product(relays, diagonals, slopes)
+            PlaneSpec(levels, self.relay, shape, bool(self.offset), linear)
+            for shape, linear in product(diagonals, slopes)
             if not (linear and self.slope == "auto" and shape == "reversible")
         ]
 
