@@ -44,8 +44,6 @@ _LATE = 0.19e-6
 _LATE_SURE, _EARLY_SURE, _EARLY_SHARE = 4.0, 5.0, 1e-3
 """Largest residual of a hole late and early, in deviations of the noise (at most 3.7 late in 50
 scans of holes); and the share of the missing echo that chamfered edges may return early."""
-_DEEPER_DEPTHS: FloatArray = np.arange(1.26e-3, 1.6e-3, 0.01e-3)
-"""Depths in metres that are not measured, but whose echoes lie in the window of the fit."""
 _DETECTED, ABSENT, UNDECIDED = "detected", "absent", "undecided"
 _WINDOWS = ((1.6e-6, 1.3e-3, 2.7e-3), (3.2e-6, 2.6e-3, 4.1e-3))
 """Start of each later window, in seconds after the usual one, and its range of depths in metres."""
@@ -297,7 +295,7 @@ def _if_deeper(fit: JointFit, best: JointSolution, verdict: str, bursts: Sequenc
     if verdict in (NO_PIT, _FAINT):
         return verdict
     gain = best.unknowns[4]
-    if verdict != HOLE and (best.unknowns[3] > DEEPEST or _fits_deeper(fit, best)):
+    if verdict != HOLE and best.unknowns[3] > DEEPEST:
         return DEEPER
     strange = best.cost > STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
     if verdict == HOLE or not _UNEVEN <= gain <= _LOUDEST or strange:
@@ -306,17 +304,6 @@ def _if_deeper(fit: JointFit, best: JointSolution, verdict: str, bursts: Sequenc
             return DEEPER
         return SILENT if verdict == HOLE and floor == UNDECIDED else verdict
     return verdict
-
-
-def _fits_deeper(fit: JointFit, best: JointSolution) -> bool:
-    """Return whether the floor found, or a flat one, fits better beyond the depths measured."""
-    flat = best.unknowns.copy()
-    flat[4:] = [1.0, 0.0, 0.0, 0.0]
-    near = best.unknowns[3] > _NEAR_DEEPEST
-    return any(
-        fit.sweep(unknowns, _DEEPER_DEPTHS).min() < best.cost
-        for unknowns in ([best.unknowns, flat] if near else [best.unknowns])
-    )
 
 
 def _with_outline_of_camera(fit: JointFit, best: JointSolution) -> JointSolution:
