@@ -118,10 +118,6 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
         (f"{IDENTIFY} --head model.json", "not a valid file of a head"),
         ("head drive targets.csv --head none.json --actuator twin:head", "there is no file"),
         (
-            "head drive targets.csv --head none.json --actuator twin:head --pan tilt",
-            "--pan and --tilt are both 'tilt'",
-        ),
-        (
             "head identify --actuator twin:head --store other.json --head new.json",
             "--store is other.json, a file; give the name of a folder",
         ),
@@ -649,22 +645,6 @@ def test_an_inspection_prints_its_tables_and_the_notes_of_an_error(run, script, 
     assert (status, "0 findings in 0 views; interrupted; " in error) == (130, True)
     for places, words in (("-1", "--advances has -1; give 0 to"), ("5,5", "each place once")):
         assert words in run(f"{command} more --advances {places}")[2]
-    search_again(run)
-
-
-def search_again(run):
-    """Search the pictures of an inspection again by its journal."""
-    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
-    # The last line was cut when the program was killed.
-    Path("found/journal.jsonl").write_text("".join(lines[:-1]) + lines[-1][:20])
-    again = "inspect found/pictures --poses found/journal.jsonl"
-    for known in ("--head head.json", "--lens 200 --radius 10"):
-        status, out, error = run(f"{again} {known} --json")
-        assert (status, json.loads(out)["pictures"]) == (1, 8), error
-    for text in ("nonsense", '{"what": "begin"}\n', '{"what": "view", "picture": "a"}\n'):
-        Path("bad.jsonl").write_text(text)
-        status, _, error = run("inspect found/pictures --poses bad.jsonl --head head.json")
-        assert (status, "bad.jsonl" in error, error.count("\n")) == (2, True, 1), error
 
 
 def test_an_inspection_that_was_begun_with_a_calibration_is_not_resumed_without(run):

@@ -234,8 +234,6 @@ def drive(
     file: _common.DataFile,
     head: _File,
     actuator: _Address,
-    pan: Annotated[str, typer.Option(help="Column of the wanted pan, in deg.")] = "pan",
-    tilt: Annotated[str, typer.Option(help="Column of the wanted tilt, in deg.")] = "tilt",
     hold: Annotated[float, _common.number_option("Seconds for each target.")] = 8.0,
     camera: _Seeing = None,
     specimen: _Specimen = None,
@@ -247,6 +245,7 @@ def drive(
 ) -> None:
     """Bring both axes of a head to targets under control, one row after the other.
 
+    The table has the columns pan and tilt, in deg.
     Faults of the readings are named with their times. An angle whose readings were not used is
     that of the model, and is marked so. The exit status is 1 if a target was not reached within
     5 % of the reach of its wire, was not held still within as much, or is not confirmed by used
@@ -262,15 +261,14 @@ def drive(
         show_drive,
         show_warnings,
     )
+    from minorloop_head.geometry import AXES
     from minorloop_head.procedures.head_file import read_head
     from minorloop_head.procedures.identify import check_head
     from minorloop_head.procedures.steer import check_targets, steer
 
-    if pan == tilt:
-        raise ParameterError(f"--pan and --tilt are both {pan!r}; name a column for each")
     _common.check_outputs([save], inputs=[file, head], force=force)
     known = read_head(head)
-    columns = [read_column(file, name, "deg", "a head is driven") for name in (pan, tilt)]
+    columns = [read_column(file, name, "deg", "a head is driven") for name in AXES]
     opened: Any = partial(_common.connected, actuator, noise=noise)
     seen = _seen(actuator, camera, noise)
     control = known.control(by_camera=seen)

@@ -68,8 +68,7 @@ def run(
         typer.Option(
             help=_common.plain(
                 "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
-                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning. "
-                "Or the journal.jsonl of an inspection, whose pictures are searched."
+                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning."
             )
         ),
     ] = None,
@@ -90,7 +89,7 @@ def run(
 
     if (head is None) == (lens is None):
         raise ParameterError("give either --head with the file of a head, or --lens and --radius")
-    known = _poses(poses, pan, tilt, joints=head is not None)
+    known = _poses(poses, pan, tilt)
     with _common.working(f"inspecting {source}", logged=True) as now:
         content = inspect_pictures(
             source,
@@ -161,14 +160,8 @@ def _view(
     )
 
 
-def _poses(
-    file: Path | None, pan: float | None, tilt: float | None, *, joints: bool
-) -> Iterator[PicturePose] | dict[str, PicturePose]:
-    """Return the poses of the pictures as given, one after the other; NaN is along the pipe.
-
-    Those of a journal are returned by the names of the pictures; it has both what the ``joints``
-    read and the line of sight.
-    """
+def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator[PicturePose]:
+    """Return the poses of the pictures as given, one after the other; NaN is along the pipe."""
     from minorloop.lab.columns import read_columns, read_headers
     from minorloop_head.procedures.pictures import PicturePose
 
@@ -179,8 +172,6 @@ def _poses(
         given = (math.nan if value is None else math.radians(value) for value in (pan, tilt))
         return repeat(PicturePose(**dict(zip(("pan", "tilt"), given, strict=True))))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
-    if file.suffix == ".jsonl":
-        return _journalled(file, joints=joints)
     headers = [header for header in read_headers(file) if header in wanted]
     if not {"pan [deg]", "tilt [deg]"} <= set(headers):
         raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
@@ -196,24 +187,6 @@ def _poses(
 def _unit(header: str) -> float:
     """Return the unit of a column of poses in metres or radians."""
     return _MM if header.endswith("[mm]") else math.radians(1.0)
-
-
-def _journalled(file: Path, *, joints: bool) -> dict[str, PicturePose]:
-    """Return the poses in the journal of an inspection, by the names of its pictures.
-
-    A line that was not written to its end, as when the program was killed, is left out.
-    """
-    from minorloop_head.inspection.journal import journal_lines
-    from minorloop_head.inspection.lines import ViewLine
-    from minorloop_head.procedures.pictures import PicturePose
-
-    found = {}
-    for view in journal_lines(file, ViewLine):
-        pose, sight = view.pose.si(), view.sight.si()
-        found[view.picture] = PicturePose(**(pose if joints else {**pose, **sight}))
-    if not found:
-        raise RecordError(f"{file} has no views; give the journal of an inspection that has some")
-    return found
 
 
 def _check_angle(name: str, value: float) -> None:

@@ -40,7 +40,7 @@ SHOWN = 20
 def inspect_pictures(
     source: str,
     calibrated: Callable[[tuple[int, ...]], HeadCalibration],
-    poses: Iterator[PicturePose] | Mapping[str, PicturePose],
+    poses: Iterator[PicturePose],
     *,
     joints: bool = False,
     out: PathLike | None = None,
@@ -54,9 +54,8 @@ def inspect_pictures(
         A picture, a folder of pictures, or a video.
     calibrated : callable
         Returns the calibration of the camera for the shape of the first picture.
-    poses : iterator of PicturePose, or mapping
-        One for each picture, or those of some by their names; others are left out then. NaN is
-        along the pipe.
+    poses : iterator of PicturePose
+        One for each picture. NaN is along the pipe.
     joints : bool
         Whether pan and tilt are what the joints read; those of the line of sight otherwise.
     out : path, optional
@@ -86,9 +85,7 @@ def inspect_pictures(
             if view is None and frame.image.size:
                 view = calibrated(frame.image.shape)
             name = called[number] if called else f"frame {number}"
-            if isinstance(poses, Mapping) and name not in poses:
-                continue  # the journal has it as another picture's, with its findings marked
-            pose = poses[name] if isinstance(poses, Mapping) else next(poses, None)
+            pose = next(poses, None)
             if pose is None:
                 raise RecordError(
                     f"the poses have {counted(number, 'row')}, and there are more pictures; give a "

@@ -218,29 +218,6 @@ NEW = Before()
 """Of an inspection or a sweep that is not resumed."""
 
 
-def journal_lines(file: Path, kind: type[_AnyLine]) -> list[_AnyLine]:
-    """Return the lines of a kind; a last one that was not written to its end is left out.
-
-    Raises a `RecordError` if it is no journal, or such a line has an impossible value.
-    """
-    _, every = _read(file)
-    if None in every:
-        raise RecordError(
-            f"line {1 + every.index(None)} of {file} is damaged; delete it and all lines after it, "
-            "so that what they say is measured again"
-            if every[0] is not None
-            else str(_unreadable(file))
-        )
-    if not every:
-        raise _unreadable(file)
-    found = []
-    for number, line in enumerate(every, 1):
-        if line is not None and line["what"] == kind.__struct_config__.tag:
-            with refusing(f"line {number} of {file}"):
-                found.append(converted(line, kind))
-    return found
-
-
 def _read(file: Path) -> tuple[list[bytes], list[dict[str, Any] | None]]:
     """Return the lines of a journal, and each as an object, None for one that is damaged.
 
