@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minorloop.arrays import as_finite
 from minorloop.cli import _common
 from minorloop.errors import OutputError, ParameterError
 from minorloop.values import called, parsed
@@ -240,6 +239,8 @@ def _by_hand(count: int = 16, every: float = 4.0) -> Iterator[str]:
 
 
 def _check(name: str, value: float, least: float, most: float) -> None:
+    from minorloop.arrays import as_finite
+
     if not least <= as_finite(f"{name} of --plan", value) <= most:
         raise ParameterError(f"{name} of --plan is {value}; give {least:g} to {most:g}")
 
