@@ -136,7 +136,15 @@ def bouc_wen(rng: np.random.Generator) -> Plant:
 
 def magnet(rng: np.random.Generator) -> Plant:
     """Magnetisation after Jiles and Atherton, from negative saturation."""
-    a, k_pin = rng.uniform(0.05, 0.12), rng.uniform(0.05, 0.15)
+    return _magnet(rng.uniform(0.05, 0.12), rng.uniform(0.05, 0.15), rng)
+
+
+def slow_magnet(rng: np.random.Generator) -> Plant:
+    """A magnet that saturates slowly and has a wide loop."""
+    return _magnet(rng.uniform(0.12, 0.35), rng.uniform(0.1, 0.4), rng)
+
+
+def _magnet(a: float, k_pin: float, rng: np.random.Generator) -> Plant:
     c, alpha = rng.uniform(0.1, 0.4), rng.uniform(0.0, 0.05)
 
     def anhysteretic(h: float) -> float:

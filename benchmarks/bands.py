@@ -1,6 +1,6 @@
 """Coverage of 90 % bands: fresh walks, another input of a wire, and the targets of the strip.
 
-``python -m benchmarks.bands --cases 400 --seed S``. The walks are for five kinds of plant, six
+``python -m benchmarks.bands --cases 400 --seed S``. The walks are for six kinds of plant, six
 shapes of record and three noises. No plant is a Preisach operator on the levels of the fit. Each is
 fitted with ``holdout=0.3`` and predicts a random walk that is not in its record.
 """
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks._plants import Array, Plant, bouc_wen, magnet
+from benchmarks._plants import Array, Plant, bouc_wen, magnet, slow_magnet
 from benchmarks._timing import Row
 from minorloop import Gaussian, Plane, Preisach, connect, excitation, identify
 from minorloop.arrays import uniform_levels
@@ -26,7 +26,7 @@ NOISES = (1e-3, 5e-3, 2e-2)
 """Standard deviations of a reading, as shares of the range of the output."""
 FRESH = 500
 """Samples of a fresh walk."""
-CASES, SEED, SPECIMENS = 60, 1000, 10
+CASES, SEED, SPECIMENS = 72, 1000, 10
 LEAST, MOST, POOR, WIDER = 0.85, 0.97, 0.6, 1.3
 """Coverage that means need; coverage of a case below which advice must say so; half width on the
 held-out part of the record over that of the posterior alone, which was the band before."""
@@ -137,6 +137,7 @@ PLANTS: dict[str, Callable[[np.random.Generator], Plant]] = {
     "plays": plays,
     "bouc-wen": bouc_wen,
     "jiles-atherton": magnet,
+    "slow magnet": slow_magnet,
 }
 
 
@@ -196,7 +197,7 @@ def rows(
 ) -> list[Row]:
     """Measure, and return the rows of the report."""
     began = time.process_time()
-    found = [_found(a_case(one)) for one in range(seed, seed + (30 if quick else cases))]
+    found = [_found(a_case(one)) for one in range(seed, seed + (36 if quick else cases))]
     took = (time.process_time() - began) / len(found)
     report = [_walks(key, found, took) for key in ("kind", "shape", "noise")]
     poor = [one for one in found if one.coverage < POOR]

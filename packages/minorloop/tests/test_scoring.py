@@ -95,6 +95,15 @@ def test_clipped_readings_are_named():
     assert "is clipped" in str(found.advice)
 
 
+@pytest.mark.parametrize(
+    ("u", "y", "says"), [(1e-3, 1, "range of u is about 0.001"), (1, 1e3, "v [mm/s]")]
+)
+def test_another_prefix_of_a_unit_is_named(u, y, says):
+    found = score(in_file(), Record(u * U, y * Y, T, "u", "v"))
+    assert says in found.advice[0]
+    assert "times that of the model" not in str(score(in_file(), Record(U, 5 - Y, T)).advice)
+
+
 def test_an_identification_is_scored_like_its_model():
     fit = ml.identify(U, Y + 0.01 * CHANCE.normal(size=U.size), ml.Plane(5, lag=1), holdout=0.3)
     found = score(fit, Record(U, Y, T))

@@ -52,6 +52,10 @@ from minorloop.report import Picture, Report, Table
 
 AnyModel: TypeAlias = str | PathLike[str] | ModelFile | Identified | Model
 """A model file, its content, the result of an identification, or a model."""
+TIME = "time"
+"""Column of the times that a model with dynamics needs, if none is named."""
+_THOUSAND, _OTHER_UNIT = 3.0, 0.3
+"""Digits by which units with another prefix differ, and largest deviation from them."""
 _WRONG = 0.1
 """Error over the range of the output above which a model does not predict a record."""
 _LEAST = 0.005
@@ -240,8 +244,24 @@ def _wrong(score: ModelScore) -> Iterator[str]:
     if score.nrmse > _WRONG:
         yield (
             f"the error is {percent(score.nrmse)} of range, more than {_WRONG:.0%}: the model "
-            "does not predict this record"
+            f"does not predict this record{''.join(_other_units(score))}"
         )
+
+
+def _other_units(score: ModelScore) -> Iterator[str]:
+    """Name signals that differ from those of the model as by another prefix of their unit."""
+    known, levels = score.simulation.model, _levels(score.simulation.model)
+    ratios = {known.output: score.span / (float(np.ptp(score.prediction[score.scored])) or 1.0)}
+    if levels is not None:
+        ratios[known.input] = float(np.ptp(score.u)) / float(np.ptp(levels))
+    for name, ratio in ratios.items():
+        digits = np.log10(ratio) if ratio > 0 else 0.0
+        times = _THOUSAND * round(digits / _THOUSAND)
+        if times and abs(digits - times) < _OTHER_UNIT:
+            yield (
+                f"; the range of {name.name} is about {10**times:g} times that of the model: give "
+                f"its unit in the header, as {name.name} [{name.unit or 'mm'}]"
+            )
 
 
 def _outside(score: ModelScore) -> Iterator[str]:
@@ -630,8 +650,8 @@ def read_inputs(
 ) -> Record:
     """Return the inputs of a table with their times and curves, for `simulate`; outputs are NaN.
 
-    Raises a `ParameterError` if the model needs times; a `RecordError` if the file or a column
-    cannot be used, the unit is another one, or times run backwards.
+    Raises a `RecordError` if the file or a column cannot be used, the unit is another one, or times
+    run backwards.
 
     Parameters
     ----------
@@ -640,14 +660,13 @@ def read_inputs(
     path : str or path
         The table.
     input, time, curves : str, optional
-        Columns, as of `minorloop.read`.
+        Columns, as of `minorloop.read`. Times of a model that needs them are in ``time`` if none is
+        named.
     start_of_curve : {"negative", "positive", "demagnetised", "as-left"}, optional
         Memory before each curve, as of `Record`.
     """
     if time is None and known.has_time:
-        raise ParameterError(
-            f"the model has dynamics and needs times; name the column of {path} with --time"
-        )
+        time = TIME
     u = read_column(path, known.input.name if input is None else input, known.input.unit)
     labels = None if curves is None else read_labels(path, curves)
     names = known.input, known.output

@@ -138,8 +138,7 @@ SECONDS = "give a positive number of seconds"
         (f"{MOVED} --law vibration:between=flat", "between is 'flat'"),
         (f"{MOVED.replace('moved', 'mm')} --law vibration", "displacement is in mm"),
         ("simulate cut.json good.csv", "cut.json is damaged, or is not JSON"),
-        ("simulate late.json good.csv", "name the column of good.csv with --time"),
-        ("simulate rough.json moved.csv --input force", "needs times"),
+        ("simulate late.json good.csv", "good.csv has no column 'time', it has"),
         (f"simulate unstable.json {FORCES}", "grows without bound"),
         (
             "simulate rough.json moved.csv --input force --time time --record start=positive",
@@ -154,7 +153,7 @@ SECONDS = "give a positive number of seconds"
         (f"{SCORE} --record between=band", "is for oscillators"),
         (f"{SCORE} --report good.csv", "good.csv is an input"),
         ("score model.json empty.csv", "no row is left to be scored"),
-        ("score late.json good.csv", "name the column of time (--time)"),
+        ("score late.json good.csv", "good.csv has no column 'time', it has"),
         ("invert rough.json moved.csv --target displacement", "an oscillator, whose output"),
         ("invert falling.json targets.csv --target length --clip", "not monotone"),
         ("invert relays.json targets.csv --target length", "no exact inverse; identify a"),

@@ -183,6 +183,19 @@ def test_a_name_with_two_units_must_be_given_whole(table):
 
 
 @pytest.mark.parametrize(
+    "table_below", ["u,y\n0,1\n2,3\n", "u;y\n0,0;1,0\n2;3\n", "u,y\nV,um\n0,1\n2,3\n"]
+)
+@pytest.mark.parametrize("above", ["", "Instrument: X\nDate: 2026-01-01\n\n", "Rate,Hz,10\n"])
+def test_lines_above_the_header_are_left_out_and_said(table, above, table_below):
+    file = table(above + table_below)
+    found = read_columns(file, ["u", "y"])
+    assert found["u"].tolist() == [0, 2]
+    assert found["y"].tolist() == [1, 3]
+    with opened(file) as one:
+        assert bool(one.notes) == bool(above)
+
+
+@pytest.mark.parametrize(
     ("content", "complaint"),
     [
         (b"", "is empty"),
@@ -193,6 +206,8 @@ def test_a_name_with_two_units_must_be_given_whole(table):
         (b"u\n\xff\x9d\n", "is neither UTF-8 nor Windows-1252 text"),
         ("u\n1\n".encode("utf-16")[:-1], "is neither UTF-8 nor"),
         (b"u,v\n1,2\n3\n", "row 3 of .* has 1 cell, the header has 2"),
+        (b"u,v\n0,415,-1564,034\n", "write numbers with a decimal point .* by semicolons"),
+        (b"u,v\n0,5,-1564,03\n", "write numbers with a decimal point .* by semicolons"),
         (b"u;v\n1'234.5;2\n", "write numbers without separators of thousands"),
         (b'u,v\n"1,234.5",2\n', "write numbers without separators of thousands"),
         (b"u;v\n1.234,5;2\n", "write numbers without separators of thousands"),

@@ -191,3 +191,8 @@ def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
     else:
         with pytest.raises(ParameterError, match="give two numbers from 0"):
             record.only(first, last)
+
+
+def test_a_record_without_samples_is_refused_in_its_own_words():
+    with pytest.raises(RecordError, match=r"give inputs and outputs \(T,\) of at least one"):
+        Record([], [])

@@ -40,6 +40,7 @@ def run(
     known = modelfile.read(model)
     if not is_store(file):  # a store has one input and one output
         input, output = input or known.input.name, output or known.output.name
+        time = time or (scoring.TIME if known.has_time else None)
     reader = RecordReader.of(record, sd=_common.NONE)
     between: Any = reader.between
     with _common.working(f"reading {file.name}") as now:

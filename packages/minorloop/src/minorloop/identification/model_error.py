@@ -45,12 +45,12 @@ _CELLS = 25
 """Bands of the plane on which cells count as reached."""
 _NEAR, _FARTHEST = 0.25, 3.0
 """Distance, in ranges of the input, within which travel counts as closed, and its largest value."""
-_LOOP = 0.1
+_LOOP = 0.3
 """Largest scale of the components, in ranges of the output."""
-_BEGIN = np.array([1.0, 0.18, 1.2])
+_BEGIN = np.array([1.0, 0.12, 0.7])
 """Standard deviations of the components to begin with: of the posterior in its own; of a closed
 travel and of a distance of one range in that scale."""
-_WEIGHT = np.array([20.0, 5.0, 5.0])
+_WEIGHT = np.array([20.0, 2.0, 2.0])
 """Samples that these count as."""
 _STEPS, _ROUNDS = 40, 3
 _WIDTH = 0.06
@@ -270,7 +270,7 @@ def _left_out(
 
 
 def _scale(model: Preisach, span: float) -> float:
-    """Opening of the major loop, at most a tenth of the range of the output."""
+    """Opening of the major loop, at most three tenths of the range of the output."""
     up = np.linspace(model.levels[0], model.levels[-1], 101)
     branches = model.simulate(np.concatenate([up, up[::-1]]))
     opening = float(np.abs(branches[101:][::-1] - branches[:101]).max())

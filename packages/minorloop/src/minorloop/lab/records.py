@@ -571,7 +571,10 @@ class Record(Drawn):
 
     def _check(self) -> None:
         if self.t.ndim != 1 or self.t.size == 0:
-            raise RecordError(f"t has shape {self.t.shape}; give (T,) times of at least one sample")
+            raise RecordError(
+                f"the record has times of shape {self.t.shape}; give inputs and outputs (T,) of at "
+                "least one sample"
+            )
         if self.u.ndim == self.y.ndim == 1 and self.u.size != self.y.size:
             raise RecordError(
                 f"u has {self.u.size} samples and y has {self.y.size}; give one output "

@@ -51,10 +51,14 @@ _BEGIN, _ZEROS = 1024, 0.9
 """Bytes at the begin of a file that tell UTF-16, and their share of zeros at one of two places."""
 _SQLITE = b"SQLite format 3\0"
 """Begin of an experiment store."""
-_LOOKED_AT = 50
-"""Rows from which the decimal separator is recognised."""
-_THOUSANDS = re.compile(r"\s*[-+]?\d{1,3},\d{3}(\.\d*)?\s*")
+_LOOKED_AT, _FEWEST_NUMBERS = 50, 2
+"""Rows from which decimal separator and header are recognised, and numbers in a row below it."""
+_DIVIDED = re.compile(r"\s*[-+]?\d{1,3},\d{3}(\.\d*)?\s*")
 """A number that its separator of thousands divides into two cells."""
+_UNDIVIDED = (
+    "write numbers with a decimal point and without separators of thousands, or separate the "
+    "columns by semicolons"
+)
 
 
 @contextmanager
@@ -77,7 +81,7 @@ def opened_text(file: Path, progress: Callable[[str], None], bounds: Bounds) -> 
             table = _begin(text, file, bounds, progress)
             if encoding == _LATIN:
                 said = f"{file} is not UTF-8 and was read as Windows-1252"
-                table.notes = (f"{said}; check units such as µm and °C",)
+                table.notes += (f"{said}; check units such as µm and °C",)
             yield table
     except UnicodeError:
         raise RecordError(
@@ -134,6 +138,13 @@ def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], N
         line = text.readline(_MAX_LINE)
     if not line.strip():
         raise RecordError(f"{file} is empty or begins with an empty line; it needs a header line")
+    text.seek(place)
+    above = _above_header([text.readline(_MAX_LINE) for _ in range(_LOOKED_AT)])
+    text.seek(place)
+    for _ in range(above):
+        text.readline(_MAX_LINE)
+    number, place = number + above, text.tell()
+    line = text.readline(_MAX_LINE)
     delimiter = max(_DELIMITERS, key=line.count)
     if "\0" in line or (len(line) == _MAX_LINE and line.count(delimiter) < LARGEST.columns):
         raise RecordError(f"{file} looks like a binary file; give a CSV file")
@@ -161,7 +172,27 @@ def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], N
         text.readline(_MAX_LINE)
     decimal = _decimal(following, delimiter)
     rows = _TextRows(file, len(headers), delimiter, decimal)
-    return OpenTable(file, headers, rows.blocks(text, first, bounds, progress), decimal)
+    notes = (f"the first {counted(above, 'line')} of {file} are above its table",) if above else ()
+    return OpenTable(file, headers, rows.blocks(text, first, bounds, progress), decimal, notes)
+
+
+def _above_header(lines: Sequence[str]) -> int:
+    """Return how many lines are above the header: none but where the table has other columns.
+
+    Below the header, or below a row of units, is a row of as many cells, two of them numbers.
+    """
+    for above, line in enumerate(lines):
+        delimiter = max(_DELIMITERS, key=line.count)
+        width = line.count(delimiter) + 1
+        if width == 1 or (above and lines[0].count(delimiter) + 1 == width):
+            continue
+        named = not any(map(_is_any_number, line.split(delimiter)))
+        below = [row.split(delimiter) for row in lines[above + 1 : above + 3]]
+        if named and any(
+            len(row) == width and sum(map(_is_any_number, row)) >= _FEWEST_NUMBERS for row in below
+        ):
+            return above
+    return 0
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -278,8 +309,9 @@ class _TextRows:
             if not row or row[0].lstrip().startswith(_COMMENTS):
                 continue
             if len(row) != self.width:
-                split = any(map(_THOUSANDS.fullmatch, map(",".join, itertools.pairwise(row))))
-                advice = "write numbers without separators of thousands" if split else "repair it"
+                split = any(map(_DIVIDED.fullmatch, map(",".join, itertools.pairwise(row))))
+                split |= self.delimiter == "," and len(row) == 2 * self.width
+                advice = _UNDIVIDED if split else "repair it"
                 raise RecordError(
                     f"row {number} of {self.file} has {counted(len(row), 'cell')}, the header has "
                     f"{self.width}; {advice}"
