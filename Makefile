@@ -85,7 +85,7 @@ real: setup ## lenses, scans and turns of heads that others recorded, in ../shar
 	$(BIN)/python -m benchmarks.real_scans
 	$(BIN)/python -m benchmarks.real_turns
 
-judge: setup ## SCENES=200 scenes of another renderer, and pits of a wave equation; prints scores. Needs libllvm 17 or newer
+judge: setup ## SCENES=200 seeds of another renderer, holes and cracks, and pits of a wave equation; prints scores. Needs libllvm 17 or newer
 	$(INSTALL) --require-hashes -r $(JUDGE_LOCK)
 	$(BIN)/python -m benchmarks.judge render --count $(SCENES)
 	$(BIN)/python -m benchmarks.judge score --count $(SCENES)

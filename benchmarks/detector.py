@@ -324,8 +324,9 @@ def main() -> None:
     scenes = [scene(seed, hole, modes) for seed in seeds for hole in (True, False)]
     if asked.rendered is not None:
         from benchmarks.judge.__main__ import rendered
+        from benchmarks.judge.scenes import PLAIN
 
-        others = rendered(range(1000, asked.until + 1), asked.rendered)
+        others = rendered(range(1000, asked.until + 1), asked.rendered, PLAIN)
         scenes += [rendered_scene(*one) for one in others]
     if asked.what == "fit" and "switched" in modes:
         for which, part in ((FLOODED, seeds[::2]), (SIZED, seeds)):

@@ -1,6 +1,7 @@
 """The judges of the head: their geometry, their wave equation and their rays."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def test_a_scene_is_seen_where_the_documented_head_and_lens_see_it():
-    scene = scenes.draw(1001, True)
+    scene = scenes.draw(1001, scenes.HOLE)
     lens = Pinhole(640, 480, scene.focal, scene.centre, k1=scene.k1, k2=scene.k2)
     offset = (scene.offset[0] / 1e3, scene.offset[1] / 1e3)
     mount = Mount(lever=8e-3, offset=offset, roll=scene.roll, advance=scene.advance / 1e3)
@@ -35,15 +36,33 @@ def test_a_scene_is_seen_where_the_documented_head_and_lens_see_it():
 
 
 def test_triangles_of_the_wall_leave_out_the_mouth_and_nothing_else():
-    scene = scenes.draw(1001, True)
+    scene = scenes.draw(1001, scenes.HOLE)
     part = surface.wall_triangles(scene)
     a, b, c = (part.points[part.corners[:, n]] for n in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    area = _area(part)
     whole = 2 * math.pi * scenes.RADIUS * (scenes.END - scenes.START)
     mouth = math.pi * (scene.hole.diameter / 2 + scene.hole.chamfer) ** 2
     assert 0 <= area + mouth - whole < 0.002 * whole  # dimples add some
     facing = (np.cross(b - a, c - a) * part.normals[part.corners[:, 0]]).sum(axis=1)
     assert (facing > 0).all()
+
+
+def test_flanks_of_a_groove_close_the_gap_that_it_leaves_in_the_wall():
+    scene = scenes.draw(1000, scenes.CRACK)
+    bare, groove = replace(scene, groove=None), scene.groove
+    gap = _area(surface.wall_triangles(bare)) - _area(surface.wall_triangles(scene))
+    mouth = float((groove.widths * scenes.FINE).sum())
+    assert gap == pytest.approx(mouth, rel=0.05)
+    flanks = surface.groove_triangles(scene)
+    assert _area(flanks) == pytest.approx(mouth * math.hypot(1, groove.slope), rel=0.05)
+    into = -(flanks.normals * flanks.points)[:, :2].sum(axis=1) / scenes.RADIUS
+    assert into.min() > 0
+    assert np.median(into) == pytest.approx(1 / math.hypot(1, groove.slope), rel=0.05)
+
+
+def _area(part):
+    a, b, c = (part.points[part.corners[:, n]] for n in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
 
 def test_polynomials_on_a_mouth_are_orthonormal():
@@ -97,7 +116,7 @@ def test_rays_meet_the_wall_and_leave_through_a_bore():
     mi.set_variant("scalar_rgb")
     from benchmarks.judge.light import mesh
 
-    scene = scenes.draw(1004, True)
+    scene = scenes.draw(1004, scenes.HOLE)
     assert scene.hole.inside == "dark"
     world = mi.load_dict(
         {"type": "scene", "wall": mesh(surface.wall_triangles(scene), None, "wall")}

@@ -98,6 +98,8 @@ def build(scene: Scene) -> object:
     parts = {"type": "scene", "wall": mesh(surface.wall_triangles(scene), wall, "wall")}
     if scene.hole is not None:
         _add_hole(scene, parts)
+    if scene.groove is not None:
+        parts["groove"] = mesh(surface.groove_triangles(scene), wall, "groove")
     for n, bead in enumerate(scene.beads):
         sunk = 10.0 + bead.radius - bead.height
         place = [sunk * np.cos(bead.phi), sunk * np.sin(bead.phi), bead.z]
@@ -115,10 +117,13 @@ def _add_hole(scene: Scene, parts: dict[str, object]) -> None:
 
     hole = scene.hole
     alpha = max(scene.alphas) * 1.2
-    lining = mi.load_dict({"type": "twosided", "skin": _metal(scene, (alpha, alpha), 0.8)})
+    skin = _metal(scene, (alpha, alpha), 0.8)
+    if hole.inside == "bright":
+        skin = {"type": "diffuse", "reflectance": hole.albedo}
+    lining = mi.load_dict({"type": "twosided", "skin": skin})
     for n, part in enumerate(surface.bore_triangles(hole)):
         parts[f"bore{n}"] = mesh(part, lining, f"bore{n}")
-    if hole.inside == "soil":
+    if hole.inside in ("soil", "bright"):
         skin = {"type": "diffuse", "reflectance": hole.albedo}
         soil = mi.load_dict({"type": "twosided", "skin": skin})
         rng = np.random.default_rng([scene.texture_seed, 6])

@@ -9,9 +9,10 @@ pans and tilts about its pivot turns it by Rz(roll) Ry(pan) Rx(tilt), as the doc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import ndimage
 
 RADIUS, THICKNESS = 10.0, 2.0
 LEVER = 8.0
@@ -23,6 +24,8 @@ START, END = -15.0, 55.0
 STEP = 0.1
 """Of the triangles. A dimple is at least 0.8 mm wide, and the chord of a step is 0.1 um off."""
 TEXEL = 0.04
+FINE = 0.01
+"""Step of the course of a crack."""
 LEAST_AXIS, MARGIN = 18.0, 70.0
 """Least minor axis of the image of a hole and its least distance from the edge, in pixels: those
 for which the recall of our own scenes is required."""
@@ -38,6 +41,15 @@ METALS = {
 1998; Johnson and Christy, Phys. Rev. B 9, 5056, 1974), rounded."""
 KINDS = ("bare", "worn", "corroded")
 INSIDES = ("dark", "backlit", "soil")
+MARKED_INSIDES = (*INSIDES, "bright")
+HOLE, NONE, MARKED_HOLE, MARKED, CRACK = "hole", "none", "marked-hole", "marked", "crack"
+PLAIN, WITH_MARKS = (HOLE, NONE), (MARKED_HOLE, MARKED)
+CONTENTS = (*PLAIN, *WITH_MARKS, CRACK)
+"""What a scene shows: a hole or none; the same among marks that resemble holes and cracks; a crack,
+on every other wall among such marks."""
+NARROWEST, WIDEST = 0.03, 0.3
+SHORTEST, LONGEST = 2.0, 15.0
+"""Widths and lengths of cracks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +71,35 @@ class Hole:
     def mouth(self) -> float:
         """Diameter half way down the chamfer: both of its edges may be the one that is seen."""
         return self.diameter + self.chamfer
+
+
+@dataclass(frozen=True, eq=False)
+class Groove:
+    """A crack: a groove with a V for its section, narrower at its tips."""
+
+    course: np.ndarray
+    """(N, 2) of phi and z."""
+    widths: np.ndarray
+    """(N,) at the surface."""
+    slope: float
+    """Depth over half of the width."""
+
+    @property
+    def width(self) -> float:
+        """Median width."""
+        return float(np.median(self.widths))
+
+
+@dataclass(frozen=True, eq=False)
+class Deposit:
+    """A raised round deposit of one reflectance."""
+
+    phi: float
+    z: float
+    radius: float
+    height: float
+    albedo: float
+    ragged: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +139,12 @@ class Scene:
     beads: tuple[Bead, ...] = ()
     dimples: tuple[tuple[float, float, float, float], ...] = ()
     texture_seed: int = 0
+    groove: Groove | None = None
+    deposits: tuple[Deposit, ...] = ()
+    weld: tuple[float, float, float] | None = None
+    """Distance of a weld round the pipe from the place, its width, and the pitch of its ripples."""
+    blotches: int = 0
+    content: str = HOLE
     known: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -149,18 +196,74 @@ def meet(start: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     return np.arctan2(point[..., 1], point[..., 0]), point[..., 2], s
 
 
-def draw(seed: int, with_hole: bool, kind: str | None = None, inside: str | None = None) -> Scene:
+def draw(seed: int, content: str) -> Scene:
     """Draw a scene by seed; kinds of wall follow each other."""
-    rng = np.random.default_rng([seed, int(with_hole), 4711])
-    kind = kind or KINDS[seed % 3]
+    with_hole = content in (HOLE, MARKED_HOLE)
+    key = [seed, int(with_hole), 4711]
+    rng = np.random.default_rng(key if content in PLAIN else [*key, CONTENTS.index(content)])
+    insides = MARKED_INSIDES if content == MARKED_HOLE else INSIDES
     while True:
-        scene = _try(rng, seed, kind, inside, with_hole)
-        if scene is not None:
-            return scene
+        scene = _try(rng, seed, KINDS[seed % 3], insides, with_hole)
+        if scene is not None and content == CRACK:
+            scene = _cracked(rng, scene)
+        if scene is None:
+            continue
+        marked = content in WITH_MARKS or (content == CRACK and seed % 2)
+        return replace(_marked(rng, scene) if marked else scene, content=content)
+
+
+def _marked(rng: np.random.Generator, scene: Scene) -> Scene:
+    """Return a scene with deposits, blotches and, in two of five, a weld."""
+    deposits = []
+    while len(deposits) < 3:
+        radius = float(rng.uniform(0.3, 0.8))
+        x, y = rng.uniform(-7, 7, 2)
+        if math.hypot(x, y) < radius + 1.0:
+            continue
+        deposits.append(
+            Deposit(
+                scene.place[0] + x / RADIUS, scene.place[1] + y, radius,
+                radius * float(rng.uniform(0.15, 0.6)), float(rng.uniform(0.2, 0.8)),
+                float(rng.uniform(0.0, 0.2)),
+            )
+        )  # fmt: skip
+    weld = None
+    if rng.random() < 0.4:
+        off = float(rng.choice([-1, 1]) * rng.uniform(2.5, 6.0))
+        weld = (off, float(rng.uniform(1.5, 4.0)), float(rng.uniform(0.3, 1.0)))
+    count = int(rng.integers(3, 9))
+    return replace(scene, deposits=tuple(deposits), weld=weld, blotches=count)
+
+
+def _cracked(rng: np.random.Generator, scene: Scene) -> Scene | None:
+    """Return a scene with a crack near its place; None if less than 2 mm of it is seen."""
+    length = float(np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST))))
+    steps = max(round(length / 0.4), 5)
+    heading = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.12, steps))
+    heading += rng.normal(0, 0.3, steps)
+    corners = np.cumsum(0.4 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    along = np.arange(0, 0.4 * (steps - 1), FINE)
+    x, y = (np.interp(along, 0.4 * np.arange(steps), each) for each in corners.T)
+    smooth = np.stack([ndimage.gaussian_filter1d(each, 0.2 / FINE) for each in (x, y)], axis=1)
+    smooth -= smooth[len(smooth) // 2] + rng.uniform(-0.5, 0.5, 2)
+    width = float(np.exp(rng.uniform(np.log(NARROWEST), np.log(WIDEST))))
+    uneven = np.exp(0.15 * rng.standard_normal(steps))
+    widths = width * np.interp(along, 0.4 * np.arange(steps), uneven)
+    end = np.minimum(along, along[-1] - along)
+    widths *= 0.3 + 0.7 * np.clip(end / 0.6, 0, 1)
+    course = smooth / [RADIUS, 1.0] + scene.place
+    points = wall(*course.T)
+    pixels = scene.pixels(points)
+    seen = ((pixels > 12) & (pixels < [WIDTH - 12, HEIGHT - 12])).all(axis=1)
+    seen &= ((points - scene.lens) @ scene.rotation)[:, 2] > 1.0
+    if seen.mean() < 0.5 or seen.sum() * FINE < SHORTEST:
+        return None
+    groove = Groove(course, widths, float(np.exp(rng.uniform(np.log(1.0), np.log(5.0)))))
+    return replace(scene, groove=groove)
 
 
 def _try(
-    rng: np.random.Generator, seed: int, kind: str, inside: str | None, with_hole: bool
+    rng: np.random.Generator, seed: int, kind: str, insides: tuple[str, ...], with_hole: bool
 ) -> Scene | None:
     away, way = math.radians(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
     side, off = rng.uniform(0, 2 * np.pi), rng.uniform(0, 1.0)
@@ -193,7 +296,7 @@ def _try(
     bare = Scene(**common, hole=None, place=(0.0, 0.0), focus=15.0)
     pixel = rng.uniform([MARGIN, MARGIN], [WIDTH - MARGIN, HEIGHT - MARGIN])
     phi, z, _ = (float(v) for v in meet(bare.lens, bare.rotation @ bare.rays(pixel)))
-    hole = _hole(rng, phi, z, inside)
+    hole = _hole(rng, phi, z, insides)
     if not START + 5 < z < END - 5 or _minor_axis(bare, hole) < LEAST_AXIS:
         return None
     focus = float(meet(bare.lens, bare.rotation[:, 2])[2]) * float(rng.uniform(0.9, 1.1))
@@ -234,8 +337,9 @@ def _alphas(rng: np.random.Generator, kind: str) -> tuple[float, float]:
     return alpha, alpha * float(rng.uniform(0.5, 1.0))
 
 
-def _hole(rng: np.random.Generator, phi: float, z: float, inside: str | None) -> Hole:
-    inside = inside or INSIDES[int(rng.choice(3, p=[0.4, 0.3, 0.3]))]
+def _hole(rng: np.random.Generator, phi: float, z: float, insides: tuple[str, ...]) -> Hole:
+    shares = [0.4, 0.3, 0.3] if insides == INSIDES else [0.2, 0.2, 0.3, 0.3]
+    inside = insides[int(rng.choice(len(insides), p=shares))]
     chamfer = float(rng.uniform(0.02, 0.12)) if rng.random() < 0.5 else 0.0
     scale = rng.random() < 0.3
     return Hole(
@@ -245,10 +349,12 @@ def _hole(rng: np.random.Generator, phi: float, z: float, inside: str | None) ->
         inside,
         chamfer=chamfer,
         chamfer_depth=chamfer * float(rng.uniform(0.3, 1.0)),
-        recess=float(rng.uniform(0.05, 0.4)) if inside == "soil" else 0.0,
+        recess=float(rng.uniform(0.05, 0.4)) if inside in ("soil", "bright") else 0.0,
         unevenness=float(rng.uniform(0.0, 0.08)),
         # Soil and rust are dark; scale is white.
-        albedo=float(rng.uniform(0.5, 0.85) if scale else rng.uniform(0.04, 0.3)),
+        albedo=float(
+            rng.uniform(0.5, 0.85) if scale or inside == "bright" else rng.uniform(0.04, 0.3)
+        ),
         light=float(np.exp(rng.uniform(np.log(0.3), np.log(3.0)))) if inside == "backlit" else 0.0,
     )
 

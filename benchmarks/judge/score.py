@@ -1,4 +1,4 @@
-"""Pass rendered acquisitions through the hole finder, and compare its findings with the truth."""
+"""Search rendered acquisitions for holes and cracks, and compare the findings with the truth."""
 
 from __future__ import annotations
 
@@ -6,19 +6,24 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from benchmarks.judge.camera import RenderedCamera, calibrated, metered
-from benchmarks.judge.scenes import Scene, wall
+from benchmarks.judge.scenes import FINE, Scene, wall
 from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.extract import acquire
+from minorloop_head.procedures.trace import traces_of
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import LEAST_EVIDENCE, SWITCHED, Hole, find_holes
 from minorloop_head.vision.frame_checks import GOOD
 from minorloop_head.vision.reflectance_map import LitFrame
+from papers.catheter.crack_scenes import FINE as CRACK_STEP
+from papers.catheter.crack_trials import shown_on_map
 from papers.catheter.detection import FAR, NEAR, wilson
+from papers.harness import Results
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +71,24 @@ def tried(scene: Scene, radiance: np.ndarray) -> Trial:
     camera, frames, truth = frames_of(scene, radiance)
     found = find_holes(frames, camera, least=-math.inf)
     return Trial(scene, camera, frames, truth, found.verdict, found.holes)
+
+
+def crack_searched(scene: Scene, radiance: np.ndarray) -> Results:
+    """Return what was traced in a scene, and its groove, as of `search_cracks`."""
+    camera, frames, _ = frames_of(scene, radiance)
+    found = find_holes(frames, camera)
+    course, widths, width = np.empty((0, 2)), np.empty(0), 0.0
+    if scene.groove is not None and found.wall is not None:
+        each = slice(None, None, round(1e3 * CRACK_STEP / FINE))
+        points = wall(*scene.groove.course[each].T)
+        places = camera.place(scene.pixels(points), scene.pan, scene.tilt)
+        seen = shown_on_map(found, places, camera.radius)
+        course, widths = places[seen], 1e-3 * scene.groove.widths[each][seen]
+        width = 1e-3 * scene.groove.width
+    return Results(
+        view=SimpleNamespace(width=width), camera=camera, findings=found, course=course,
+        widths=widths, traces=traces_of(found, camera.radius),
+    )  # fmt: skip
 
 
 def figures(trials: Sequence[Trial], least: float | None = None) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
+from scipy.spatial import Delaunay, cKDTree
 
 from benchmarks.judge.scenes import (
     END,
@@ -14,6 +15,8 @@ from benchmarks.judge.scenes import (
     STEP,
     TEXEL,
     THICKNESS,
+    Deposit,
+    Groove,
     Hole,
     Scene,
     around_hole,
@@ -65,6 +68,10 @@ def wall_triangles(scene: Scene) -> Triangles:
     first = (i * (columns + 1) + j).ravel()
     corners = _halves(first, first + 1, first + columns + 2, first + columns + 1)
     places = grid
+    if scene.groove is not None:
+        box = _window_about(scene.groove, grid)
+        places, more = _beside(scene.groove, grid, box)
+        corners = np.concatenate([corners[~box[corners].all(axis=1)], more])
     if scene.hole is not None:
         middle_j = round((scene.hole.phi - phi0) / (phi[1] - phi[0]))
         middle_i = round((scene.hole.z - START) / STEP)
@@ -75,11 +82,82 @@ def wall_triangles(scene: Scene) -> Triangles:
         places = np.concatenate([grid, extra])
         corners = np.concatenate([corners, more])
     points, normals = _raised(scene, places)
-    uv = np.stack(
-        [(places[:, 0] - phi0) / (2 * np.pi), 0.5 + (places[:, 1] - scene.place[1]) / LENGTH],
-        axis=1,
+    return Triangles(points, normals, _uv(scene, places), _facing(points, normals, corners))
+
+
+_BESIDE = 0.9
+"""Distance of a row of points beside a groove from its rim, in half widths."""
+
+
+def _window_about(groove: Groove, grid: np.ndarray) -> np.ndarray:
+    """Return which points of the grid are in a rectangle with a groove in it."""
+    margin = 4 * STEP * np.array([1 / RADIUS, 1.0])
+    low, high = groove.course.min(axis=0) - margin, groove.course.max(axis=0) + margin
+    inside: np.ndarray = ((grid > low) & (grid < high)).all(axis=1)
+    return inside
+
+
+def _rows(groove: Groove) -> tuple[np.ndarray, np.ndarray]:
+    """Return the middle of a groove (N, 2), and its rims and rows beside them (M, 2)."""
+    flat, half = groove.course * [RADIUS, 1.0], groove.widths / 2
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(flat, axis=0).T))])
+    # Triangles end at a rim where its points are nearer to each other than to the next row.
+    number = np.concatenate([[0.0], np.cumsum(np.diff(along) / (0.7 * half[1:]))])
+    at = np.interp(np.arange(int(number[-1]) + 1), number, along)
+    way = np.gradient(flat, along, axis=0)
+    normal = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.hypot(*way.T)[:, None]
+    middle, side, wide = (
+        np.stack([np.interp(at, along, part) for part in np.atleast_2d(each.T)], axis=1)
+        for each in (flat, normal, half)
     )
-    return Triangles(points, normals, uv, _facing(points, normals, corners))
+    rims = [middle + off * wide * side for off in (-1 - _BESIDE, -1.0, 1.0, 1 + _BESIDE)]
+    tips = [middle[:1] + (middle[:1] - middle[1:2]), middle[-1:] + (middle[-1:] - middle[-2:-1])]
+    return middle / [RADIUS, 1.0], np.concatenate([*rims, *tips]) / [RADIUS, 1.0]
+
+
+def _beside(groove: Groove, grid: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points of the grid with those of rims, and the triangles beside a groove."""
+    middle, rims = _rows(groove)
+    scale = [RADIUS, 1.0]
+    off, nearest = cKDTree(groove.course * scale).query(grid[box] * scale)
+    free = np.flatnonzero(box)[off > (1 + 1.5 * _BESIDE) * groove.widths[nearest] / 2 + 0.01]
+    places = np.concatenate([grid, rims])
+    number = np.concatenate([free, len(grid) + np.arange(len(rims))])
+    points = np.concatenate([places[number], middle]) * scale
+    corners = Delaunay(points).simplices
+    return places, number[corners[(corners < len(number)).all(axis=1)]]
+
+
+def groove_triangles(scene: Scene) -> Triangles:
+    """Return the flanks of a groove, each triangle with a normal of its own."""
+    groove = scene.groove
+    middle, rims = _rows(groove)
+    places = np.concatenate([rims, middle])
+    corners = Delaunay(places * [RADIUS, 1.0]).simplices
+    deep = corners >= len(rims)
+    flank = corners[deep.any(axis=1) & ~deep.all(axis=1)]
+    points, normals = _raised(scene, places)
+    _, nearest = cKDTree(groove.course).query(middle)
+    points[len(rims) :] -= (groove.slope * groove.widths[nearest] / 2)[:, None] * normals[
+        len(rims) :
+    ]
+    flank = _facing(points, normals, flank)
+    a, b, c = (points[flank[:, n]] for n in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    order = flank.ravel()
+    return Triangles(
+        points[order],
+        np.repeat(normal, 3, axis=0),
+        _uv(scene, places)[order],
+        np.arange(len(order)).reshape(-1, 3),
+    )
+
+
+def _uv(scene: Scene, places: np.ndarray) -> np.ndarray:
+    """Return u and v (N, 2) of places on the textures."""
+    u = (places[:, 0] - scene.place[0] + np.pi) / (2 * np.pi)
+    return np.stack([u, 0.5 + (places[:, 1] - scene.place[1]) / LENGTH], axis=1)
 
 
 def _halves(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
@@ -114,7 +192,8 @@ def _raised(scene: Scene, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points and normals of places on the wall with its dimples."""
     phi, z = places.T
     height, around, along = np.zeros((3, len(places)))
-    for p, q, size, top in scene.dimples:
+    mounds = [(each.phi, each.z, each.radius / 2, each.height) for each in scene.deposits]
+    for p, q, size, top in (*scene.dimples, *mounds):
         x, y = RADIUS * (phi - p), z - q
         near = np.flatnonzero(np.abs(x) + np.abs(y) < 8 * size)
         bump = top * np.exp(-(x[near] ** 2 + y[near] ** 2) / (2 * size**2))
@@ -221,6 +300,12 @@ def textures(scene: Scene) -> Textures:
         _stain(rng, scene, shine, rough)
     for _ in range(int(rng.integers(1, 7))):
         _soil(rng, scene, cover, layer, height)
+    for deposit in scene.deposits:
+        _deposit(rng, scene, deposit, cover, layer, height)
+    for _ in range(scene.blotches):
+        _blotch(rng, scene, shine, cover, layer)
+    if scene.weld is not None:
+        _weld(rng, scene, height)
     return Textures(height, np.clip(cover, 0, 1), np.clip(layer, 0.02, 0.9), shine, rough)
 
 
@@ -301,3 +386,55 @@ def _soil(
     cover[rows, cols] = np.maximum(cover[rows, cols], 0.97 * inside)
     layer[rows, cols] += inside * (albedo * (1 + 0.15 * grain) - layer[rows, cols])
     height[rows, cols] += inside * (0.1 * size + 0.004 * grain)
+
+
+def _deposit(
+    rng: np.random.Generator,
+    scene: Scene,
+    deposit: Deposit,
+    cover: np.ndarray,
+    layer: np.ndarray,
+    height: np.ndarray,
+) -> None:
+    """Cover a mound of the wall with what it is made of."""
+    size = deposit.radius
+    x, y = RADIUS * (deposit.phi - scene.place[0]), deposit.z - scene.place[1]
+    rows, cols, u, v = _window(scene, cover.shape, x, y, 2 * size + 0.3)
+    angle, edge = np.arctan2(v, u), np.full(u.shape, size)
+    for n in range(2, 6):
+        edge += size * deposit.ragged / n * np.cos(n * angle + rng.uniform(0, 7))
+    inside = 1 / (1 + np.exp(-(edge - np.hypot(u, v)) / 0.04))
+    grain = rng.standard_normal(u.shape)
+    cover[rows, cols] = np.maximum(cover[rows, cols], 0.97 * inside)
+    layer[rows, cols] += inside * (deposit.albedo * (1 + 0.08 * grain) - layer[rows, cols])
+    height[rows, cols] += 0.002 * inside * grain
+
+
+def _blotch(
+    rng: np.random.Generator, scene: Scene, shine: np.ndarray, cover: np.ndarray, layer: np.ndarray
+) -> None:
+    """Add a flat round spot, of the metal or of a layer on it."""
+    size, (x, y) = float(rng.uniform(0.25, 1.0)), rng.uniform(-8, 8, 2)
+    if np.hypot(x, y) < size + 0.9:
+        return
+    rows, cols, u, v = _window(scene, shine.shape, x, y, 2 * size + 0.5)
+    edge = size - np.hypot(u, v * rng.uniform(0.75, 1.0))
+    edge += 0.2 * size * rng.uniform(0, 1) * np.cos(3 * np.arctan2(v, u) + rng.uniform(0, 7))
+    inside = 1 / (1 + np.exp(-edge / rng.uniform(0.02, 0.15)))
+    if rng.random() < 0.5:
+        shine[rows, cols] *= 1 - rng.uniform(0.3, 0.8) * inside
+        return
+    cover[rows, cols] = np.maximum(cover[rows, cols], rng.uniform(0.5, 0.97) * inside)
+    layer[rows, cols] += inside * (rng.uniform(0.04, 0.6) - layer[rows, cols])
+
+
+def _weld(rng: np.random.Generator, scene: Scene, height: np.ndarray) -> None:
+    """Add a weld round the pipe, with ripples that have sharp valleys."""
+    off, width, pitch = scene.weld
+    rows, cols, u, v = _window(scene, height.shape, 0.0, off, np.pi * RADIUS)
+    across = 2 * v / width
+    arch = np.clip(1 - across**2, 0, None)
+    phase = (u + 0.5 * width * across**2 + 0.1 * pitch * np.sin(3 * u)) / pitch
+    steep = float(rng.uniform(0.05, 0.3))
+    ripple = 0.5 * steep * pitch * np.abs(np.cos(np.pi * phase))
+    height[rows, cols] += np.minimum(arch, 1) * (float(rng.uniform(0.05, 0.2)) + ripple)

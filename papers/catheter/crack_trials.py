@@ -217,13 +217,13 @@ def _visible(
         course, wide = fine_course(crack, camera.radius)
         pixels = scoring.true_pixel(view.camera, course[:, 0], course[:, 1])
         on_map = camera.place(pixels, view.pan, view.tilt)
-        seen = _on_map(found, on_map, camera.radius)
+        seen = shown_on_map(found, on_map, camera.radius)
         places.append(on_map[seen])
         widths.append(wide[seen])
     return np.concatenate(places), np.concatenate(widths)
 
 
-def _on_map(found: Findings, places: FloatArray, radius: float) -> BoolArray:
+def shown_on_map(found: Findings, places: FloatArray, radius: float) -> BoolArray:
     """Return whether places (N, 2) are on texels of the map that are seen."""
     assert found.wall is not None
     window: Window = found.wall.window

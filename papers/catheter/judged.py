@@ -3,7 +3,8 @@
 The study scores scenes that the twin of the camera draws. The renderer Mitsuba 3 shares no code
 with it, and is a tool of development that a study does not run. Its figures are kept here, to be
 quoted beside each recall: 200 scenes with a hole and 200 without, seeds 0 to 199. ``make judge``
-says where it finds others. It has no scenes with cracks, and none in water.
+says where it finds others. Its scenes with cracks and with more marks are not part of them; it has
+none in water.
 """
 
 from __future__ import annotations
