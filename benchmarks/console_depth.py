@@ -98,9 +98,7 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     from minorloop_head.twins.rig import Rig, SimulatedTip
     from minorloop_head.twins.surroundings import Filling, Sway
 
-    probe = dict(scene.settings)
-    warm = probe.pop("temperature")
-    water = Filling(level=scene.pipe.water, temperature=warm, sway=Sway())
+    water = Filling(level=scene.pipe.water, temperature=scene.temperature, sway=Sway())
     # The camera tracks texture. There are no dents, as in the scene for the echoes.
     wall = replace(scene.pipe, water=None, finish=Pipe.draw(seed).finish)
     plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed), flooded=water)
@@ -111,7 +109,6 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
         seed=seed,
         optics=LENS.scaled(_SMALL),
         flooded=water,
-        probe=probe,
         flow=plant.flood,
     )
     view = HeadCalibration(

@@ -64,8 +64,6 @@ ELSEWHERE = {
     "papers/catheter/inspection_report.py": "papers/catheter/test_inspection_parts.py",
     "papers/catheter/judged.py": "tests/test_judge.py",
     "papers/catheter/mission.py": "papers/catheter/test_inspection_parts.py",
-    "papers/catheter/mission_cracks.py": "papers/catheter/test_inspection_parts.py",
-    "papers/catheter/mission_scene.py": "papers/catheter/test_inspection_parts.py",
     "papers/catheter/picture_sensor.py": "papers/catheter/test_head_camera.py",
     "papers/catheter/sight.py": "papers/catheter/test_head_study.py",
     "papers/catheter/tracking_trials.py": "papers/catheter/test_head_study.py",

@@ -5,7 +5,7 @@ teleoperated in-pipe inspection, IEEE ICRA 2003) identify a Preisach model of a 
 from reversal curves, invert it by stepping, and control the head by an internal model around that
 inverse. They find that open loop errs more and more, and leave changing surroundings open. Here
 the head is identified, driven in open and closed loop by seven controllers, disturbed, and given
-targets that it cannot reach; then its camera tracks, and its tool marks what was picked.
+targets that it cannot reach; then its camera tracks what was picked.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop_head.control.controller import Controller
 from minorloop_head.control.head import HeadControl, head_control
+from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import SimulatedFault
-from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
+from minorloop_head.twins.surroundings import Course, Surroundings
 from minorloop_head.twins.wire import Wire
 from papers.catheter import inspection_servo
 from papers.catheter.control.internal_model import InternalModel
-from papers.catheter.control.laws import LAWS
-from papers.catheter.control.planning import PlannedPowers, Planner
+from papers.catheter.control.laws import LAWS, slow_pole
 from papers.catheter.control.robustness import robust_margins
 from papers.catheter.head_camera import run_camera
 from papers.catheter.head_loop import (
@@ -52,13 +52,12 @@ from papers.catheter.sight import gather_sight, run_sight
 from papers.catheter.unreachable import CLEARLY, cause_found, true_reach
 from papers.harness import Results, mean, medians, rms
 
-DEFAULT = "observer"
+DEFAULT, SLOW_POLE = "observer", "slow pole"
 TARGETS = (20.0, 30.0, 40.0)
 """Steps in degrees, those of the paper."""
 STEP_SECONDS = 30.0
 """Duration of a step: more than twice as long as it may take to settle."""
 WARMER = Surroundings(ambient=30.0)
-VARYING = Surroundings(cooling=Cooling())
 RAMPS_SECONDS = 2 * PERIOD
 """Duration of two of the slow ramps in closed loop."""
 RAMP_AT, RAMP_SECONDS = 40.0, 90.0
@@ -101,11 +100,6 @@ stable."""
 LATER_TARGET, LATER_SECONDS, LATER_END, OSCILLATES = 30.0, 60.0, 15.0, 2.0
 """Target in degrees and duration of these runs in s; a loop is unstable if the angle still moves by
 so many degrees in the last seconds. A stable one moves by less, and beyond the edge by ten."""
-PLAN_INTERVAL, PLAN_HOLD = 0.5, 4.0
-"""Interval of the planned powers, by trial, and hold of each target, in seconds."""
-PLANNED = (40.0, 40.0, 40.0, 10.0, 10.0, 35.0, 5.0, 5.0, 25.0, 0.0)
-"""Targets of the planner in degrees, which fall faster than a wire cools."""
-
 Key: TypeAlias = tuple[str, str]
 """Names of an experiment and of the controller in it."""
 Experiment: TypeAlias = tuple[str, str, Reference, float, dict[str, Any]]
@@ -117,26 +111,21 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Res
 
     ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
     experiment and the controller; ``reach`` is the true angle under full current, in degrees, in
-    those in other surroundings or with aged wires; ``ramps`` are those of Fig 8 by case; ``plan``
-    the planned and the inverse sequence for the same targets, with ``planned`` (2, N) the true
-    angles of a wire that is driven by them; ``sight`` what its camera tracks and its tool touches;
-    ``integral`` a point held with the integral of Eq. (10) and without; ``camera`` the head without
-    sensors at its joints.
+    those in other surroundings or with aged wires; ``ramps`` are those of Fig 8 by case; ``sight``
+    what its camera tracks; ``integral`` a point held with the integral of Eq. (10) and without;
+    ``camera`` the head without sensors at its joints.
     """
     began = time.perf_counter()
     static = run_static(seed)
     told("identification")
     wires = (static.wires[0].model, static.wires[1].model)
-    controls = {
-        name: head_control(law, wires, coupling=static.coupling) for name, law in LAWS.items()
-    }
-    tried = chain(_steps(controls), _others(seed, controls), _hard(controls))
-    runs, reach = _run(seed, controls, tried), _reaches(seed)
+    controls = every_control(wires, static.coupling)
+    slow = {SLOW_POLE: head_control(slow_pole, wires, coupling=static.coupling)}
+    tried = chain(_fig_9(), _steps(controls), _others(seed, controls), _hard(controls))
+    runs, reach = _run(seed, controls | slow, tried), _reaches(seed)
     robust = _later_sensors(seed, controls["internal_model"].axes[0].controller)
     told("closed loops")
-    plan = _plans(static)
-    planned = np.array([_driven(seed, each) for each in plan])
-    slow = run_ramps(seed)
+    driven = run_ramps(seed)
     told("ramps")
     sight = run_sight(seed, controls[DEFAULT])
     told("sight")
@@ -149,10 +138,9 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Res
         "twin": facts,
         **static.figures(),
         **loop_figures(runs),
-        "fig8": {**ramp_figures(slow), "closed_deg": _closed_ramps(runs)},
+        "fig8": {**ramp_figures(driven), "closed_deg": _closed_ramps(runs)},
         "unreachable": unreachable_figures(runs, reach),
         "limits": _limits(runs, camera.runs),
-        "planning": _planning(plan, planned),
         "robust": robust,
         "camera": camera.figures(),
         **gather_sight([sight]),
@@ -161,9 +149,21 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Res
         "seconds": time.perf_counter() - began,
     }
     return Results(
-        figures, seed=seed, facts=facts, static=static, runs=runs, reach=reach, ramps=slow,
-        plan=plan, planned=planned, sight=sight, integral=integral, camera=camera,
+        figures, seed=seed, facts=facts, static=static, runs=runs, reach=reach, ramps=driven,
+        sight=sight, integral=integral, camera=camera,
     )  # fmt: skip
+
+
+def every_control(
+    wires: tuple[HeatedWire, HeatedWire], coupling: FloatArray
+) -> dict[str, HeadControl]:
+    """Return the control of a head by every law."""
+    return {name: head_control(law, wires, coupling=coupling) for name, law in LAWS.items()}
+
+
+def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[Key, HeadRun]:
+    """Run the steps of the paper with every controller, in steady surroundings."""
+    return _run(seed, controls, (each for each in _steps(controls) if not each[-1]))
 
 
 def loop_figures(runs: Mapping[Key, HeadRun]) -> dict[str, Any]:
@@ -175,6 +175,7 @@ def loop_figures(runs: Mapping[Key, HeadRun]) -> dict[str, Any]:
         "steps": step_figures([runs[f"step {x:g}", DEFAULT] for x in TARGETS]),
         "rivals": {name: _rival(runs, name) for name in LAWS},
         "steps_disturbed": step_figures([runs[each, DEFAULT] for each in disturbed]),
+        "fig9": _slow_pole_figures(runs),
         "open_loop": {"rms_deg": _settled_rms(runs["stairs", "feedforward"])},
         "open_loop_plus_10K": {"rms_deg": _settled_rms(runs["stairs, warmer", "feedforward"])},
         "ambient_ramp": {"max_deg": _ramp_worst(runs["ambient ramp", DEFAULT])},
@@ -187,6 +188,15 @@ def loop_figures(runs: Mapping[Key, HeadRun]) -> dict[str, Any]:
     for period in (*PERIODS, *FASTER):
         found[f"circle_{period:g}s"] = _round(runs[f"circle {period:g} s", DEFAULT])
     return found
+
+
+def _slow_pole_figures(runs: Mapping[Key, HeadRun]) -> dict[str, float]:
+    """Return the settling of the internal model with G(s), and over that without."""
+    with_it, without = (
+        max(runs[f"step {x:g}", name].settle for x in TARGETS)
+        for name in (SLOW_POLE, "internal_model")
+    )
+    return {"settle_s": with_it, "ratio": with_it / without}
 
 
 def _rival(runs: Mapping[Key, HeadRun], name: str) -> dict[str, float]:
@@ -237,17 +247,6 @@ def _limits(runs: Mapping[Key, HeadRun], by_camera: Iterable[HeadRun]) -> dict[s
     }
 
 
-def _planning(plan: Sequence[PlannedPowers], driven: FloatArray) -> dict[str, float]:
-    planned, inverse = plan
-    errors = [float(np.sum((y - planned.targets) ** 2)) for y in driven]
-    return {
-        "cost_ratio": planned.cost / inverse.cost,
-        "driven_cost_ratio": errors[0] / errors[1],
-        "rms_deg": planned.rms,
-        "inverse_rms_deg": inverse.rms,
-    }
-
-
 def _reaches(seed: int) -> dict[str, float]:
     """Return the true reach in degrees, by its name, in each run in other surroundings or aged."""
     found = {what: true_reach(seed, around) for what, (around, _) in IMPOSSIBLE.items()}
@@ -262,7 +261,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return medians over specimens, but sums of violations and of false alarms.
 
     Of the targets out of reach it is the share of specimens in which all of them were found. What
-    the camera sees is scored over all points, touches and pictures.
+    the camera sees is scored over all points and pictures.
     """
     found = medians([{k: v for k, v in run.items() if k != "sight"} for run in runs])
     found |= gather_sight([run["sight"] for run in runs])
@@ -316,6 +315,12 @@ def _steps(controls: Iterable[str]) -> Iterator[Experiment]:
             yield what, name, way, STEP_SECONDS, {"surroundings": around}
 
 
+def _fig_9() -> Iterator[Experiment]:
+    """Yield the steps by the internal model with the paper's G(s)."""
+    for target in TARGETS:
+        yield f"step {target:g}", SLOW_POLE, constant(target), STEP_SECONDS, {}
+
+
 def _others(seed: int, controls: Mapping[str, HeadControl]) -> Iterator[Experiment]:
     """Yield aged wires, open loop, slow ramps, a rising ambient, and circles."""
     rng = np.random.default_rng([seed, 8])
@@ -327,8 +332,7 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> Iterator[Experime
     way, span = stairs(targets, OPEN_HOLD), OPEN_HOLD * OPEN_TARGETS
     yield "stairs", "feedforward", way, span, {}
     yield "stairs, warmer", "feedforward", way, span, {"surroundings": WARMER}
-    slow = ramps(LOW, HIGH, PERIOD)
-    yield "ramps", DEFAULT, slow, RAMPS_SECONDS, {"surroundings": VARYING}
+    yield "ramps", DEFAULT, ramps(LOW, HIGH, PERIOD), RAMPS_SECONDS, {}
     for name in controls:
         way = constant(RAMP_TARGET)
         yield "ambient ramp", name, way, RAMP_SECONDS, {"surroundings": RAMP}
@@ -385,21 +389,6 @@ def _later_sensors(seed: int, law: Controller | None) -> dict[str, float]:
         "gain": edges.gain,
         "lag": edges.lag,
     }
-
-
-def _plans(static: Results) -> tuple[PlannedPowers, PlannedPowers]:
-    """Plan a sequence, and the inverse one, for targets that fall faster than a wire cools."""
-    planner = Planner(wire=static.wires[0].model, interval=PLAN_INTERVAL)
-    targets = np.repeat(PLANNED, round(PLAN_HOLD / PLAN_INTERVAL))
-    return planner.plan(targets), planner.feedforward(targets)
-
-
-def _driven(seed: int, plan: PlannedPowers) -> FloatArray:
-    """Return the true angles (N,) of a wire driven by the currents of a plan."""
-    head = Head(seed, tick=plan.interval, log_truth=True)
-    for current in plan.current:
-        head.exchange(np.array([min(float(current), CURRENT), 0.0]))
-    return np.asarray(truth(head).angle[:, 0])
 
 
 def _settled_rms(run: HeadRun) -> float:

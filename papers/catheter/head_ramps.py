@@ -1,11 +1,10 @@
-"""Fig 8: ramps in open loop by the paper's inverse, while the heating of the wire varies.
+"""Fig 8: ramps in open loop by the paper's inverse, and a hypothesis on why they become worse.
 
 Boudjabi, Ferreira and Krupa drive the head by the inverse of a linear transfer function of the
 heating and by the stepping inverse of the operator, without feedback. The first rising ramp is
 followed; later ones are not, which they explain by the variable dynamics of the heating. The same
-chain drives the twin here. What varies in it is switched on part by part: a wire's latent heat and
-resistance always do, its convection does with temperature and bending, and its heat warms the body
-of the head.
+chain drives the twin here, as it is in all other runs: a wire's latent heat and resistance vary. By
+hypothesis its convection varies too, and its heat warms a body of the head, of assumed size.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from minorloop.dynamics.cascade import filtered_inverse
 from minorloop.dynamics.linear import Linear
 from minorloop.operators.preisach import Preisach
 from minorloop_head.twins.head import Head
-from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
+from minorloop_head.twins.surroundings import Cooling, Surroundings
 from papers.catheter.head_loop import NOISE, TICK
 from papers.catheter.head_static import COMMAND, CURRENT, heating_lag, identify_mesh
 from papers.catheter.scoring import body_temperature
@@ -33,14 +32,12 @@ up and down, 15 lags of a wire each way, since the paper's inputs are slow; and 
 lower end, in which the wire warms up."""
 FASTEST = 30.0
 """Seconds of the last of ramps that get faster: the period of the faster circle of this study."""
-STEP, COARSE = 0.015, 0.1
-"""Steps of the inverse in V: 0.1 V across the 20 ohm of the paper, which are 5 mA or 0.015 V of the
-command; and 0.1 V of the command, which are 33 mA."""
+STEP = 0.015
+"""Step of the inverse in V: 0.1 V across the 20 ohm of the paper, which are 5 mA or 0.015 V of the
+command."""
 FILTER = 0.5
 """Time constant in seconds of the filter that makes the inverse of the heating proper. It turns
 each step of the inverse into a pulse that is higher by the lag over it, 0.12 V with this one."""
-ROOM = Course(20.0, 26.0, at=BEFORE, duration=RAMPS * PERIOD)
-"""A room that warms by 6 K during the ramps, in degrees Celsius."""
 
 
 @dataclass(frozen=True)
@@ -49,24 +46,12 @@ class Case:
 
     cooling: Cooling | None = None
     """Of the head in which the model is identified and the ramps are driven."""
-    step: float = STEP
-    """Step of the inverse, in V."""
-    ambient: float | Course = 20.0
-    """While the ramps are driven, in degrees Celsius; 20 while the model is identified."""
     fastest: float = PERIOD
     """Period of the last ramp in seconds; that of the first is `PERIOD`."""
 
 
-CASES = {
-    "varying": Case(Cooling()),
-    "constant": Case(),
-    "film": Case(Cooling(share=0.0)),
-    "faster": Case(fastest=FASTEST),
-    "coarse": Case(Cooling(), COARSE),
-    "room": Case(ambient=ROOM),
-}
-"""The first is the cause that the paper names, on its own inverse; the room that warms is not."""
-NAMED = "varying"
+CASES = {"as it is": Case(), "faster": Case(fastest=FASTEST), "body": Case(Cooling())}
+"""The first is the head of all other runs, the last the hypothesis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,10 +135,10 @@ def _driven(seed: int, case: Case, model: Preisach, lag: float) -> Ramps:
     # A phase of 1 for each ramp; 0.5 is its top.
     phase = np.interp(t, np.concatenate([[0.0], ends]), [0.0, *range(RAMPS + 1)]) % 1.0
     wanted = LOW + (HIGH - LOW) * (1.0 - np.abs(2.0 * phase - 1.0))
-    steps = stepping_inverse(model, wanted, case.step)
+    steps = stepping_inverse(model, wanted, STEP)
     inverse, _ = filtered_inverse(Linear.lags(lag), FILTER)
     command = np.clip(inverse.simulate(t, steps), 0.0, COMMAND)
-    around = Surroundings(ambient=case.ambient, cooling=case.cooling)
+    around = Surroundings(cooling=case.cooling)
     head = Head(seed, NOISE, seed, surroundings=around, log_truth=True)
     angle, cuts = np.zeros_like(t), np.searchsorted(t, np.concatenate([[0.0], ends]))
     for a, b in zip(cuts[:-1], np.append(cuts[1:-1], t.size - 1), strict=True):
@@ -163,6 +148,6 @@ def _driven(seed: int, case: Case, model: Preisach, lag: float) -> Ramps:
 
 
 def ramp_figures(ramps: dict[str, Ramps]) -> dict[str, Any]:
-    """Return the figures of the named cause, and those of the other cases by their names."""
-    own = {name: run.figures() for name, run in ramps.items()}
-    return {**own.pop(NAMED), **own}
+    """Return the figures of the head as it is, and those of the other cases by their names."""
+    own, *others = (run.figures() for run in ramps.values())
+    return {**own, **dict(zip(list(ramps)[1:], others, strict=True))}

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from minorloop.drawing.operators import draw_density
+from minorloop.operators.relays import RelayModel
 from minorloop.report import Table
 from minorloop_head.control.head import AGE
 from minorloop_head.heated_wire import HeatedWire
-from minorloop_head.twins.surroundings import Cooling
 from papers.catheter.head import (
     DEFAULT,
     IMPOSSIBLE,
@@ -33,9 +33,8 @@ from papers.catheter.head_loop import (
     HeadRun,
     step_figures,
 )
-from papers.catheter.head_ramps import NAMED, Ramps
 from papers.catheter.head_rivals_report import STEP, WORDS, ControllerFigure, where_better
-from papers.catheter.head_static import CURRENT
+from papers.catheter.head_static import COMMAND, MESH
 from papers.catheter.picture_sensor import DROPPED
 from papers.drawing import WITH_ROOM, draw, level, panel
 from papers.harness import Results, Study, rms
@@ -45,6 +44,11 @@ _COLOURS = {"pi": "C3", "feedforward_pi": "C4", "internal_model": "C1", "observe
 internal model and the observer."""
 _ROUNDING = 1e-9
 """Error of an inverse in percent of the range that is of the floating-point numbers only."""
+FIG_7 = ("wanted angle", "inverse of the operator", "power", "inverse of the heating", "command")
+FIG_9 = ("wanted, less what the model missed", "C(s), G(s)", "v", "inverse operator, wire", "angle")
+FIG_9_MODEL = ("v", "H(s)", "angle of the model", "less the angle", "what the model missed")
+HISTORY = (0.0, 0.9, 0.35, 0.7)
+"""Commands of Fig 3 in V: extrema of the input, one after the other."""
 RIVALS = (
     *STEP,
     ControllerFigure("disturbed_settle_s", "settling when disturbed", "s", 1, least=TICK),
@@ -58,16 +62,14 @@ RIVALS = (
 
 def names(study: Results, *_: Any) -> dict[str, Any]:
     """Return what the template names beside figures."""
-    steps = study.camera.steps
-    highest = max(target for _, target in steps)
-    laws = {name: step_figures([run]) for (name, step), run in steps.items() if step == highest}
     return {
         "drawn": _drawn(study),
         "interval_ms": 1e3 * TICK,
-        "body_share": Cooling().share,
-        "camera_end": end_of(study.camera),
-        "camera_step": highest,
-        "camera_laws": laws,
+        "tenth_over_second": {
+            name.replace(" ", "_"): float(each[9] / each[1])
+            for name, one in study.ramps.items()
+            for each in (np.hypot(*one.rms.T),)
+        },
         "HIGHEST": HIGHEST,
         "HOTTEST": HOTTEST,
         "AGE": AGE,
@@ -189,26 +191,63 @@ def draw_inverse(study: Results) -> Any:
     return draw(*panels, columns=2, height=3.6, sharey=True)
 
 
+def draw_history() -> Any:
+    """Draw Fig 3: inputs in time, and below them what each leaves in the triangle."""
+    u = np.linspace(0.0, COMMAND, 241)
+    plane = RelayModel(u, np.zeros((u.size, u.size)), relay="unipolar")
+    upper, lower = [], []
+    for number, name in enumerate("abc", start=2):
+        way = np.array(HISTORY[:number])
+        time = (np.arange(number), way, "C0 o-")
+        frame: dict[str, Any] = {"xlim": (0, 3.2), "ylim": (0, COMMAND)}
+        upper.append(panel("time", "command [V]", time, title=f"({name})", **frame))
+        shown = np.where(np.tri(u.size, dtype=bool), plane.states(way), np.nan)
+        cells = partial(_cells, u=u, shown=shown)
+        words = "beta [V]", "alpha [V]"
+        lower.append(panel(*words, cells, title=f"({chr(ord(name) + 3)})", aspect="equal"))
+    return draw(*upper, *lower, columns=3, height=5.4)
+
+
+def draw_mesh(study: Results) -> Any:
+    """Draw Fig 4 (c): the square mesh over the triangle, coloured by the measured angles."""
+    paper = study.static.paper
+    levels = paper.model.levels
+    known = np.full((MESH + 1, MESH + 1), np.nan)
+    ends = [int(np.argmin(np.abs(levels - u))) for u in paper.u]
+    top = 0
+    for before, now, angle in zip(ends[:-1], ends[1:], paper.y[1:], strict=True):
+        top = now if now > before else top
+        known[top, now] = angle
+    lines = [([0.0, u, u], [u, u, COMMAND], "0.6 - 0.5") for u in levels]
+
+    def nodes(axes: Any) -> None:
+        i, j = np.nonzero(np.isfinite(known))
+        shown = axes.scatter(levels[j], levels[i], c=known[i, j], cmap="viridis", s=26, zorder=3)
+        axes.figure.colorbar(shown, ax=axes, label="angle at the node [deg]")
+
+    diagonal = ([0.0, COMMAND], [0.0, COMMAND], "0.3 - 0.8")
+    words = "beta: where the fall ends [V]", "alpha: where the rise ends [V]"
+    return draw(panel(*words, *lines, diagonal, nodes, aspect="equal"), height=4.4)
+
+
+def _cells(axes: Any, u: Any, shown: Any) -> None:
+    axes.pcolormesh(u, u, shown, cmap="Blues", vmin=-0.4, vmax=1.4, rasterized=True)
+
+
 def draw_ramps(study: Results) -> Any:
-    """Draw Fig 8: angle, errors of three cases, and the temperature of the body."""
-    named = study.ramps[NAMED]
-    errors = [
-        (study.ramps[name].t, study.ramps[name].error, f"{colour} - 0.8", words)
-        for name, colour, words in (
-            (NAMED, "C0", "varying heating, with a body"),
-            ("constant", "C7", "latent heat and resistance alone"),
-            ("room", "C3", "room warms by 6 K"),
-        )
-    ]
-    legend, body = {"ncols": 3, **WITH_ROOM}, np.append(20.0, named.body)
+    """Draw Fig 8: reference and angle, and below them the errors with the hypothesis."""
+    own, body = study.ramps["as it is"], study.ramps["body"]
+    legend: dict[str, Any] = {"ncols": 2, **WITH_ROOM}
     return draw(
         panel(
-            "", "angle [deg]", (named.t, named.wanted, "0.2 -- 0.8", "reference"),
-            (named.t, named.angle, "C0", "actual"), legend=legend,
+            "", "angle [deg]", (own.t, own.wanted, "0.2 -- 0.8", "reference"),
+            (own.t, own.angle, "C0", "actual"), legend=legend,
         ),
-        panel("", "error [deg]", *errors, legend=legend),
-        panel("time [s]", "body [C]", (np.append(0.0, named.ends[1:]), body, "C1 .-")),
-        height=7.0, sharex=True, height_ratios=(3, 3, 1),
+        panel(
+            "time [s]", "error [deg]", (own.t, own.error, "C0 - 0.8", "the head as it is"),
+            (body.t, body.error, "C3 - 0.8", "hypothesis: a body warms"), legend=legend,
+        ),
+        height=5.6, sharex=True, height_ratios=(3, 2),
     )  # fmt: skip
 
 
@@ -298,25 +337,6 @@ def _mark(axes: Any, at: float) -> None:
     axes.axvline(at, color="C3", lw=1.0)
 
 
-def draw_plan(study: Results) -> Any:
-    """Draw angles and currents of a planned sequence and of the inverse."""
-    upper, lower, targets = [], [], study.plan[0].targets
-    t = study.plan[0].interval * np.arange(1, targets.size + 1)
-    for plan, angle, words, colour in zip(
-        study.plan, study.planned, ("planned", "inverse"), ("C0", "C3"), strict=True
-    ):
-        upper.append((t, angle, f"{colour} - 1.2", words))
-        # A current is held until the end of its interval.
-        held = np.repeat(np.minimum(plan.current, CURRENT), 2)
-        lower.append((np.repeat(np.append(0.0, t), 2)[1:-1], held, colour))
-    return draw(
-        panel("", "angle [deg]", *upper, (t, targets, "0.2 . 3", "targets")),
-        panel("time [s]", "current [A]", *lower),
-        height=5.0,
-        sharex=True,
-    )
-
-
 def to_rounding(error: float) -> str:
     """Return in words by how much of the range in percent an exact inverse errs."""
     return "is exact to rounding" if error < _ROUNDING else f"errs by {error:.2g} %"
@@ -326,12 +346,6 @@ def mean_lag(wire: HeatedWire) -> float:
     """Return the heating lag of a wire that moves, in seconds, on average over its levels."""
     low, high = wire.operator.range
     return wire.lag + wire.latent * float((high - low) / np.ptp(wire.operator.levels))
-
-
-def after_start(ramps: Ramps) -> float:
-    """Return the rms error of the tenth ramp over that of the second, which begins warm."""
-    whole = np.sqrt(np.mean(ramps.rms**2, axis=1))
-    return float(whole[-1] / whole[1])
 
 
 def circle_speeds(figures: Mapping[str, Any]) -> str:

@@ -19,6 +19,7 @@ from minorloop.dynamics.linear import Linear
 from minorloop.identification import Identification, excitation
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
+from minorloop_head.control.controller import mean_slope
 from minorloop_head.control.heating import (
     HeatedIdentification,
     identify_coupling,
@@ -66,8 +67,8 @@ class Arbitrary:
     """An arbitrary continuous input with minor loops, that no model was fitted to.
 
     ``t`` (T,) in s, ``command`` (T,) in V, ``angle`` (T,) as measured in degrees; ``predicted``
-    are the angles (T,) of the operator on ``power`` with its lag, and of the ``mesh`` behind a
-    linear lag, if there is one.
+    are the angles (T,) of the operator on ``power`` with its lag, of the ``mesh`` behind a linear
+    lag, and of the ``ideal`` H(s) of Fig 9, whose lag is behind the operator.
     """
 
     t: FloatArray
@@ -189,11 +190,16 @@ def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Arbitrary:
     current = command * CURRENT / COMMAND
     head = Head(seed, NOISE, 2 * seed)
     heated = Linear.lags(heating_lag(seed, mesh)).simulate(t, command)
+    lag = wire.lag + wire.latent * mean_slope(wire)
     return Arbitrary(
         t=t,
         command=command,
         angle=np.asarray(head.drive(t, np.array([current, np.zeros(t.size)])).y[0]),
-        predicted={"power": wire.simulate(t, current), "mesh": mesh.simulate(heated)},
+        predicted={
+            "power": wire.simulate(t, current),
+            "mesh": mesh.simulate(heated),
+            "ideal": Linear.lags(lag).simulate(t, wire.operator.simulate(current**2)),
+        },
     )
 
 

@@ -27,7 +27,8 @@ from papers.catheter.detection import (
 )
 from papers.catheter.flooded import reach_figures
 from papers.catheter.inspection_servo import Scene, servo_figures
-from papers.catheter.mission import mission_figures, run_mission, touch_figures
+from papers.catheter.mission import gather as gather_missions
+from papers.catheter.mission import run_mission
 from papers.catheter.scan_trials import SCANS, run_scans, scan_figures
 from papers.catheter.sweep_trials import c_scan_figures, run_sweep
 from papers.harness import Results, for_each, mean, medians
@@ -138,8 +139,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         },
         "cracks": crack_figures([one for run in runs for one in run["cracks"]]),
         **scan_figures([run["scored"] for run in runs]),
-        "mission": mission_figures([run["mission"] for run in runs]),
-        "touch": touch_figures([run["mission"] for run in runs]),
+        **gather_missions([run["mission"] for run in runs]),
         "cscan": c_scan_figures([run["sweep"] for run in runs]),
         "reach": {key: mean([run["reach"][key] for run in runs]) for key in runs[0]["reach"]},
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -10,26 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
-from minorloop_head.geometry import wall_distance, wrapped
-from minorloop_head.procedures.sweep_map import SHADES, SOURCES, draw_pipe_map, water_angles
-from minorloop_head.reconstruction.depth_map import ECHOES
-from minorloop_head.reconstruction.findings import PLACE_SD, Finding, finding_of, save_findings
-from minorloop_head.reconstruction.mesh import save_mesh
-from minorloop_head.ultrasound.crack_depth import MEASURED
+from minorloop_head.procedures.inspected_view import AROUND
+from minorloop_head.procedures.sweep_map import draw_pipe_map
 from minorloop_head.vision.defects import DITHER, LEAST_EVIDENCE, SINGLE, SWITCHED, Hole
 from papers.catheter.crack_trials import CrackOutcome, search_cracks
 from papers.catheter.detection import SceneOutcome, Search, recall_curve, search_scene
 from papers.catheter.inspection import gather, run_study
 from papers.catheter.inspection_servo import SETTLED_PX, SWAY_WAIT
 from papers.catheter.judged import JUDGE, SCENES
-from papers.catheter.mission import Mission
-from papers.catheter.mission_cracks import SeenCrack
-from papers.catheter.mission_scene import RADIUS
 from papers.catheter.scan_trials import ScoredScan
-from papers.drawing import Paint, draw, level, new_figure, panel, photo
+from papers.drawing import Paint, draw, level, panel, photo
 from papers.harness import Results, Study
 
 _WORDS = {
@@ -173,121 +164,6 @@ def _wall(outcome: CrackOutcome) -> Paint:
     return photo(wall.whole - wall.ground, title, *traced, true, vmin=-0.8, vmax=0.5)
 
 
-_CROP = 60
-"""Half the side of a drawn close-up in pixels, by trial."""
-_AROUND = 25.0  # pixels
-
-
-def save_mission(mission: Mission, folder: Path) -> list[Path]:
-    """Write findings as a table and, with trimesh, the wall about each as PLY and glTF.
-
-    Nothing is written of a mission without findings. The folder exists.
-    """
-    if not mission.findings:
-        return []
-    written = [save_findings(mission.findings, folder / "findings.csv")]
-    walls = {} if mission.wall is None else {"finding": mission.wall}
-    many = len(mission.cracks) > 1
-    for number, crack in enumerate(mission.cracks, start=1):
-        walls[f"crack{number}" if many else "crack"] = crack.wall
-    for name, wall in walls.items():
-        written += [save_mesh(wall, folder / f"{name}.{kind}") for kind in ("ply", "glb")]
-    return written
-
-
-def draw_images(mission: Mission) -> Any:
-    """Draw the picked point as first seen, close up, and with the axis sent to it; None of none."""
-    if mission.first is None:
-        return None
-    panels = []
-    for image, pixel, title, half in (
-        (mission.first, mission.pixel, "picked", np.inf),
-        (mission.first, mission.pixel, "picked, close up", _CROP),
-        (mission.centred, None, "the axis sent to it", _CROP),
-    ):
-        if image is None:
-            panels.append(photo(None, title))
-            continue
-        place = np.array(image.shape[::-1]) / 2 if pixel is None else pixel
-        square = partial(ring, at=place, size=18 if np.isinf(half) else 60)
-        panels.append(photo(image, title, square, middle=place, half=half))
-    return draw(*panels, columns=3, height=3.0)
-
-
-def ring(axes: Any, at: Any, size: float = 11.0, mark: str = "s", colour: str = "C1") -> None:
-    """Draw the outline of a mark about a place (2,)."""
-    axes.plot(*at, mark, ms=size, mec=colour, mfc="none", mew=1.4)
-
-
-def draw_ring(mission: Mission) -> Any:
-    """Draw the unrolled pipe: the source of each part, the water line, and the profile."""
-    from matplotlib.colors import ListedColormap
-
-    figure, (top, low) = new_figure(2, 1, height=4.6)
-    wall, water = mission.ring, mission.water
-    if wall is None or water is None:
-        return figure
-    patch = wall.patch
-    extent = (-180.0, 180.0, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
-    top.grid(False)
-    shown = top.imshow(
-        wall.source, origin="lower", extent=extent, aspect="auto", cmap=ListedColormap(SHADES),
-        vmin=-0.5, vmax=3.5, interpolation="nearest",
-    )  # fmt: skip
-    bar = figure.colorbar(shown, ax=top, ticks=range(4))
-    bar.ax.set_yticklabels(SOURCES)
-    top.set(title=f"seen by; {wall.unseen:.1%} unseen", ylabel="along the pipe [mm]")
-    low.grid(False)
-    measured = np.isfinite(wall.depth) & (wall.source & ECHOES > 0)
-    depth = 1e3 * np.where(measured, wall.depth, np.nan)
-    shown = low.imshow(depth, origin="lower", extent=extent, aspect="auto", cmap="viridis")
-    figure.colorbar(shown, ax=low, label="depth [mm]")
-    low.set(
-        title="depth under the wall by echoes; blank without an echo",
-        xlabel="around the pipe [degrees]",
-        ylabel="along the pipe [mm]",
-    )
-    for axes in (top, low):
-        for phi in water_angles(water.height, patch.radius):
-            axes.axvline(phi, color="C3", lw=1.2, ls="--")
-        if mission.pit is not None:
-            place = np.degrees(wrapped(mission.pit.phi)), 1e3 * mission.pit.z
-            ring(axes, place, mark="o")
-        for crack in mission.cracks:
-            phi, z = crack.course.places.T
-            _course(axes, np.degrees(wrapped(phi)), 1e3 * z)
-    return figure
-
-
-def draw_crack(crack: SeenCrack) -> Any:
-    """Draw the near view of a crack, its course over it, and its width along it."""
-    traced = crack.traced
-    image, course = crack.photo.image, crack.photo.pixels(traced.places)
-    place = crack.photo.pixels(crack.widest)
-    middle = 0.5 * (course.min(axis=0) + course.max(axis=0))
-    half = 0.5 * float(np.ptp(course, axis=0).max()) + _AROUND
-    along = np.linspace(0.0, 1e3 * traced.length, len(traced.widths))
-    near = int(np.argmin(np.linalg.norm(course - place, axis=1)))
-    circle = partial(ring, mark="o", colour="C0")
-    over = [(*course.T, "C1 - 0.9"), partial(circle, at=place)]
-    return draw(
-        photo(image, "seen from nearer", middle=middle, half=half),
-        photo(image, "as it was traced", *over, middle=middle, half=half),
-        panel(
-            "along the crack [mm]", "width [mm]", (along, 1e3 * traced.widths, "C1 - 1.5"),
-            partial(circle, at=(along[near], 1e3 * crack.width)), title="scanned at the circle",
-            ylim=(0.0, 1.3e3 * float(traced.widths.max())),
-        ),
-        columns=3, height=3.0,
-    )  # fmt: skip
-
-
-def _course(axes: Any, phi: FloatArray, z: FloatArray) -> None:
-    """Draw a course on the unrolled wall, broken where it crosses the edge."""
-    broken = np.flatnonzero(np.abs(np.diff(phi)) > 180.0) + 1
-    axes.plot(np.insert(phi, broken, np.nan), np.insert(z, broken, np.nan), color="C1", lw=1.0)
-
-
 def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Draw measured minus true depth of every pit, with its 90 % band."""
     panels, probes = [], {"through the lens": ("pit", "fused"), "unfocused disc": ("unfocused",)}
@@ -310,94 +186,52 @@ def _points(axes: Any, x: Sequence[float], y: Sequence[float], **style: Any) -> 
         axes.errorbar(x, y, **style)
 
 
-def picked_off(mission: Mission) -> float:
-    """Return how far the picked place is from that of the pit, in millimetres."""
-    assert mission.picked is not None
-    assert mission.pit is not None
-    return 1e3 * float(wall_distance(mission.picked, (mission.pit.phi, mission.pit.z), RADIUS))
-
-
-def finding_rows(finding: Finding) -> Table:
-    """Return a table of a finding with the 90 % band of each value."""
-    rows = []
-    for name, what, scale, unit in (
-        ("phi", "angle", 180 / np.pi, "deg"),
-        ("z", "axial position", 1e3, "mm"),
-        ("width", "width", 1e3, "mm"),
-        ("length", "length", 1e3, "mm"),
-        ("depth", "depth", 1e3, "mm"),
-    ):
-        value, sd = getattr(finding, name), getattr(finding, f"{name}_sd")
-        known = np.isfinite(value)
-        band = f"+- {scale * PER_DEVIATION * sd:.3f} {unit}" if known and np.isfinite(sd) else "-"
-        rows.append((what, f"{scale * value:.3f} {unit}" if known else "not known", band))
-    return Table((f"{finding.kind}: {finding.verdict}", "found", "90 % band"), rows)
-
-
-_NO_CRACK = "No line was seen again in a near view, so that no crack is reported."
-
-
 def names(
     study: Results, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return what the template names beside figures."""
-    many, missions, mission = len(runs) > 1, figures["mission"], study.mission
+    many, missions = len(runs) > 1, figures["mission"]
     cracks = [one for run in runs for one in run["cracks"]]
     outcomes = [outcome for run in runs for outcome in run["outcomes"]]
-    finding = mission.finding or (mission.pit and finding_of(mission.pit))
     return {
         "own_pipes": "pipes of their own" if many else "a pipe of its own",
         "drawn": f"{'that of ' if many else ''}seed {study.seed}",
-        "measured": round(missions["measured"] * missions["of"]),
-        "cracked": round(missions["cracks_found"] * missions["of"]),
         "missions": f"mission{'s' if missions['of'] > 1 else ''}",
         "JUDGE": JUDGE,
         "SCENES": SCENES,
-        "without_pit": "" if _has_pit(mission) else nothing_found(mission),
-        "without_crack": "" if mission.cracks else _NO_CRACK,
         "swept": draw_pipe_map(study.sweep.fused, picture=study.sweep.fused.picture),
         "outcomes": outcomes,
         "missed": missed_holes(outcomes),
-        "PLACE_SD_mm": 1e3 * PLACE_SD,
         "missed_cracks": [one for one in cracks if one.width > 0 and not one.found],
         "false_cracks": [one for one in cracks if one.false],
-        "pits": [{"finding": finding, "wall": mission.wall}] if _has_pit(mission) else [],
-        "rings": [] if mission.ring is None else [mission.ring],
     }
 
 
-def _has_pit(mission: Mission) -> bool:
-    return mission.wall is not None and mission.pit is not None
-
-
-def narrow_words(crack: SeenCrack) -> str:
-    """Return why a crack has no depth; nothing if it has one."""
-    why = " The floor of a narrow crack reflects too little of a beam to be measured."
-    return "" if crack.finding.verdict == MEASURED else why
-
-
 def save_beside(study: Results, folder: Path) -> list[str]:
-    """Write the findings of the first specimen's mission beside the report: table, PLY and glTF."""
-    written = save_mission(study.mission, folder)
-    if not written:
-        print(nothing_found(study.mission), file=sys.stderr)
-    return [f"written: {path}" for path in written]
+    """Write all files of the inspection of the first specimen to a folder beside the report."""
+    for name, content in study.mission.files.items():
+        path = folder / "inspection" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    return [f"written: {folder / 'inspection' / 'report.html'}"]
 
 
-def nothing_found(mission: Mission) -> str:
-    """Return a sentence on why a mission has no pit."""
-    why = "nothing round was seen" if mission.pit is None else f"verdict: {mission.pit.verdict}"
-    return (
-        f"The mission of seed {mission.seed} ended without the depth of a pit ({why}); no mesh of "
-        "one is written."
-    )
+def mission_table(mission: Results) -> Table:
+    """Return the findings of an inspection."""
+    rows = []
+    for row in mission.content["findings"]:
+        numbers = ("width [mm]", "length [mm]", "depth [mm]")
+        cells = ("-" if row[name] is None else f"{row[name]:.3f}" for name in numbers)
+        rows.append((row["kind"], row["grade"], *cells, row["verdict"]))
+    return Table(("finding", "grade", "width, mm", "length, mm", "depth, mm", "verdict"), rows)
 
 
-def log_table(mission: Mission) -> Table:
-    """Return the steps of a mission."""
+def log_table(mission: Results) -> Table:
+    """Return the steps of an inspection after it has looked round."""
     rows = [
         (f"{step.t:.0f} s", step.what, step.outcome, "" if step.succeeded else "failed")
         for step in mission.log
+        if not step.what.startswith(AROUND)
     ]
     return Table(("time", "step", "outcome", ""), rows)
 

@@ -23,9 +23,11 @@ from minorloop_head.geometry import Mount, meet_wall
 from minorloop_head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop_head.procedures.centre import CONE, Centred, Centring
 from minorloop_head.procedures.go import go
+from minorloop_head.procedures.mark import aim_at
 from minorloop_head.procedures.meter import meter
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.values import Procedure, Reading, Request, Result
+from minorloop_head.procedures.steps import acquire
+from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, Result
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
@@ -47,6 +49,8 @@ SERVO, STEADY = 25.0, 8.0
 FOCAL = LENS.focal / 2
 """Focal length in the pixels of this study: those of an image of 320 x 240."""
 START_PX, SETTLED_PX = 43.0, 2.0
+CLICK = 5.0
+"""Rms distance in pixels of 640 between a click and what it is meant for."""
 SWAY_SECONDS, SWAY_WAIT = 40.0, 12.0
 SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
 """Amplitude of the motion under which the tracker is tested, its fastest rate, and its duration."""
@@ -225,11 +229,29 @@ def run_servo(
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
-    """Hold the angles at which the hole is in the middle, without the camera."""
+    """Hold the angles at which what was picked is in the middle, without the camera."""
     rig = scene.rig(sway)
-    watch = Watch(scene, rig)
-    rig.run(go(angles=scene.aim, still=math.inf, turning=APPROACH + seconds), watch)
+    place, _ = clicked(scene, rig)
+    watch, angles = Watch(scene, rig), aim_at(rig.calibration, place, rig.place)
+    rig.run(go(angles=angles, still=math.inf, turning=APPROACH + seconds), watch)
     return watch.run(round(APPROACH / TICK))
+
+
+def clicked(scene: Scene, rig: InspectionRig) -> tuple[FloatArray, FloatArray]:
+    """Bring the head to where it starts, and return place and pixel (2,) of what is picked there.
+
+    An operator clicks beside the hole that he sees, and the procedure puts the point on its
+    outline.
+    """
+    seconds = 1.0
+    rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - seconds))
+    rig.run(meter(rig.calibration, rig.light, seconds))
+    rng = np.random.default_rng([scene.seed, 71])
+    click = Watch(scene, rig).pixel + CLICK / math.sqrt(2) * rng.standard_normal(2)
+    frames, reading = acquire(rig), rig.reading(NOW)
+    pixel = Centring(calibration=rig.calibration).outlined(frames, click, reading)
+    camera = rig.calibration.camera_at(reading.place)
+    return np.asarray(camera.place(pixel, frames[-1].pan, frames[-1].tilt)), pixel
 
 
 def changed(
@@ -270,13 +292,10 @@ def run_motion(scene: Scene) -> ServoRun:
 
 
 def watched(scene: Scene, rig: InspectionRig, centring: Centring, *, swings: bool = False) -> Watch:
-    """Bring the head to where the servo takes over, and track the patch that is picked there."""
-    seconds = 1.0
-    rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - seconds))
-    rig.run(meter(rig.calibration, rig.light, seconds))
-    point = Centred(place=np.array([scene.hole.phi, scene.hole.z]))
+    """Bring the head to where the servo takes over, and track what is picked there."""
+    place, pixel = clicked(scene, rig)
+    point = Centred(place=place, shown=pixel)
     watch = Watch(scene, rig, point)
-    point.shown = watch.pixel
 
     def at_once(request: Request, now: Reading | None) -> Request:
         """Pick the patch before the head moves."""
@@ -285,7 +304,7 @@ def watched(scene: Scene, rig: InspectionRig, centring: Centring, *, swings: boo
         return request if request.focus is None else Request(focus=request.focus, now=True)
 
     procedure = changed(centring.centre(point), at_once)
-    rig.run(swinging(procedure, scene.aim) if swings else procedure, watch)
+    rig.run(swinging(procedure, scene.start) if swings else procedure, watch)
     return watch
 
 

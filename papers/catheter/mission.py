@@ -1,376 +1,260 @@
-"""The inspection of section 5.2 of the catheter head paper, as one automatic mission on the twin.
+"""Unattended inspections of flooded pipes by the product, scored: section 5.2 of the paper.
 
-Look around, pick, centre, focus, extract, touch, measure, reconstruct; then trace and measure the
-cracks that were seen on the way. Head, catheter, camera and probe are twins; everything else would
-run in a real inspection.
+Each pipe has a pit and a crack. The head lies in water that cools its wires, refracts, absorbs and
+scatters the light, and flows while the probe fires. ``minorloop_head.inspection.inspect`` does all
+else; the truth is read after it has ended.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.threads import one_thread
-from minorloop_head.procedures.head_file import HeadFile
-from minorloop_head.procedures.probe_steps import (
-    SEEN_BEFORE,
-    drain,
-    fused_wall,
-    probe_of,
-    reach_words,
-    scanned_pit,
-)
+from minorloop_head.control.head import head_control
+from minorloop_head.geometry import Mount, wall_distance, wall_lengths
+from minorloop_head.inspection.heads import InspectedHead
+from minorloop_head.inspection.inspect_pipe import inspect
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.extract import SAME
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.ring import ring_sweep
-from minorloop_head.procedures.steps import (
-    CENTRED_PX,
-    CLAIMED,
-    REFUSED,
-    WITHIN,
-    centre,
-    extract,
-    focus,
-    go,
-    look,
-    meter,
-    photo,
-    pick,
-    search,
-    touch,
-)
-from minorloop_head.procedures.trace import likely, one_course, traces_of
+from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.seen_base import SeenBase
+from minorloop_head.procedures.trace import one_course
 from minorloop_head.procedures.values import LogEntry
-from minorloop_head.reconstruction.depth_map import DepthMap, WaterLine
-from minorloop_head.reconstruction.findings import Finding, finding_of, kind_of
-from minorloop_head.twins.pipe import Bore, Crack
-from minorloop_head.ultrasound.pits import PitDepth
-from minorloop_head.ultrasound.profile import Profile
-from minorloop_head.vision.cracks import TracedCrack
-from minorloop_head.vision.defects import Hole, strongest
-from minorloop_head.vision.reflectance_map import ReflectanceMap
-from papers.catheter import mission_cracks, scoring
-from papers.catheter.mission_cracks import SeenCrack
-from papers.catheter.mission_scene import RADIUS, distance, draw_mission, reachable
-from papers.catheter.pipe_map import ring_of
+from minorloop_head.twins.camera import Camera
+from minorloop_head.twins.catheter import Catheter
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.pipe import Bore, Crack, Pipe, draw_crack
+from minorloop_head.twins.rig import Rig, SimulatedTip
+from minorloop_head.twins.surroundings import FULL, Filling, Surroundings, Sway
+from minorloop_head.twins.turbid_water import TurbidWater
+from papers.catheter import scoring
+from papers.catheter.crack_scenes import fine_course
+from papers.catheter.inspection_servo import wires_of
 from papers.harness import Results, Study, mean, median
 
-RING, VIEWS = math.radians(25.0), 8
-"""Deflection of the views from one place in radians, and their number."""
-ADVANCES = (0.0, 3e-3, 6e-3, 9e-3, 12e-3, 15e-3, 18e-3, 21e-3, 24e-3)
-"""Positions of the catheter in metres from which the mission looks around, until echoes confirm a
-pit. Their distance makes a hole of 0.85 mm 9 pixels wide, at 320 by 240 pixels, in two views."""
-MOST_PICKS = 8
-"""Most candidates for a pit that are visited."""
-SAME = 1.0e-3
-"""Candidates within this distance in metres are one."""
+RADIUS = 10e-3
+ADVANCES = (4e-3, 8e-3, 12e-3)
+"""Places of the catheter in metres from which the head looks round."""
+BORED, CRACKED, CLEAR = (19e-3, 30e-3), (18e-3, 31e-3), 3e-3
+"""Ranges of pits and of cracks along the pipe, and their least distance, in metres."""
+WIDTHS = 30e-6, 300e-6
+CLASSES = {"30um": (30e-6, 50e-6), "50um": (50e-6, 100e-6), "100um": (100e-6, 300e-6)}
+"""Widths of cracks at their widest, in metres, equally likely on a logarithmic scale; and classes
+of them: up to 100 um a crack counts as a micro-crack."""
+OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
+"""Standard deviations of the known wall thickness, relative, and water temperature, in degrees."""
+TEMPERATURES, PRESSURES, OFF_SLEEVE = (30.0, 40.0), (1e5, 2e6), 0.04
+"""Ranges of the temperature of the water, in degrees Celsius, and of its pressure, in Pa, and
+largest share by which the convection of a sleeve differs from nominal: that of a bore which is 10 %
+wider or narrower. In colder water wires that are never out of it turn the camera too little."""
 PROMISED = 3.0
 """Most standard deviations by which the depth of a pit may be wrong, and count as measured: the
 90 % band is scored by its coverage, and excludes one in ten."""
-
-_OF_CRACKS = ("crack_length_error_pct", "crack_width_error_pct", "crack_off_mm")
-_OF_PITS = ("centred_px", "touch_mm", "position_mm", "diameter_error_pct", "depth_error_mm")
-
-
-@dataclass(frozen=True, eq=False)
-class Mission:
-    """Result of a mission."""
-
-    seed: int
-    truth: Bore
-    truth_crack: Crack
-    truth_water: float
-    """The pit, the crack, and the height of the water in m. For scoring only."""
-    log: tuple[LogEntry, ...] = ()
-    first: npt.NDArray[np.uint8] | None = None
-    centred: npt.NDArray[np.uint8] | None = None
-    """Shape (H, W). Images of the finding when picked, and with the axis sent to it."""
-    pixel: FloatArray | None = None
-    """Shape (2,). Of the finding in the first image."""
-    picked: FloatArray | None = None
-    """Shape (2,). Phi and z of the candidate in the view that showed it first."""
-    found: Hole | None = None
-    """By the camera, in the near view."""
-    pit: PitDepth | None = None
-    """By the echoes."""
-    wall: DepthMap | None = None
-    ring: DepthMap | None = None
-    """About the pit, and once round the pipe."""
-    profile: Profile | None = None
-    water: WaterLine | None = None
-    """Of the sweep round the pipe."""
-    cracks: tuple[SeenCrack, ...] = ()
-    """That were seen again in a near view."""
-    touch: float = np.nan
-    """Distance from the true centre at which the tool came to the wall, in m; infinite without a
-    contact."""
-    off: float = np.nan
-    """Distance of the true centre from the optical axis when centred, in pixels."""
-    steps: tuple[LogEntry, ...] = ()
-    """Those with this pit."""
-    reachable: bool = True
-    """Whether the wires truly reach the raster in the water. For scoring only."""
-    processor: float = np.nan
-    """Seconds of the processor, identification of the head included."""
-
-    @property
-    def failed(self) -> tuple[str, ...]:
-        """Steps with the pit that failed, of those without which it is not measured."""
-        return tuple(one.what for one in self.steps if one.what in CLAIMED and not one.succeeded)
-
-    @property
-    def finding(self) -> Finding | None:
-        """The pit, or what may be one, with a verdict that names what failed; None for a mark."""
-        if self.pit is None:
-            return None
-        found = finding_of(self.pit)
-        if self.failed and self.pit.verdict != REFUSED:
-            found = replace(found, verdict=f"{found.verdict}, but failed: {', '.join(self.failed)}")
-        return None if found.kind == "mark" else found
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Findings of the table: the pit, or what may be one, and cracks."""
-        pits = () if self.finding is None else (self.finding,)
-        return (*pits, *(crack.finding for crack in self.cracks))
-
-    def figures(self) -> dict[str, Any]:
-        """Return errors of the result; NaN where nothing was found."""
-        place = width = depth = water = np.nan
-        promised = False
-        if self.water is not None and self.water.seen:
-            water = 1e3 * abs(self.water.height - self.truth_water)
-        if self.pit is not None:
-            place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)
-            width = 100 * abs(self.pit.diameter / self.truth.diameter - 1)
-            depth = 1e3 * abs(self.pit.depth - self.truth.depth)
-            promised = depth <= 1e3 * PROMISED * self.pit.depth_sd
-        return {
-            "found": self.found is not None,
-            # What was measured elsewhere is not the pit.
-            "measured": self.pit is not None
-            and self.pit.measured
-            and place < 1e3 * SAME
-            and promised
-            and self.touch <= WITHIN
-            and self.off <= CENTRED_PX
-            and not self.failed,
-            "touched": self.touch <= WITHIN,
-            "promised": promised,
-            "failed": self.failed,
-            "centred_px": self.off,
-            "reachable": self.reachable,
-            "refused": any(one.what == "reach" and not one.succeeded for one in self.log),
-            "steps": [astuple(one) for one in self.log],
-            "seconds": self.log[-1].t,
-            "processor_s": self.processor,
-            "touch_mm": 1e3 * self.touch,
-            "position_mm": place,
-            "diameter_error_pct": width,
-            "depth_error_mm": depth,
-            "water_error_mm": water,
-            **mission_cracks.crack_figures(self.cracks, self.truth_crack),
-        }
+TOUCHED = 0.3e-3
+"""Distance in metres of a touch from the middle of a pit that is allowed."""
 
 
-@dataclass
-class Overview:
-    """Views so far, traces of lines in them, and the positions from which they were taken."""
+def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
+    """Draw a head in a flooded pipe with a pit and a crack, and the truth, for scoring only.
 
-    views: list[ReflectanceMap] = field(default_factory=list)
-    traces: list[TracedCrack] = field(default_factory=list)
-    places: list[float] = field(default_factory=list)
+    The truth has ``bore``, ``crack``, ``water`` and ``tip``, whether the wires reach a raster in
+    this water, ``reachable``, and, once the head is opened, the ``log`` of its steps.
+    """
+    rng = np.random.default_rng([seed, 31])
+    phi, z, wide, deep = (
+        float(rng.uniform(*ends))
+        for ends in ((-np.pi, np.pi), BORED, (0.9e-3, 1.1e-3), (0.3e-3, 0.8e-3))
+    )
+    bore = Bore(phi, z, wide, depth=deep, brightness=0.0, lining=0.08)
+    crack = crack_beside(bore, np.random.default_rng([seed, 35]))
+    pipe = replace(Pipe.draw(seed), bores=(bore,), cracks=(crack,))
+    x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
+    known_x, known_y = (np.array([x, y]) + rng.normal(0, 0.05e-3, 2)).tolist()
+    about = np.random.default_rng([seed, 33])
+    water = Filling(
+        level=FULL * RADIUS,
+        temperature=float(about.uniform(*TEMPERATURES)),
+        sleeve=float(about.uniform(1 - OFF_SLEEVE, 1 + OFF_SLEEVE)),
+        pressure=float(np.exp(about.uniform(*np.log(PRESSURES)))),
+        sway=Sway(),
+    )
+    around, mount = water.around(Surroundings()), Mount(offset=(x, y))
+    head = Head(seed, 0.05, seed, delay=0.04, surroundings=around)
+    plant = Rig(head, Catheter(seed, 0.02, seed), flooded=water)
+    options: dict[str, Any] = {"mount": mount, "specimen": seed, "seed": seed}
+    tip = SimulatedTip(pipe, flooded=water, flow=plant.flood, **options)
+    light = TurbidWater.draw(np.random.default_rng([seed, 36]))
+    tip.camera = Camera(pipe, mount, specimen=seed, seed=seed, flooded=light)
+    view = HeadCalibration(
+        lens=tip.camera.calibration.in_water(),
+        leds=tip.camera.leds,
+        offset=(known_x, known_y),
+        thickness=pipe.thickness * float(1 + OFF_THICKNESS * about.normal()),
+        temperature=water.temperature + OFF_TEMPERATURE * float(about.normal()),
+        tool=tip.tool.calibration,
+    )
+
+    @contextmanager
+    def opened(told: Callable[[LogEntry], None]) -> Iterator[InspectionRig]:
+        wires, coupling = wires_of(seed)
+        control = head_control("observer", wires, coupling=coupling)
+        rig = InspectionRig(plant, tip, control, view, base=SeenBase(view), told=told)
+        truth.log = rig.log
+        yield rig
+        plant.safe()
+
+    needs = np.array([view.joints(pair) for pair in RasterScan(calibration=view).needs.T]).T
+    reachable = scoring.reaches(Head(seed), around, needs)
+    truth = Results(bore=bore, crack=crack, water=water, tip=tip, reachable=reachable)
+    begun = {
+        "head": head.serial,
+        "calibrated": None,
+        "actuator": "a simulated head in water",
+        "water [mm above the axis]": "full",
+        "water [C]": round(water.temperature, 1),
+    }
+    return InspectedHead(begun, view, opened, ""), truth
+
+
+def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:
+    """Draw a crack that the views reach, away from the bore."""
+    low, high = CRACKED
+    widest = float(np.exp(rng.uniform(*np.log(WIDTHS))))
+    while True:
+        crack = draw_crack(rng, float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(low, high)))
+        z = [along for _, along in crack.points]
+        place = bore.phi, bore.z
+        off = min(float(wall_distance(corner, place, RADIUS)) for corner in crack.points)
+        if low < min(z) and max(z) < high and off > CLEAR:
+            widths = widest * np.array(crack.widths) / max(crack.widths)
+            return replace(crack, widths=tuple(widths.tolist()))
 
 
 @one_thread()
-def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
-    """Inspect one pipe with a pit and a crack in it, without an operator, as of `draw_mission`."""
+def run_mission(seed: int) -> Results:
+    """Inspect one pipe; return its figures, the ``content`` of its findings, and its ``log``.
+
+    ``files`` are bytes by their path in the folder of the inspection, the report among them.
+    """
     began = time.process_time()
-    (rig, truth), seen = draw_mission(seed, head), Overview()
-    mission = Mission(seed, truth.bore, truth.crack, float(truth.water.level or 0.0))
-    mission = replace(mission, reachable=reachable(rig, truth))
-    said, within = reach_words(rig)
-    rig.say("reach", said, succeeded=within)
-    best = _examined(rig, truth, mission, seen)
-    if best.pit is None:
-        rig.say("end of pits", "no pit that echoes confirm was found; no depth is given")
-    best = replace(best, cracks=_cracks(rig, seen))
-    if best.profile is not None and best.wall is not None:
-        parts = [best.wall, *(crack.wall for crack in best.cracks)]
-        best = replace(best, ring=ring_of(best.profile, seen.views, parts))
-    return replace(best, log=tuple(rig.log), processor=time.process_time() - began)
+    head, truth = draw_mission(seed)
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "inspection"
+        content = inspect(head, out, ADVANCES).content
+        files = {
+            path.relative_to(out).as_posix(): path.read_bytes()
+            for path in out.rglob("*")
+            if path.is_file()
+        }
+    figures = {**scored(content, truth), "processor_s": time.process_time() - began}
+    return Results(figures, seed=seed, content=content, log=tuple(truth.log), files=files)
 
 
-def _examined(rig: InspectionRig, truth: Results, mission: Mission, seen: Overview) -> Mission:
-    """Look around from place after place, and visit candidates, until echoes confirm a pit.
-
-    Candidates that are not seen again in a near view come last. If none is confirmed, the one with
-    the best result is kept.
-    """
-    tried: list[Hole] = []
-    doubted: list[Hole] = []
-    best = mission
-    for advance in (*ADVANCES, None):
-        holes = doubted if advance is None else _look_around(rig, advance, seen)
-        for hole in holes:
-            known = any(distance(hole.place, other.place) < SAME for other in tried)
-            if len(tried) >= MOST_PICKS or (known and advance is not None):
-                continue
-            tried += [] if known else [hole]
-            one, again, view = _approached(rig, mission, hole)
-            if not again and advance is not None:
-                doubted.append(hole)
-                continue
-            one = _measured(rig, truth, one, view)
-            best = one if best.pit is None or _better(one, best) else best
-            if best.pit is not None and best.pit.measured:
-                return best
-    return best
-
-
-def _better(one: Mission, other: Mission) -> bool:
-    """Whether its echoes gave more: a measured depth, or a depth at all."""
-    ranks = [
-        (pit.measured, bool(np.isfinite(pit.depth))) if pit is not None else (False, False)
-        for pit in (one.pit, other.pit)
-    ]
-    return ranks[0] > ranks[1]
-
-
-def _approached(
-    rig: InspectionRig, mission: Mission, hole: Hole
-) -> tuple[Mission, bool, ReflectanceMap | None]:
-    """Pick, centre, focus and extract; return whether it is seen again, and the near view."""
-    began = len(rig.log)
-    first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
-    centre(rig, hole.place, outlined=True)
-    off = scoring.off_middle(rig.tip, mission.truth)
-    focus(rig)
-    centred = photo(rig).image
-    near, found, again = extract(rig, hole)
-    one = replace(
-        mission, first=first, pixel=pixel, centred=centred, off=off, picked=hole.place,
-        found=found, steps=tuple(rig.log[began:]),
-    )  # fmt: skip
-    return one, again, near.wall
-
-
-def _measured(
-    rig: InspectionRig, truth: Results, one: Mission, view: ReflectanceMap | None
-) -> Mission:
-    """Touch and measure; if echoes give a depth, sweep round the pipe and reconstruct."""
-    hole = one.found
-    if hole is None:
-        return one
-    began = len(rig.log)
-    touch(rig, hole)
-    off = scoring.touch_off(rig.tip, truth.bore, RADIUS)
-    pit, scanned = scanned_pit(rig, hole)
-    one = replace(one, touch=off, pit=pit, steps=(*one.steps, *rig.log[began:]))
-    if scanned.refused:
-        return one
-    if np.isfinite(pit.depth):
-        wall = fused_wall(scanned, probe_of(rig, scanned), pit, hole, view)
-        ring = ring_sweep(rig)
-        size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
-        rig.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")
-        one = replace(one, wall=wall, profile=ring.profile, water=ring.water)
-    drain(rig)
-    return one
-
-
-def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
-    """Visit candidates for cracks, and look around from further places until one is confirmed.
-
-    Lines of a single view come last: a line that further views show counts without an echo. One
-    that is part of a crack that was found is not visited.
-    """
-    found: list[SeenCrack] = []
-    tried: list[TracedCrack] = []
-    further = [(place, SEEN_BEFORE) for place in ADVANCES if place not in seen.places]
-    for advance, least in ((None, SEEN_BEFORE), *further, (None, 1)):
-        if advance is not None:
-            _look_around(rig, advance, seen)
-        for trace, views in likely(seen.traces, tried, RADIUS):
-            if any(one_course(trace.places, crack.course.places, RADIUS) for crack in found):
-                continue
-            if views >= least and len(tried) < mission_cracks.MOST:
-                tried.append(trace)
-                crack = mission_cracks.examined(rig, trace, views)
-                found += [] if crack is None else [crack]
-        if found:
-            break
-    return tuple(found)
-
-
-def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hole]:
-    """Return the candidates seen from one place, the likeliest first; add views and traces."""
-    seen.places.append(advance)
-    holes: list[Hole] = []
-    lines, there = 0, False
-    for k in range(VIEWS):
-        way = 2 * np.pi * k / VIEWS
-        if not there:
-            go(rig, place=(advance, 0.0))
-        there = look(rig, f"view {k + 1}", RING * np.array([np.cos(way), np.sin(way)]))
-        meter(rig)
-        found = search(rig)
-        holes += found.holes
-        traces = traces_of(found, RADIUS)
-        lines += len(traces)
-        seen.traces += traces
-        seen.views += [found.wall] if found.wall is not None else []
-    each = strongest(holes, RADIUS, -np.inf)
-    words = f"{len(each)} candidate{'s' if len(each) > 1 else ''}" if each else "nothing"
-    words += f"; {lines} line{'s' if lines > 1 else ''}" if lines else ""
-    rig.say("look around", f"from {1e3 * advance:g} mm, {VIEWS} views: {words}")
-    return list(each)
-
-
-def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return shares and medians over the missions of several pipes."""
-    return {"mission": mission_figures(runs), "touch": touch_figures(runs)}
-
-
-def touch_figures(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return how many missions touched a pit, and which share within the bound."""
-    tried = [mission for mission in missions if not math.isnan(mission["touch_mm"])]
-    return {"of": len(tried), "within_bound": mean([one["touched"] for one in tried])}
-
-
-def mission_figures(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return shares of all missions, and medians over those with a result."""
-    measured = [mission for mission in missions if mission["measured"]]
-    within = [mission for mission in missions if mission["reachable"]]
-    beyond = [mission for mission in missions if not mission["reachable"]]
-    cracks = [mission for mission in missions if mission["crack_found"]]
-    deep = [mission for mission in cracks if mission["crack_measured"]]
+def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
+    """Return the errors of the findings of an inspection; NaN where nothing was found."""
+    found, bore, log = content["findings"], truth.bore, truth.log
+    holes = [row for row in found if row["kind"] != "crack"]
+    off = [wall_distance(_place(row), (bore.phi, bore.z), RADIUS) for row in holes]
+    near = [row for row, far in zip(holes, off, strict=True) if far < SAME]
+    pit = next((row for row in near if row["verdict"] == "measured"), None)
+    touches = [scoring.apart(place, bore, RADIUS) for place in truth.tip.tool.touches]
+    touched = min((touch for touch in touches if touch < 2 * SAME), default=math.nan)
+    depth = band = position = wide = math.nan
+    if pit is not None:
+        depth = pit["depth [mm]"] - 1e3 * bore.depth
+        band = pit["depth_sd [mm]"]
+        position = 1e3 * float(wall_distance(_place(pit), (bore.phi, bore.z), RADIUS))
+        wide = 100 * abs(1e-3 * pit["width [mm]"] / bore.diameter - 1)
     return {
-        "of": len(missions),
-        "each": [dict(mission) for mission in missions],
-        "pits_measured": sum(one["measured"] for one in within) / max(len(within), 1),
-        "reachable": len(within),
-        "unreachable_said": mean([one["refused"] for one in beyond]),
-        "refused_in_vain": sum(one["refused"] for one in within),
-        "measured": mean([one["measured"] for one in missions]),
-        **{key: _median(missions, key) for key in ("seconds", "processor_s")},
-        **{key: _median(measured, key) for key in (*_OF_PITS, "water_error_mm")},
-        "cracks_found": len(cracks) / len(missions),
-        "false_cracks": sum(mission["false_cracks"] for mission in missions) / len(missions),
-        **{key: _median(cracks, key) for key in _OF_CRACKS},
-        "crack_measured": mean([one["crack_measured"] for one in cracks]),
-        "crack_depth_error_mm": _median(deep, "crack_depth_error_mm"),
+        "found": bool(near),
+        "measured": bool(abs(depth) <= PROMISED * band),
+        "reachable": truth.reachable,
+        "refused": any(one.what == "reach" and not one.succeeded for one in log),
+        "false_holes": len(holes) - len(near),
+        "seconds": content["seconds"],
+        "touch_mm": 1e3 * touched,
+        "position_mm": position,
+        "diameter_error_pct": wide,
+        "depth_off_um": 1e3 * depth,
+        "in_band": bool(abs(depth) <= PER_DEVIATION * band),
+        **_crack_figures([row for row in found if row["kind"] == "crack"], truth.crack),
     }
 
 
-def _median(missions: Sequence[Mapping[str, Any]], key: str) -> float:
-    return median([mission[key] for mission in missions if not math.isnan(mission[key])])
+def _place(row: Mapping[str, Any]) -> tuple[float, float]:
+    return math.radians(row["phi [deg]"]), 1e-3 * row["z [mm]"]
 
 
-STUDY = Study("missions", "Unattended missions in flooded pipes", run_mission, gather)
+def _crack_figures(rows: Sequence[Mapping[str, Any]], truth: Crack) -> dict[str, Any]:
+    """Return the errors of cracks that are reported; any that is not on the true one is false."""
+    course, _ = fine_course(truth, RADIUS)
+    right = [row for row in rows if one_course(np.array(row["course"]), course, RADIUS)]
+    best = max(right, key=lambda row: float(row["length [mm]"]), default=None)
+    errors = dict.fromkeys(("length_error_pct", "width_error_um", "depth_error_mm"), math.nan)
+    deep = None if best is None else best["depth [mm]"]
+    if best is not None:
+        length = 1e3 * float(wall_lengths(course, RADIUS)[-1])
+        errors["length_error_pct"] = 100 * abs(best["length [mm]"] / length - 1)
+        middle = 1e6 * float(np.median(truth.widths))
+        errors["width_error_um"] = abs(1e3 * best["width [mm]"] - middle)
+    if deep is not None:
+        errors["depth_error_mm"] = abs(deep - 1e3 * truth.depth)
+    return {
+        "crack_width": max(truth.widths),
+        "crack_found": bool(right),
+        "false_cracks": len(rows) - len(right),
+        "crack_measured": deep is not None,
+        **{f"crack_{name}": value for name, value in errors.items()},
+    }
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return shares of all missions, and medians over those with a result."""
+    within = [run for run in runs if run["reachable"]]
+    beyond = [run for run in runs if not run["reachable"]]
+    cracks = [run for run in runs if run["crack_found"]]
+    touches = [run["touch_mm"] for run in runs if not math.isnan(run["touch_mm"])]
+    deep = [run for run in runs if not math.isnan(run["depth_off_um"])]
+    off = [run["depth_off_um"] for run in deep]
+    found: dict[str, Any] = {
+        "of": len(runs),
+        "each": [dict(run) for run in runs],
+        "pits_found": mean([run["found"] for run in runs]),
+        "pits_measured": mean([run["measured"] for run in within]),
+        "reachable": len(within),
+        "unreachable_said": mean([run["refused"] for run in beyond]),
+        "refused_in_vain": sum(run["refused"] for run in within),
+        "touches": len(touches),
+        "touched": mean(np.array(touches) <= 1e3 * TOUCHED),
+        "in_band": mean([run["in_band"] for run in deep]),
+        "depth_bias_um": mean(off),
+        "depth_sd_um": float(np.std(off, ddof=1)) if len(off) > 1 else math.nan,
+        "cracks_found": mean([run["crack_found"] for run in runs]),
+        "crack_measured": mean([run["crack_measured"] for run in cracks]),
+    }
+    for name, (low, high) in CLASSES.items():
+        own = [run["crack_found"] for run in runs if low <= run["crack_width"] < high]
+        found |= {f"cracks_{name}": mean(own), f"cracks_{name}_of": len(own)}
+    for name in ("false_holes", "false_cracks"):
+        found[name] = sum(run[name] for run in runs) / len(runs)
+    medians = (
+        *("seconds", "processor_s", "position_mm", "diameter_error_pct"),
+        *("crack_length_error_pct", "crack_width_error_um", "crack_depth_error_mm"),
+    )
+    for name in medians:
+        found[name] = median([run[name] for run in runs if not math.isnan(run[name])])
+    return {"mission": found}
+
+
+STUDY = Study("missions", "Unattended inspections of flooded pipes", run_mission, gather)

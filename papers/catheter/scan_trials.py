@@ -19,7 +19,7 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.geometry import Mount, Probe, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.meter import Light
-from minorloop_head.procedures.scan import SHOTS, RasterScan, ScannedRaster, has_coupling
+from minorloop_head.procedures.scan import RasterScan, ScannedRaster, has_coupling
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.values import NOTHING, Reading, Request, Running, apply_to_tip
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
@@ -34,7 +34,6 @@ from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth, measure_pit
 from minorloop_head.vision.calibrated_camera import Image
-from papers.catheter import scoring
 from papers.harness import Study, mean, median
 
 KINDS = ("pit", "dished", "dented", "hole", "mark", "dry")
@@ -108,9 +107,9 @@ class ScanSite:
 
 @dataclass(eq=False, kw_only=True)
 class ScanTrial(ScanSite, Scanned):
-    """A place with a probe before it, and the noise, gain and temperature of its twin."""
+    """A place with a probe before it, and the temperature of its water."""
 
-    settings: dict[str, Any]
+    temperature: float
 
     @property
     def site(self) -> ScanSite:
@@ -134,7 +133,6 @@ def draw_trial(
     *,
     kind: str = "pit",
     lens: bool = True,
-    snr: float = 20.0,
     bore: Bore | None = None,
     pose: str = "camera",
 ) -> ScanTrial:
@@ -147,9 +145,6 @@ def draw_trial(
         dent, a through-hole, a spot of dirt, or a pit in a dry pipe.
     lens : bool
         Whether the probe has its lens.
-    snr : float
-        Peak of the echo of the floor over the noise of a trace of 16 shots, in decibels; of the
-        echo of a plain wall if there is no floor.
     bore : Bore, optional
         Its diameter and depth replace the drawn ones.
     """
@@ -171,15 +166,8 @@ def draw_trial(
         water=None if kind == "dry" else FLOODED,
         thickness=thickness,
     )
-    seeds: dict[str, Any] = {"specimen": seed, "seed": seed}
-    level = 1.0
-    if kind in ("pit", "dished", "dented", "dry"):
-        quiet = Ultrasound(pipe, true, transducer, noise=0.0, temperature=warm, **seeds)
-        level = scoring.floor_level(quiet)
-    noise = level * 10 ** (-snr / 20) * math.sqrt(SHOTS)
-    gain = min(0.5, 0.5 / (0.7 + 4 * noise))
-    settings: dict[str, Any] = {"noise": noise, "gain": gain, "temperature": warm}
-    twin = Ultrasound(pipe, true, transducer, **seeds, **settings)
+    # The noise is that of the transducer, whatever the pit.
+    twin = Ultrasound(pipe, true, transducer, temperature=warm, specimen=seed, seed=seed)
     around, along = (float(rng.normal(0, CAMERA_SD)) for _ in range(2))
     seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
     # The camera has the same mount, so that its places have the error of the mount.
@@ -187,7 +175,7 @@ def draw_trial(
     centre = (phi + around / pipe.radius + turned, _Z + along + moved)
     return ScanTrial(
         probe, centre, seen, pit, kind == "dry", (turned, moved),
-        twin=twin, pipe=pipe, mount=true, settings=settings, rng=rng, pose=pose, specimen=seed,
+        twin=twin, pipe=pipe, mount=true, temperature=warm, rng=rng, pose=pose, specimen=seed,
     )  # fmt: skip
 
 

@@ -21,7 +21,6 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore
 from minorloop_head.twins.rig import STRAIGHT, Rig
 from minorloop_head.twins.surroundings import Surroundings
-from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.twins.wire import HIGHEST_CURRENT, HeatedWires
 
 _SETTLED = 60.0
@@ -144,8 +143,3 @@ def true_lens(camera: Camera) -> Pinhole:
 def true_pixel(camera: Camera, phi: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
     """Return the true pixels (..., 2) of places of the wall."""
     return camera._pixel(phi, z)
-
-
-def floor_level(probe: Ultrasound) -> float:
-    """Return the peak of the echo of a pit's floor over that of a plain wall."""
-    return probe._floor_level()

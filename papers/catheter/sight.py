@@ -1,4 +1,4 @@
-"""What the camera of the head tracks, and what its tool marks, graded by the truth."""
+"""What the camera of the head tracks, graded by the truth."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.report import Table
 from minorloop_head.control.head import HeadControl
-from minorloop_head.geometry import Mount, wall_distance, wrapped
+from minorloop_head.geometry import Mount, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import Centred, Centring
 from minorloop_head.procedures.focus import focus
 from minorloop_head.procedures.go import go as go_to
-from minorloop_head.procedures.mark import TOUCHED, Marking, Touch, aim_at
-from minorloop_head.procedures.meter import Light, wall_ahead
+from minorloop_head.procedures.mark import aim_at
+from minorloop_head.procedures.meter import wall_ahead
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.steps import acquire, bring_in_reach, go, meter, search
+from minorloop_head.procedures.steps import acquire, go, meter, search
 from minorloop_head.procedures.values import Request
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
@@ -31,135 +30,12 @@ from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
-from papers.catheter.inspection_servo import APPROACH, Scene, swinging, within_stroke
+from papers.catheter.inspection_servo import APPROACH, CLICK, Scene, swinging, within_stroke
 from papers.catheter.tracking_trials import WALLS, run_tracking, tracking_figures
 from papers.claims import cell
 from papers.drawing import draw, panel, photo
-from papers.harness import Results, median, quantile
+from papers.harness import Results, median
 
-WITHIN = 0.3e-3
-"""Distance in metres from where it was wanted within which a touch counts, as the issue bounds it:
-less than a third of the hole that is marked."""
-TOUCHES = 3
-MARK_BESIDE = 1.2e-3
-"""Distance in metres of a mark from the middle of the hole, in which there is no wall to mark."""
-OFF_PLACE = 0.1e-3
-"""Standard deviation of the place of the hole as it is known before, in metres."""
-TOUCH_AWAY = (19.0, 26.0)
-"""Deflection at which the tool meets the place, in degrees."""
-_DARKER = 0.8
-"""Share of the grey level around it below which a mark is seen: four times the noise."""
-
-
-def run_touch(seed: int, number: int, control: HeadControl) -> Results:
-    """Set a mark beside a hole with the head of a seed, under its own control.
-
-    The number of the touch draws pipe, hole and place of the mark. ``verdict`` is that of the
-    procedure; ``off`` the distance of the mark from where it was wanted, and ``said`` that from
-    where the procedure says that it touched, in metres, infinite without a mark; ``pixel`` (2,) the
-    true one in ``after``, of the pictures ``before`` and after the touch; ``seen`` the grey level
-    of the mark over that of the wall around it, NaN if it is not in view.
-    """
-    rng = np.random.default_rng([seed, 62, number])
-    x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
-    mount = Mount(offset=(x, y), roll=float(rng.uniform(-np.pi, np.pi)))
-    aim, _ = within_stroke(control, rng, TOUCH_AWAY)
-    tip = SimulatedTip(Pipe.draw(seed), mount=mount, specimen=seed, seed=seed + number)
-    pan, tilt = aim.tolist()
-    phi, z, _ = scoring.true_tool(tip).meet(mount, pan, tilt, tip.pipe.radius)
-    way, radius = float(rng.uniform(0, 2 * np.pi)), tip.pipe.radius
-    beside = MARK_BESIDE * np.array([math.cos(way), math.sin(way)])
-    hole = Bore(float(phi - beside[0] / radius), float(z - beside[1]), 1e-3)
-    pipe = replace(tip.pipe, bores=(hole,))
-    tip.pipe = tip.tool.pipe = pipe
-    tip.camera.repaint(pipe)
-    plant = Rig(Head(seed, 0.05, seed, delay=_TICK), Catheter(seed))
-    known = (x + float(rng.normal(0, 0.05e-3)), y + float(rng.normal(0, 0.05e-3)))
-    calibration = HeadCalibration(
-        lens=tip.camera.calibration,
-        leds=tip.camera.leds,
-        offset=known,
-        roll=mount.roll,
-        tool=tip.tool.calibration,
-    )
-    rig = InspectionRig(plant, tip, control, calibration)
-    place = np.array([hole.phi, hole.z]) + OFF_PLACE * rng.standard_normal(2) / (radius, 1.0)
-    test = Marking(calibration=calibration)
-    metres = np.array([radius, 1.0])
-    bring_in_reach(rig, test, place - beside / metres)
-    tried = rig.run(test.touch(Touch(place=place, beside=-beside), Light()))
-    tip.tool.marks.clear()
-    marking = Marking(calibration=replace(calibration, tool=tried.tool or calibration.tool))
-    bring_in_reach(rig, marking, place + beside / metres)
-    pictures: list[npt.NDArray[np.uint8]] = []
-
-    touch = Touch(place=place, beside=beside)
-
-    def watch() -> None:
-        if touch.stop == "near" and not pictures:
-            pictures.append(tip.frame().image)
-
-    rig.run(marking.touch(touch, Light()), watch)
-    after = rig.reading(Request(frame=True)).image
-    assert after is not None
-    return _scored(rig, tip, hole, touch, [*pictures, after])
-
-
-def _scored(
-    rig: InspectionRig,
-    tip: SimulatedTip,
-    hole: Bore,
-    touch: Touch,
-    pictures: Sequence[npt.NDArray[np.uint8]],
-) -> Results:
-    """Compare with the truth."""
-    radius = tip.pipe.radius
-    metres = np.array([radius, 1.0])
-    wanted = np.array([hole.phi, hole.z]) + touch.beside / metres
-    off = said = math.inf
-    pixel, seen = np.full(2, np.nan), math.nan
-    if tip.tool.marks:
-        mark = np.array(tip.tool.marks[-1])
-        off = float(wall_distance(mark, wanted, radius))
-        pixel = scoring.true_pixel(tip.camera, *mark)
-        seen = _contrast(pictures[-1], pixel)
-        if touch.touch is not None:
-            told = (touch.touch - touch.place) * metres
-            true = np.array([radius * float(wrapped(mark[0] - hole.phi)), mark[1] - hole.z])
-            said = float(np.hypot(*(told - true)))
-    return Results(
-        verdict=touch.verdict, off=off, said=said, before=pictures[0], after=pictures[-1],
-        pixel=pixel, seen=seen,
-    )  # fmt: skip
-
-
-def _contrast(image: npt.NDArray[np.uint8], pixel: FloatArray) -> float:
-    """Return the grey level at a pixel over that of the wall around it."""
-    u, v = (round(float(each)) for each in pixel)
-    if not (20 <= u < image.shape[1] - 20 and 20 <= v < image.shape[0] - 20):
-        return math.nan
-    part = image[v - 16 : v + 17, u - 16 : u + 17].astype(np.float64)
-    ring = np.median(np.concatenate([part[:2].ravel(), part[-2:].ravel()]))
-    return float(part[15:18, 15:18].mean() / max(ring, 1.0))
-
-
-def touch_figures(touches: Sequence[Results]) -> dict[str, Any]:
-    """Return the figures of touches; one that did not come to pass is not within the bound."""
-    off = np.array([touch.off for touch in touches])
-    said = [touch.said for touch in touches]
-    made = off[np.isfinite(off)]
-    return {
-        "touch_mm_p90": 1e3 * quantile(off, 0.9),
-        "touch_mm_median": 1e3 * median(made),
-        "within_bound": float(np.mean(off <= WITHIN)),
-        "refused": sum(touch.verdict != TOUCHED for touch in touches),
-        "mark_seen": float(np.mean([touch.seen < _DARKER for touch in touches])),
-        "said_mm_p90": 1e3 * quantile(said, 0.9),
-    }
-
-
-CLICK = 5.0
-"""Rms distance in pixels of 640 between a click and what it is meant for."""
 AHEAD = (20e-3, 18.5e-3, 17e-3)
 """Distances of the hole ahead of the head in the three pictures of the insertion, in metres."""
 AWAY = (25.0, 28.0)
@@ -337,8 +213,6 @@ def sight_figures(
 
 _SQUARE = 15.0
 """Half the side of the square in pixels of 640, about that of a hole of 1 mm."""
-_CROP = 70
-"""Half the side of the pictures of a mark, in pixels of 640."""
 
 
 def run_sight(seed: int, control: HeadControl) -> Results:
@@ -347,7 +221,6 @@ def run_sight(seed: int, control: HeadControl) -> Results:
         followed=run_tracking(seed),
         pick=run_pick(Scene(seed)),
         insertion=run_insertion(seed, control),
-        touches=[run_touch(seed, k, control) for k in range(TOUCHES)],
     )
 
 
@@ -356,7 +229,6 @@ def gather_sight(found: Sequence[Results]) -> dict[str, Any]:
     return {
         "tracking": tracking_figures([one for each in found for one in each.followed]),
         **sight_figures([each.pick for each in found], [each.insertion for each in found]),
-        "tool": touch_figures([one for each in found for one in each.touches]),
     }
 
 
@@ -401,14 +273,3 @@ def draw_followed(followed: Sequence[Results]) -> Any:
         frame = {"title": title, "yscale": "log"}
         panels.append(panel("frame", y, *errors, legend={"ncols": 2}, **frame))
     return draw(*panels, columns=2, height=3.4, sharey=True)
-
-
-def draw_touches(touches: Sequence[Results]) -> Any:
-    """Draw the wall before and after each touch."""
-    before, after = [], []
-    for each in touches:
-        seen = np.isfinite(each.off)
-        title = f"{1e3 * each.off:.2f} mm off" if seen else f"no mark:\n{each.verdict}"
-        before.append(photo(each.before, title, middle=each.pixel, half=_CROP))
-        after.append(photo(each.after, middle=each.pixel, half=_CROP))
-    return draw(*before, *after, columns=len(touches), height=4.6)

@@ -25,6 +25,7 @@ from minorloop_head.twins.surroundings import Sway
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.tracking import TRACKED, PatchTracker
 from papers.catheter import scoring
+from papers.catheter.inspection_servo import CLICK
 from papers.harness import Results, mean, quantile
 
 WALLS: Mapping[str, str] = {
@@ -85,7 +86,8 @@ def draw_sequence(kind: str, seed: int) -> Results:
 
     ``images`` (T, height, width) are the pictures and ``angles`` (T, 2) pan and tilt as the joints
     measured them with these; ``camera`` is the known one; ``picked`` (P, 2) are pixels of the first
-    frame, the hole first, and ``true`` (T, P, 2) the true ones of what they show, for scoring only.
+    frame, a click on the hole first, and ``true`` (T, P, 2) the true ones of what they show, for
+    scoring only.
     """
     rng = np.random.default_rng([seed, 52, list(WALLS).index(kind)])
     away, way = math.radians(rng.uniform(*AWAY)), float(rng.uniform(0, 2 * np.pi))
@@ -113,7 +115,8 @@ def draw_sequence(kind: str, seed: int) -> Results:
         if kind == "lights":
             _switch(camera, n)
         if n == 0:
-            picked[0] = scoring.true_pixel(camera, phi, z)
+            click = CLICK / math.sqrt(2) * rng.standard_normal(2)
+            picked[0] = scoring.true_pixel(camera, phi, z) + click
             view = CalibratedCamera(scoring.true_lens(camera), mount, camera.leds)
             places = view.place(picked, *now.tolist())
         true[n] = scoring.true_pixel(camera, *places.T)

@@ -13,7 +13,7 @@ PUBLIC = {"PARAMETERS", "resonance", "checkpoint"}
 """Truth that is not private: parameters of the oscillator and the stage, states of twins."""
 SCORES = {
     "catheter/scoring.py": {
-        *("_axes", "_cross", "_floor_level", "_hold", "_optics", "_output_now", "_peaks"),
+        *("_axes", "_cross", "_hold", "_optics", "_output_now", "_peaks"),
         *("_pixel", "_state", "_tool", "_truth"),
     },
     "catheter/scene_view.py": {"_advance", "_focus_wanted", "_optics"},

@@ -167,6 +167,16 @@ def _adaptive(wire: HeatedWire, **options: Any) -> AdaptiveControl:
     return AdaptiveControl(control=ObserverControl(wire=wire, **options))
 
 
+def slow_pole(wire: HeatedWire, **options: Any) -> InternalModel:
+    """Return the internal model with the G(s) of Fig 9, which places a pole at -1/tau_H.
+
+    In series with C(s) = (1 + tau_H s) / (1 + lambda s), G(s) = (1 + lambda s) / (1 + tau_H s)
+    leaves the inverse alone before the wire: its pole replaces that of C(s).
+    """
+    law = InternalModel(wire=wire, **options)
+    return replace(law, response=law.model_lag)
+
+
 LAWS: Mapping[str, Law] = {
     "observer": ObserverControl,
     "feedforward": Feedforward,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from papers.catheter import head_ramps
-from papers.catheter.head_ramps import NAMED, Ramps, stepping_inverse
+from papers.catheter.head_ramps import Ramps, stepping_inverse
 from papers.catheter.head_static import identify_mesh
 
 
@@ -13,20 +13,15 @@ def figures():
     return head_ramps.ramp_figures(head_ramps.run_ramps(1001))
 
 
-def test_equal_ramps_become_worse_only_where_the_heating_has_a_slow_variable(figures):
-    assert figures["ratio"] > 1.5
-    assert figures["error_last_ramp_deg"] > 1.5
-    assert figures["body_K"] > 2
-    assert figures["constant"]["error_last_ramp_deg"] < 1.0
-    assert figures["film"]["error_last_ramp_deg"] < 1.0
+def test_equal_ramps_become_worse_only_by_the_hypothesis_of_a_body_that_warms(figures):
+    assert figures["error_last_ramp_deg"] < 1.0
+    assert figures["body"]["error_last_ramp_deg"] > 1.5
+    assert figures["body"]["ratio"] > 1.5
+    assert figures["body"]["body_K"] > 2
 
 
 def test_ramps_that_get_faster_become_worse_without_it(figures):
     assert figures["faster"]["ratio"] > 1.5
-
-
-def test_coarse_steps_are_most_of_the_error(figures):
-    assert figures["coarse"]["error_first_ramp_deg"] > 4 * figures["error_first_ramp_deg"]
 
 
 def test_the_stepping_inverse_passes_each_target_by_less_than_a_step():
@@ -63,7 +58,3 @@ def test_errors_are_scored_ramp_by_ramp():
     assert found["error_last_ramp_deg"] == pytest.approx(3.0)
     assert (found["first_rise_deg"], found["last_fall_deg"]) == (1.0, 3.0)
     assert found["body_K"] == 2.0
-
-
-def test_the_named_cause_comes_first():
-    assert next(iter(head_ramps.CASES)) == NAMED

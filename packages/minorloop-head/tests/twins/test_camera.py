@@ -8,7 +8,7 @@ import pytest
 from minorloop.errors import LimitError, ParameterError
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.twins.camera import Camera, ImageSensor, led_positions
-from minorloop_head.twins.pipe import Bore, Finish, Pipe
+from minorloop_head.twins.pipe import Bore, Crack, Finish, Pipe
 from minorloop_head.twins.turbid_water import TurbidWater
 
 MATT = Finish(specular=1e-6, brush=1e-9, streak=1e-9, stain=1e-9, ambient=1e-9, diffuse=0.6)
@@ -132,6 +132,18 @@ def test_a_place_under_water_is_where_the_score_expects_it():
     image = camera.frame().image
     assert np.hypot(*(camera._pixel(*PLACE) - dry._pixel(*PLACE))) > 20
     assert image[v, u] < 0.5 * np.median(image[v - 40 : v + 40, u - 40 : u + 40])
+
+
+def test_a_crack_that_reaches_out_of_sight_is_seen_under_water():
+    phi, z = PLACE
+    inside = Crack(((phi, z - 1e-3), (phi, z + 1e-3)), (3e-4, 3e-4), albedo=0.02)
+    beyond = Crack((*inside.points, (phi + 1.5, z + 1e-3)), (3e-4,) * 3, albedo=0.02)
+    seen = []
+    for crack in (inside, beyond):
+        camera = looking_at(Pipe(cracks=(crack,)), sensor=CLEAN, flooded=TurbidWater(0.1, 0.1))
+        u, v = np.rint(camera._pixel(phi, z)).astype(int)
+        seen.append(int(camera.frame().image[v, u]))
+    assert seen[0] == pytest.approx(seen[1], abs=2)
 
 
 def test_water_has_either_a_surface_or_fills_the_pipe():

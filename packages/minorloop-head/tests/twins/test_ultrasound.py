@@ -81,6 +81,18 @@ def test_with_a_lens_the_floor_of_a_pit_echoes_as_loud_as_the_wall_and_without_i
     assert -17 < 20 * np.log10(bare) < -12
 
 
+def test_sound_is_faster_under_pressure():
+    """By 1.6 m/s a megapascal: the echo of the wall is early by as much."""
+    pipe, times = Pipe(water=FULL), []
+    for pressure in (1e5, 10.1e6):
+        trace = received(probe_at(pipe, pressure=pressure))
+        rough = np.abs(trace)
+        times.append(float(np.sum(np.arange(rough.size) * rough**4) / np.sum(rough**4)))
+    late = (times[0] - times[1]) * 10e-9
+    whole = 2 * (10e-3 - Probe().face) / 1482.0
+    assert late / whole == pytest.approx(16.0 / 1482.0, rel=0.15)
+
+
 def test_tilt_costs_a_bare_disc_far_more_than_a_lens():
     def loss(probe):
         z = 20e-3 + 10e-3 * np.tan(np.radians(1.0))

@@ -3,6 +3,7 @@ import math
 import pytest
 
 from papers.catheter.control.internal_model import InternalModel
+from papers.catheter.control.laws import slow_pole
 from wires import made_up
 
 
@@ -50,3 +51,13 @@ def test_as_many_angles_are_remembered_as_the_readings_are_late(delay):
     law = InternalModel(wire=made_up(), delay=delay)
     _, state = law.step(law.begin(), 20.0, 0.0)
     assert len(state.past) == delay
+
+
+def test_the_slow_pole_leaves_the_inverse_alone_before_the_wire():
+    wire = made_up(latent=0.0)
+    law = slow_pole(wire)
+    assert law.response == InternalModel(wire=wire).model_lag
+    state = law.begin()
+    for _ in range(200):
+        current, state = law.step(state, 30.0, state.lag)
+        assert wire.operator.track().peek(current**2) == pytest.approx(30.0, abs=0.1)

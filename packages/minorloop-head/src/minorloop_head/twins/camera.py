@@ -340,8 +340,9 @@ class Camera(Mounted):
         pose = self._pose(self._optics.height / 2)
         local = pose.to_camera(self._outlines)
         ahead = local[..., 2].min(axis=1) > 1e-4
-        # Beyond the corners the distortion may fold back into the image.
-        plain = np.clip(local[..., :2] / np.maximum(local[..., 2:], 1e-4), -1.0, 1.0)
+        # Beyond the corners the distortion may fold back into the image, and a port shows nothing.
+        edge = 1.0 / WATER_INDEX if self._flooded else 1.0
+        plain = np.clip(local[..., :2] / np.maximum(local[..., 2:], 1e-4), -edge, edge)
         pixels = self._optics.pixels(plain)
         low, high = pixels.min(axis=1) - 6, pixels.max(axis=1) + 7
         size = (self._optics.width, self._optics.height)

@@ -194,6 +194,7 @@ class SimulatedTip:
                 specimen=specimen,
                 seed=seed,
                 temperature=water.temperature,
+                pressure=water.pressure,
                 **(probe or {}),
             )
             for wet, filled in ((False, pipe), (True, replace(pipe, water=water.level)))

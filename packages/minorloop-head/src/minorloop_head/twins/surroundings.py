@@ -13,7 +13,7 @@ import numpy as np
 from minorloop.arrays import FloatArray, as_finite, check_option
 from minorloop.errors import ParameterError
 
-_ATMOSPHERE = 101_325.0
+ATMOSPHERE = 101_325.0
 """Pressure at which the convection of a gas is given, in Pa."""
 
 # Film coefficient in W/(m^2 K) of a 0.2 mm wire, and how it grows with the pressure. The
@@ -229,8 +229,8 @@ class Filling:
     """Of water and gas, in degrees Celsius, from 0 to 95."""
     gas: str = "air"
     """One of `GASES`: still, but for ``forced gas``."""
-    pressure: float = _ATMOSPHERE
-    """Of the gas, in Pa, as in `convection`."""
+    pressure: float = ATMOSPHERE
+    """Of gas and water, in Pa, as in `convection`."""
     sleeve: float = 1.0
     """Convection of this head's wires in their sleeves under water, over that of `convection`: 0.5
     to 2."""
@@ -259,7 +259,7 @@ class Filling:
         return replace(other, ambient=self.temperature, convection=film)
 
 
-def convection(medium: str, *, pressure: float = _ATMOSPHERE) -> float:
+def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:
     """Return the film coefficient of a 0.2 mm wire in a medium.
 
     Parameters
@@ -284,7 +284,7 @@ def convection(medium: str, *, pressure: float = _ATMOSPHERE) -> float:
     if not 1e3 <= as_finite("pressure", pressure) <= 1e7:
         raise ParameterError(f"pressure is {pressure} Pa; give 1e3 to 1e7 Pa")
     film, power = _MEDIA[medium]
-    return float(film * math.pow(pressure / _ATMOSPHERE, power))
+    return float(film * math.pow(pressure / ATMOSPHERE, power))
 
 
 def _as_course(value: float | Course) -> Course:

@@ -26,6 +26,7 @@ from minorloop_head.twins.mounted import Mounted
 from minorloop_head.twins.pipe import Bore, Crack, Pipe
 from minorloop_head.twins.pit_echo import CrackBasis, PitBasis, basis_of, basis_of_crack
 from minorloop_head.twins.sensor import SimulatedFault
+from minorloop_head.twins.surroundings import ATMOSPHERE
 
 _SAMPLE_INTERVAL = 10e-9  # s
 SAMPLES = 2048
@@ -70,8 +71,8 @@ class Ultrasound(Mounted):
         Seed of the noise, the roughness and the grains.
     noise : float
         Standard deviation of a sample, as a share of the peak of the echo of a plain wall.
-    temperature : float
-        Of the water, in degrees Celsius.
+    temperature, pressure : float
+        Of the water, in degrees Celsius and Pa: the speed of sound follows from them.
     gain : float
         As in `amplify`.
     roughness : float
@@ -104,6 +105,7 @@ class Ultrasound(Mounted):
         seed: int = 0,
         noise: float = 0.1,
         temperature: float = 20.0,
+        pressure: float = ATMOSPHERE,
         gain: float = 0.5,
         roughness: float = 0.5e-6,
         grain: float = 0.01,
@@ -116,7 +118,7 @@ class Ultrasound(Mounted):
         self.probe = probe or Probe()
         super().__init__(mount)
         self._pipe = pipe
-        self._speed = _speed_of_sound(temperature)
+        self._speed = _speed_of_sound(temperature, pressure)
         self._noise, self._faults, self._settle = noise, tuple(faults), float(settle)
         self._rng = np.random.default_rng([seed, 2])
         self._settings, self._true_probe, self._boresight = _specimen(self.probe, specimen)
@@ -382,8 +384,12 @@ def _parts(table: npt.NDArray[np.complex64]) -> npt.NDArray[np.float32]:
     return np.ascontiguousarray(np.stack([table.real, table.imag], axis=2))
 
 
-def _speed_of_sound(temperature: float) -> float:
-    """Return that of pure water, in m/s (Bilaniuk and Wong, J. Acoust. Soc. Am. 93, 1609, 1993)."""
+def _speed_of_sound(temperature: float, pressure: float) -> float:
+    """Return that of pure water, in m/s (Bilaniuk and Wong, J. Acoust. Soc. Am. 93, 1609, 1993).
+
+    It grows by 1.6 m/s a megapascal (Wilson, J. Acoust. Soc. Am. 31, 1067, 1959, at 10 to 40
+    degrees).
+    """
     if not 0 <= as_finite("temperature of the water", temperature) <= 95:
         raise ParameterError(
             f"water at {temperature} degrees; give a temperature from 0 to 95 degrees Celsius"
@@ -391,7 +397,7 @@ def _speed_of_sound(temperature: float) -> float:
     terms = (
         3.16585020e-9, -1.48259672e-6, 3.34638117e-4, -5.81172916e-2, 5.03836171, 1402.38744,
     )  # fmt: skip
-    return float(np.polyval(terms, temperature))
+    return float(np.polyval(terms, temperature) + 1.6e-6 * (pressure - ATMOSPHERE))
 
 
 def _specimen(
