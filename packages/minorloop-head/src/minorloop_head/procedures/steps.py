@@ -13,12 +13,10 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop_head.geometry import AXES, wall_distance, wrapped
 from minorloop_head.procedures.centre import TWO_TICKS, Centred, Centring
-from minorloop_head.procedures.extract import acquisition, nearest
-from minorloop_head.procedures.focus import focus as focusing
+from minorloop_head.procedures.extract import acquisition
 from minorloop_head.procedures.go import go as going
 from minorloop_head.procedures.mark import APPROACH, TOUCHED, Marking, Touch, aim_at
 from minorloop_head.procedures.meter import meter as metering
-from minorloop_head.procedures.meter import wall_ahead
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop_head.vision.defects import Findings, Hole, find_holes
@@ -228,35 +226,6 @@ def _say_centred(rig: InspectionRig, found: Centred) -> None:
         words = f"{found.error:.1f} px from the middle of {lens.width} by {lens.height}"
         good = found.error <= CENTRED_PX
         rig.say("centre", words if good else f"{words}, more than {CENTRED_PX:g}", succeeded=good)
-
-
-def focus(rig: InspectionRig) -> None:
-    """Sweep the focus on the middle of the image."""
-    lens, guess = rig.calibration.lens, wall_ahead(rig.calibration, rig.reading())
-    found = rig.run(focusing(lens, (lens.width / 2, lens.height / 2), guess))
-    rig.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
-
-
-def near_view(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
-    """Advance by some metres, take five frames and a photo of a place, and return."""
-    home = rig.place
-    go(rig, place=np.add(home, (by, 0.0)))
-    go(rig, angles=aim_at(rig.calibration, place, rig.place))
-    meter(rig)
-    findings, seen = search(rig), photo(rig)
-    go(rig, place=home)
-    return findings, seen
-
-
-def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
-    """Outline a candidate in a near view; return whether it is seen again."""
-    findings, _ = near_view(rig, picked.place)
-    again = nearest(findings.holes, picked.place, rig.calibration.radius)
-    hole = again or picked
-    words = "seen again from nearer" if again else "not seen again; the first view counts"
-    size = f"{1e3 * hole.diameter:.2f} mm across"
-    rig.say("extract", f"{size}, {words}", succeeded=again is not None)
-    return findings, hole, again is not None
 
 
 def bring_in_reach(rig: InspectionRig, marking: Marking, where: npt.ArrayLike) -> None:

@@ -8,20 +8,22 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import zoom
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop.drawing.layout import new_figure
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop_head.geometry import wrapped
-from minorloop_head.reconstruction.depth_map import UNSEEN, DepthMap, Patch
+from minorloop_head.reconstruction.depth_map import ECHOES, UNSEEN, DepthMap, Patch
 from minorloop_head.reconstruction.findings import DIGITS, rounded
 from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT, CScan
 
 _NARROW = 0.55  # of its length is the width of a map that has two ticks across
 _EVEN = 1e-6  # mm, between the least and the most of a map of one colour
 _MOST_FACES = 160  # along a side of a surface
-_FINE = 60  # texels a side, from which on their edges are not drawn
+_WIDE = 7.0  # inches, the width of a map of the pipe
+_FINEST = 4  # parts into which a side of a texel is divided, so that a rim is no stair
 SOURCES = ("unseen", "camera", "echoes", "both")
 SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CONTRAST = 0.5
@@ -49,7 +51,8 @@ class _Shown:
         start = math.degrees(patch.phi) + turn * float(columns[0])
         ends = start, start + turn * columns.size
         extent = (*ends, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
-        image = {"origin": "lower", "extent": extent, "aspect": "auto"}
+        equal = math.degrees(1.0) / (1e3 * patch.radius)  # a millimetre is as long both ways
+        image = {"origin": "lower", "extent": extent, "aspect": equal}
         return cls(columns, start, {**image, "interpolation": "nearest"})
 
 
@@ -91,8 +94,10 @@ def draw_pipe_map(
     """
     amplitude = partial(_draw_amplitude, picture)
     panels = (amplitude, _draw_depth, _draw_band, _draw_source)[: 2 if brief else 4]
-    figure, axes = new_figure(len(panels), 1, 0.4 + 1.8 * len(panels), grid=False, sharex=True)
     shown = _Shown.of(scan.wall.patch, around and _with_finds(around, scan))
+    tall = _WIDE * scan.wall.patch.rows / shown.columns.size
+    height = len(panels) * (0.9 + min(max(tall, 0.4), 3.0)) + 0.4
+    figure, axes = new_figure(len(panels), 1, height, grid=False, sharex=True)
     for one, draw in zip(axes, panels, strict=True):
         draw(figure, one, scan, shown)
         one.set_ylabel("along [mm]")
@@ -218,30 +223,28 @@ def _on_axis(degrees: FloatArray, start: float) -> FloatArray:
 
 
 def draw_finding(wall: DepthMap) -> Any:
-    """Draw depth about a finding, its 90 % band, the sources, and the wall in three dimensions."""
-    from matplotlib.colors import ListedColormap
+    """Draw depth about a finding, its 90 % band, the sources, and the wall in three dimensions.
+
+    Without an echo there is no depth, and the sources alone are drawn.
+    """
     from matplotlib.figure import Figure
 
+    wide, long = (5e2 * n * wall.patch.step for n in (wall.patch.columns, wall.patch.rows))
+    if not (wall.source & ECHOES).any():
+        figure = Figure(figsize=(4.6, 3.5), layout="constrained")
+        axes = _plane(figure, (1, 1, 1), (wide, long), "source; no echo gives a depth")
+        _draw_sources(axes, wall, (-wide, wide, -long, long))
+        return figure
     figure = Figure(figsize=(9.2, 7.0), layout="constrained")
     depth = 1e3 * np.where(np.isfinite(wall.depth), wall.depth, np.nan)
     band = 1e3 * PER_DEVIATION * np.where(np.isfinite(wall.sd), wall.sd, np.nan)
-    wide, long = (5e2 * n * wall.patch.step for n in (wall.patch.columns, wall.patch.rows))
     low, _ = _limits(wall)
-    axes = _plane(figure, 1, (wide, long), "depth under the wall [mm]")
+    axes = _plane(figure, (2, 2, 1), (wide, long), "depth under the wall [mm]")
     _draw_values(axes, np.maximum(depth, 1e3 * low), (-wide, wide, -long, long))
-    axes = _plane(figure, 2, (wide, long), "half the 90 % band of it [mm]")
+    axes = _plane(figure, (2, 2, 2), (wide, long), "half the 90 % band of it [mm]")
     _draw_values(axes, band, (-wide, wide, -long, long))
-    axes = _plane(figure, 3, (wide, long), "source")
-    shown = axes.imshow(
-        wall.source,
-        origin="lower",
-        extent=(-wide, wide, -long, long),
-        cmap=ListedColormap(SHADES),
-        vmin=-0.5,
-        vmax=3.5,
-    )
-    bar = figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
-    bar.ax.set_yticklabels(SOURCES)
+    axes = _plane(figure, (2, 2, 3), (wide, long), "source")
+    _draw_sources(axes, wall, (-wide, wide, -long, long))
     _solid(figure.add_subplot(2, 2, 4, projection="3d"), wall)
     return figure
 
@@ -263,9 +266,18 @@ def draw_c_scan(scan: CScan) -> Any:
     return figure
 
 
-def _plane(figure: Any, place: int, half: tuple[float, float], title: str) -> Any:
+def _draw_sources(axes: Any, wall: DepthMap, extent: tuple[float, float, float, float]) -> None:
+    from matplotlib.colors import ListedColormap
+
+    colours = {"cmap": ListedColormap(SHADES), "vmin": -0.5, "vmax": 3.5}
+    shown = axes.imshow(wall.source, origin="lower", extent=extent, **colours)
+    bar = axes.figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
+    bar.ax.set_yticklabels(SOURCES)
+
+
+def _plane(figure: Any, place: tuple[int, int, int], half: tuple[float, float], title: str) -> Any:
     """Return axes of an unrolled piece of wall, with as many ticks as fit."""
-    axes = figure.add_subplot(2, 2, place)
+    axes = figure.add_subplot(*place)
     axes.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
     if half[0] < _NARROW * half[1]:
         axes.set_xticks(_two_ticks(half[0]))
@@ -300,11 +312,14 @@ def _draw_values(axes: Any, values: FloatArray, extent: tuple[float, float, floa
 
 def _solid(axes: Any, wall: DepthMap) -> None:
     """Draw the curved wall from inside, the depth down, with holes where it is not known."""
-    x, y = (5e2 * n * wall.patch.step * np.linspace(-1.0, 1.0, n) for n in wall.depth.shape[::-1])
+    fine = min(_FINEST, max(_MOST_FACES // max(wall.depth.shape), 1))
+    depth = np.where(np.isfinite(wall.depth), 1e3 * wall.depth, np.nan)
+    down = -zoom(depth, fine, order=1, grid_mode=False)
+    x, y = (5e2 * n * wall.patch.step * np.linspace(-1.0, 1.0, fine * n) for n in depth.shape[::-1])
     radius = 1e3 * wall.patch.radius
-    bow = radius - np.sqrt(radius**2 - x**2)
-    down = np.where(np.isfinite(wall.depth), -1e3 * wall.depth, np.nan) + bow[None, :]
-    _add_quads(axes, np.stack([*np.meshgrid(x, y), down], axis=-1), _shades(wall))
+    colours = _shades(wall, -1e-3 * down)
+    down = down + (radius - np.sqrt(radius**2 - x**2))[None, :]
+    _add_quads(axes, np.stack([*np.meshgrid(x, y), down], axis=-1), colours)
     axes.auto_scale_xyz(x, y, down[np.isfinite(down)] if np.isfinite(down).any() else [0.0])
     axes.set_aspect("equalxy")
     axes.locator_params(axis="z", nbins=3)
@@ -328,19 +343,18 @@ def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
     quads = np.stack([few[:-1, :-1], few[:-1, 1:], few[1:, 1:], few[1:, :-1]], axis=2)
     known = np.isfinite(quads).all(axis=(2, 3))
     if known.any():
-        fine = max(shades.shape) >= _FINE
         polygons: Any = art3d.Poly3DCollection
-        lines = {"antialiased": False} if fine else {"linewidth": 0.15, "edgecolors": "0.4"}
         shown = colours[:-1, :-1][known]
-        axes.add_collection3d(polygons(quads[known], facecolors=shown, shade=True, **lines))
+        drawn = polygons(quads[known], facecolors=shown, shade=True, antialiased=False)
+        axes.add_collection3d(drawn)
 
 
-def _shades(wall: DepthMap) -> FloatArray:
-    """Return colours (rows, columns, 4) of depths, those of the map beside."""
+def _shades(wall: DepthMap, depth: FloatArray) -> FloatArray:
+    """Return colours (rows, columns, 4) of depths in metres, those of the map beside."""
     from matplotlib import colormaps
 
     low, high = _limits(wall)
-    share = (np.where(np.isfinite(wall.depth), wall.depth, low) - low) / max(high - low, 1e-6)
+    share = (np.where(np.isfinite(depth), depth, low) - low) / max(high - low, 1e-6)
     return np.asarray(colormaps["viridis"](share))
 
 
