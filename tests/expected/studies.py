@@ -15,7 +15,7 @@ def _study(name: str) -> Any:
     return command(f"{name} --specimens 3 --seed 1000 --json", main)
 
 
-_BANDS = {"head": {"*.tool.*": 0.1, "*": 0.02}, "inspection": {"*": 0.02}}
+_BANDS = {"head": {"*": 0.02}, "inspection": {"*": 0.02}}
 """Pictures steer the head: they turn the last digits of a model into other decisions."""
 CASES = tuple(
     Case(
