@@ -15,7 +15,6 @@ from minorloop_head.procedures.sweep_map import (
     mapped_share,
 )
 from minorloop_head.reconstruction.depth_map import (
-    CAMERA,
     ECHOES,
     DepthMap,
     Patch,
@@ -93,7 +92,7 @@ def pitted(rim):
     edge = np.abs(off - 0.5e-3) < 0.1e-3
     depth = np.where(edge, -rim, np.where(off < 0.5e-3, 0.6e-3, 0.0))
     sd = np.where(edge, 0.2e-3, 0.01e-3)
-    return DepthMap(SQUARE, depth, sd, np.full(depth.shape, CAMERA, np.uint8))
+    return DepthMap(SQUARE, depth, sd, np.full(depth.shape, ECHOES, np.uint8))
 
 
 def colour_bars(figure):
@@ -130,4 +129,4 @@ def test_a_finding_without_an_echo_shows_the_sources_alone():
 def test_a_millimetre_of_a_map_is_as_long_both_ways():
     (axes, *_) = draw_pipe_map(swept(-0.3, 0.3), (-0.3, 0.3)).axes
     turn = math.degrees(1e-3 / PATCH.radius)
-    assert axes.get_aspect() * turn == pytest.approx(1.0)
+    assert axes.get_aspect() == pytest.approx(turn)
