@@ -45,3 +45,12 @@ def test_the_unit_of_a_record_does_not_matter():
     depth = cut_depth(rough(u, y), 1)
     assert depth is not None
     assert cut_depth(rough(1e3 * u, 1e-6 * y + 5e-6), 1) == pytest.approx(1e-6 * depth, rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.03, False), (0.1, True)])
+def test_a_level_that_few_readings_reach_is_not_named(share, found):
+    rng = np.random.default_rng(1002)
+    u = sweeps(1002)
+    y = plant(u)
+    y = np.minimum(y, np.quantile(y, 1 - share)) + 0.001 * np.ptp(y) * rng.normal(size=u.size)
+    assert (cut_depth(rough(u, y), 1) is not None) == found

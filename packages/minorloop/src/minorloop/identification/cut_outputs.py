@@ -33,6 +33,8 @@ _SURE = 6.0
 """Logarithm of how likely a cut is over how likely anything else, from which it is one."""
 _FAR_SD, _FAR = 8.0, 0.2
 """Error against the rough model of outliers, in robust deviations and in spans."""
+_OFTEN = 0.05
+"""Least share of the readings that are at a level: a few extremes say little of it."""
 _ROUNDS, _SETTLED = 8, 1e-4
 """Most Gauss-Newton steps of a fit, and relative decrease of the squared error that ends them."""
 _LEAST_SLOPE = 0.05
@@ -61,7 +63,8 @@ def cut_depth(record: RoughRecord, way: int) -> float | None:
     top = float(y.max())
     levels = [top - depth * noise for depth in _LEVELS]
     cut, level = min((fit.cost(noise, level), level) for fit in fits for level in levels)
-    if min(fit.cost(noise) for fit in fits) - cut < _SURE:
+    rare = np.mean(y >= level - _AT * noise) < _OFTEN
+    if rare or min(fit.cost(noise) for fit in fits) - cut < _SURE:
         return None
     bent = min(
         fit.cost(noise, top + above * bend, bend)
