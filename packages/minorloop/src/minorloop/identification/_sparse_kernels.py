@@ -12,7 +12,7 @@ from numba import njit
 
 from minorloop.operators._memory_kernels import INSIDE
 
-_WIDEST = 48
+_WIDEST = 96
 _PADDING, _FEW = 0.3, 32
 """Zeros that a panel may store: this share of its numbers, or as many."""
 _SMALL = 30_000

@@ -26,7 +26,7 @@ _COSTLY = 5e7
 """Multiplications after least degree from which dissection saves more than it costs."""
 _HUB = 50
 """Links from which an unknown is eliminated after all parts."""
-_LEAF, _WIDE = 300, 0.4
+_LEAF, _WIDE = 800, 0.4
 """Most unknowns of a part that is not cut, and the share of a part that is too much to cut it."""
 
 

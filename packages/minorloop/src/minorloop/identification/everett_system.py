@@ -32,9 +32,9 @@ _TOGETHER = 64
 _ROUNDING = 1e-15
 """Size of a pivot, over that of its column before elimination, that counts as zero: a few times the
 precision of float64."""
-_FIRST_PART, _SEGMENTS = 2000, 10
-"""Samples of the first part of a record whose multiplications are counted; contiguous segments that
-a part consists of."""
+_FIRST_PART, _LARGER, _SEGMENTS = 2000, 4, 10
+"""Samples of the first part of a record whose multiplications are counted; how much larger the next
+is; contiguous segments that a part consists of."""
 _REVERSALS = 2
 """Reversals for each cell up to which they are counted."""
 
@@ -60,7 +60,7 @@ def quick_system(
         kept = place < samples
         if EverettSystem(matrix.part(kept), weight[kept], scale).operations > most:
             return None
-        samples *= 2
+        samples *= _LARGER
     system = EverettSystem(matrix, weight, scale, mesh)
     return system if system.operations <= most else None
 
