@@ -37,6 +37,7 @@ PARTS = (
     "after_effect",
     "group_bands",
     "bands",
+    "major_loops",
     "faults",
     "connections",
     "uploads",

@@ -28,6 +28,8 @@ def _identified() -> Any:
             "reversible": f"identify run.csv {_COLUMNS} --law levels=12,diagonal=reversible "
             "--law slope=yes",
             "adaptive": f"identify run.csv {_COLUMNS} --law levels=12,spacing=adaptive",
+            "ridge": f"identify run.csv {_COLUMNS} --law levels=12 --record sd=0.002 "
+            "--prior gaussian:mean=ridge",
             "signed": f"identify run.csv {_COLUMNS} --law levels=8,lag=0,signed=yes",
             "curves": f"identify curves.csv {_COLUMNS} --record curves=curve "
             "--record start_of_curve=positive",

@@ -17,10 +17,3 @@ def a_record(samples=1500, noise=0.005, **options):
     u = rng.uniform(-1.2, 1.2, samples)
     y = a_plane(**options).simulate(u)
     return u, y + noise * np.ptp(y) * rng.normal(size=samples)
-
-
-def ridge(coercive, mean, width):
-    """Density with one maximum: Gaussians of the mean and of the half-width of the thresholds."""
-    return lambda alpha, beta: np.exp(
-        -(((alpha + beta) / 2 / mean) ** 2) / 2 - (((alpha - beta) / 2 - coercive) / width) ** 2 / 2
-    )

@@ -12,7 +12,9 @@ import minorloop.report
 from minorloop import __version__, modelfile
 from minorloop.identification import plane_result
 from minorloop.identification.pipeline import Options
+from minorloop.identification.ridge import Ridge
 from minorloop.lab.records import Record
+from minorloop.operators.preisach import Preisach
 
 IDENTIFY = "identify good.csv --input voltage --output length --law levels=8"
 KEYS = (
@@ -169,6 +171,17 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
     assert found["residual"]["worst_sample"] < 400
     assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html -v")[1]
     assert "Chosen structure: " in Path("chosen.html").read_text()
+
+
+def test_a_ridge_is_the_mean_of_the_prior(run):
+    u = np.concatenate([np.linspace(-1, 1, 30), np.linspace(1, -1, 30)])
+    ridge = Ridge("lorentzian", 0.3, 0.15, 0.2, 0.0, 1.0).density
+    y = Preisach.from_density(np.linspace(-1, 1, 9), ridge).simulate(u)
+    rows = np.column_stack([u, y + 1e-3 * np.random.default_rng(1000).normal(size=60)])
+    np.savetxt("loop.csv", rows, delimiter=",", header="u,y", comments="")
+    line = "identify loop.csv --input u --output y --law levels=8,lag=0 --prior gaussian"
+    assert json.loads(run(f"{line}:mean=ridge --json")[1])["ridge"]["coercive"] > 0
+    assert json.loads(run(f"{line} --json")[1])["ridge"] is None
 
 
 def test_a_refused_table_does_not_wait_for_compiled_code(tmp_path):

@@ -122,6 +122,7 @@ SECONDS = "give a positive number of seconds"
         (f"{IDENTIFY} --prior odd", "there is no prior 'odd'; give one of auto, gaussian, smooth"),
         (f"{IDENTIFY} --prior smooth:strength=much", "smoothness is 'much'"),
         (f"{IDENTIFY} --prior smooth:strength=-1", "smoothness is -1"),
+        (f"{IDENTIFY} --prior gaussian:mean=odd", "mean is 'odd'; give one of 'zero', 'ridge'"),
         (f"{IDENTIFY} --output voltage", "both 'voltage [V]'; give two columns"),
         (f"{IDENTIFY} --save missing/x.json", "the folder missing does not exist; make it first"),
         (f"{IDENTIFY} --save model.json", "model.json exists already"),

@@ -5,10 +5,11 @@ import minorloop as ml
 from fault_records import INPUTS, record, sine
 from fixed_options import Options, Plane, identify
 from minorloop.identification import Smooth, excitation
+from minorloop.identification.ridge import Ridge
 from minorloop.lab.columns import read_columns
 from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
-from plane_records import LEVELS, a_plane, a_record, ridge
+from plane_records import LEVELS, a_plane, a_record
 
 
 def test_warnings_come_first_and_go_with_every_inverse():
@@ -171,7 +172,9 @@ def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
 
 @pytest.mark.parametrize("start", [None, "positive", "demagnetised"])
 def test_curves_that_begin_with_another_memory_are_named(start):
-    magnet = Preisach.from_density(np.linspace(-1, 1, 31), ridge(0.3, 0.3, 0.3))
+    magnet = Preisach.from_density(
+        np.linspace(-1, 1, 31), Ridge("gaussian", 0.3, 0.3, 0.3, 0.0, 1.0).density
+    )
     turn = np.cos(np.linspace(0, 2 * np.pi, 60))
     loops = [size * np.append(np.linspace(0, 1, 10), turn) for size in (0.3, 0.5, 0.7, 1.0)]
     y = np.concatenate([magnet.simulate(loop, "demagnetised") for loop in loops])

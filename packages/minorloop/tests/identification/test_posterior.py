@@ -69,14 +69,15 @@ def test_the_dense_likelihood_is_that_of_the_search():
 
 
 @pytest.mark.parametrize("least", [0, np.inf])
-def test_the_bounded_fit_is_the_optimum_of_its_cost(sparse, least, monkeypatch):
+def test_the_prior_with_a_mean_has_the_optimum_of_its_cost(sparse, least, monkeypatch):
     monkeypatch.setattr(posterior, "_LEAST_SPARSE", least)
     model, u, y = a_record_with_long_branches()
     spec, h = PlaneSpec(model.levels), Hyperparameters(noise=0.05)
     matrix = DesignMatrix(spec, u, np.ones(u.size, dtype=bool), "negative")
     plane, variance = PlanePrior(spec), h.variance
-    rows = matrix.dense()
-    system = posterior.system_of_many(matrix, y, np.ones(u.size), h, False)
+    mean = np.random.default_rng(1000).uniform(-0.2, 1.0, spec.unknowns)
+    left, rows = y - matrix.forward(mean), matrix.dense()
+    system = posterior.system_of_many(matrix, left, np.ones(u.size), h, False, mean)
     if least == 0:
         precision = plane.precision(h, variance)
         prior = np.stack([precision.product(unit) for unit in np.eye(spec.unknowns)]) / variance
@@ -84,13 +85,13 @@ def test_the_bounded_fit_is_the_optimum_of_its_cost(sparse, least, monkeypatch):
         scale = plane.scale(h)
         prior = np.linalg.inv(scale[:, None] * plane.covariance(h) * scale)
     root = np.linalg.cholesky(rows.T @ rows / variance + prior)
-    target = np.linalg.solve(root, rows.T @ y / variance)
+    target = np.linalg.solve(root, rows.T @ y / variance + prior @ mean)
     bounds = np.append(np.zeros(spec.cells), -np.inf)
     optimum = lsq_linear(root.T, target, (bounds, np.inf), method="bvls", tol=1e-14).x
-    found, kkt = system.bounded()
+    deviation, kkt = system.bounded()
     assert kkt < 1e-10
-    assert found[: spec.cells].min() > -1e-12
-    np.testing.assert_allclose(matrix.forward(found), rows @ optimum, atol=1e-7)
+    assert (deviation + mean)[: spec.cells].min() > -1e-12
+    np.testing.assert_allclose(matrix.forward(deviation + mean), rows @ optimum, atol=1e-7)
 
 
 def test_the_independent_part_is_that_of_the_covariance_of_the_outputs():

@@ -116,6 +116,10 @@ def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch)
         ({"prior": "gaussian", "smoothness": 0.1}, "give one of them"),
         ({"noise": -1.0}, "noise is -1.0; give a standard deviation >= 0"),
         ({"noise": np.nan}, "noise is nan"),
+        (
+            {"mean": "ridge", "prior": "none"},
+            'mean of a prior, and there is none with prior "none"',
+        ),
     ],
 )
 def test_refuses(options, says):

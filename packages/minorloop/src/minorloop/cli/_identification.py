@@ -59,7 +59,7 @@ PriorOption = Annotated[
     str,
     typer.Option(
         "--prior",
-        help="gaussian, smooth[:strength=X] (0 for none), or auto (gaussian where it "
+        help="gaussian[:mean=ridge], smooth[:strength=X] (0 for none), or auto (gaussian where it "
         "is quick, or where samples are few or leave much of the plane open).",
     ),
 ]

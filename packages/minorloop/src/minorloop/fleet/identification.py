@@ -31,7 +31,7 @@ from minorloop.fleet.summary import Outcome, Summary
 
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
-) | {"lag", "start", "offset", "holdout", "skip", "start_of_curve"}
+) | {"lag", "start", "offset", "holdout", "mean", "skip", "start_of_curve"}
 LIMIT = 3600.0
 """Default time limit for a specimen in seconds; the slowest valid fits take minutes."""
 

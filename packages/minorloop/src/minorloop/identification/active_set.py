@@ -264,11 +264,15 @@ def solve_with_prior(
     bounded: BoolArray,
     guess: FloatArray,
     scale: float,
+    centre: FloatArray | float = 0.0,
 ) -> BoundedSolution:
-    """Find them from a guess (n,) where a prior determines them, so that the system is regular."""
+    """Find them from a guess (n,) where a prior determines them, so that the system is regular.
+
+    ``centre`` is what the outputs do not contain, in the unit of the columns.
+    """
 
     def gradient(z: FloatArray) -> FloatArray:
-        return system.gradient(system.scale * z, y)
+        return system.gradient(system.scale * z - centre, y)
 
     pivoting = _SparsePivoting(gradient, bounded, scale)
     pivoting.system = system

@@ -253,7 +253,8 @@ def _refined(
     found = alternate(record, best.dynamics, static, best.operator, creeping=creeping)
     if banded:
         known = without(found.dynamics, record, found.operator)
-        result = _fitter(plane, Gaussian(), record)(*known)
+        mean = prior.mean if isinstance(prior, Gaussian) else "zero"
+        result = _fitter(plane, Gaussian(mean), record)(*known)
         y = found.dynamics.outputs(record, result.model)
         found = replace(found, result=result, error=record.error(y, record.fitted))
     if found.dynamics.delay < _LEAST_DELAY:

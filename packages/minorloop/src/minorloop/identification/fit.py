@@ -13,11 +13,18 @@ from minorloop.errors import counted
 from minorloop.identification import record_checks as checks
 from minorloop.identification.choosing import LEVELS, Chosen, check_several_groups, choose, validate
 from minorloop.identification.curves import as_curves, as_groups, check_group_sizes
-from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import FitRecord, fit_plane
+from minorloop.identification.jumps import (
+    Jump,
+    find_jumps,
+    in_narrow_bands,
+    narrow_bands,
+    with_jumps,
+)
 from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import fit_prepared
-from minorloop.identification.prior import Prior
+from minorloop.identification.prior import Gaussian, Prior, Smooth
 from minorloop.lab.records import Record
 from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.preisach import Diagonal
@@ -56,7 +63,9 @@ class Plane:
 
     levels: int | npt.ArrayLike | Literal["auto"] = "auto"
     """Number of bands, over the range of the input, or the (L + 1,) thresholds themselves.
-    ``"auto"`` compares 25 and 50 bands, where there are samples for so many."""
+    ``"auto"`` compares 25 and 50 bands, where there are samples for so many. Unless the prior is
+    `Gaussian`, a threshold at which the output jumps gets a narrow band of its own; thresholds that
+    are given are used as they are, with the jumps that are in narrow bands of them."""
     relay: Relay = "bipolar"
     """As in `Preisach`."""
     diagonal: Diagonal | Literal["auto"] = "auto"
@@ -122,6 +131,13 @@ class Plane:
         spec, delay = chosen.spec, chosen.lag
         rows = rows.left_by(delay)
         held_out = held_out & (parts.positions(inputs.size) >= delay)
+        jumps: tuple[Jump, ...] = ()
+        if not isinstance(prior, Gaussian):
+            fixed = not (isinstance(self.levels, str) or np.isscalar(self.levels))
+            jumps, thresholds = _jumps(rows, delay, spec.levels, fixed)
+            if jumps and thresholds.size - 1 <= MOST_DENSE:
+                spec = replace(spec, levels=thresholds)
+                prior = prior if isinstance(prior, Smooth) else Smooth()
         say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
         found = fit_plane(spec, rows, delay, prior, group, say)
         left_out = None if group is None else validate(rows, found, delay, group, say)
@@ -145,6 +161,8 @@ class Plane:
             groups=group,
             skipped=int(np.count_nonzero(skipped)),
             choices=chosen.choices,
+            jumps=jumps,
+            ridge=found.ridge,
         )
 
     def structures(self, levels: Levels) -> list[PlaneSpec]:
@@ -175,6 +193,19 @@ def _grids(
     known = np.where(record.fitted, record.y, np.nan)
     counts = [LEVELS, 2 * LEVELS] if isinstance(levels, str) and levels == "auto" else [levels]
     return [checks.grid(record.u, known, count, spacing) for count in counts]
+
+
+def _jumps(
+    record: FitRecord, lag: int, levels: Levels, given: bool
+) -> tuple[tuple[Jump, ...], Levels]:
+    """Jumps of the output, and levels with narrow bands around them; given levels stay."""
+    if given and not narrow_bands(levels).size:
+        return (), levels
+    u, parts = record.curves.delayed(record.u, lag), record.curves
+    jumps = find_jumps(u, record.y, record.fitted, parts, levels)
+    if given:
+        return in_narrow_bands(jumps, levels), levels
+    return jumps, with_jumps(levels, jumps) if jumps else levels
 
 
 def _as_groups(

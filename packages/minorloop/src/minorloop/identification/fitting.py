@@ -18,6 +18,7 @@ from minorloop.identification.least_squares import CANDIDATES, Problem, reproduc
 from minorloop.identification.posterior import Posterior, is_cheap, is_quick
 from minorloop.identification.prior import Gaussian, Hyperparameters, Prior, Smooth
 from minorloop.identification.prior_fit import PriorFit, Regression, fit_prior
+from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, Ridge, fit_ridge
 from minorloop.lab.faults import FEWEST
 
 LONGEST_LAG = 20
@@ -175,6 +176,7 @@ class FittedPlane:
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     converged: bool = True
+    ridge: Ridge | None = None
     learnt: Hyperparameters | None = None
 
     def without(self, left: BoolArray, record: FitRecord) -> FloatArray:
@@ -279,7 +281,9 @@ def _fit_with_prior(
     regression: Regression, record: FitRecord, lag: int, prior: Prior
 ) -> FittedPlane:
     """Fit, and leave outliers out."""
-    found = _with_prior(regression, record)
+    found, ridge = _with_prior(regression, record), None
+    if isinstance(prior, Gaussian) and prior.mean == "ridge":
+        found, ridge = _with_ridge(found, regression, record)
     suspects = tuple[int, ...]()
     if are_few(regression.matrix.spec, regression.rows.size):  # one of many has little weight
         suspects, record, regression, found = _without_outliers(record, regression, found, lag)
@@ -292,6 +296,7 @@ def _fit_with_prior(
         posterior=found.posterior,
         suspects=suspects,
         converged=found.kkt <= ACCEPTABLE,
+        ridge=ridge,
         learnt=found.learnt,
     )
 
@@ -304,7 +309,7 @@ def _without_outliers(
     Outliers stand alone; a plane cannot follow a branch on which neighbours within a band are off.
     """
     whole, suspects = (record, regression, found), list[int]()
-    spec = regression.matrix.spec
+    spec, centre = regression.matrix.spec, found.posterior.centre
     inputs = record.curves.delayed(record.u, lag)
     while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
         worst = _suspect(found, on_steep_branch(record)[regression.rows])
@@ -313,7 +318,7 @@ def _without_outliers(
         sample = int(regression.rows[worst])
         others = record.without(sample)
         reduced = others.regression(spec, lag)
-        without = _with_prior(reduced, others, found.learnt)
+        without = _with_prior(reduced, others, found.learnt, centre)
         if not _is_outlier(without, regression, worst):
             break
         if any(_on_one_branch(spec, inputs, sample, other) for other in suspects):
@@ -331,10 +336,31 @@ def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool
     return last - first <= _NEXT and 0 < np.abs(steps.sum()) == np.abs(steps).sum() < band
 
 
+def _with_ridge(
+    plain: PriorFit, regression: Regression, record: FitRecord
+) -> tuple[PriorFit, Ridge | None]:
+    """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
+
+    Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978: each parameter of a
+    ridge must raise the logarithm of the likelihood by half that of the number of samples.
+    """
+    best, chosen, least = plain, None, plain.likelihood
+    if regression.rows.size < FEWEST_FOR_RIDGE:
+        return plain, None
+    penalty = PARAMETERS * np.log(regression.rows.size) / 2
+    for kind in KINDS:
+        fitted = fit_ridge(regression.matrix, regression.y, (kind,))
+        found = _with_prior(regression, record, plain.learnt, fitted.x)
+        if found.likelihood - penalty > least:
+            best, chosen, least = found, fitted.ridge, found.likelihood - penalty
+    return best, chosen
+
+
 def _with_prior(
     regression: Regression,
     record: FitRecord,
     guess: Hyperparameters | None = None,
+    centre: FloatArray | None = None,
     kept: BoolArray | None = None,
 ) -> PriorFit:
     return fit_prior(
@@ -342,6 +368,7 @@ def _with_prior(
         signed=record.signed,
         noise=record.noise,
         guess=guess,
+        centre=centre,
         kept=kept,
         independent=record.grouped or kept is not None,  # a part is fitted for its mean
     )

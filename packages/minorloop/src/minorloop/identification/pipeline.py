@@ -171,7 +171,7 @@ class Options:
         Raises a `ParameterError` if there is no option of a name.
         """
         given = {name: value for name, value in options.items() if value is not None}
-        prior = {name: given.pop(name) for name in ("prior", "smoothness") if name in given}
+        prior = {name: given.pop(name) for name in ("prior", "smoothness", "mean") if name in given}
         law = {one.name: given.pop(one.name) for one in fields(Plane) if one.name in given}
         holdout = given.pop("holdout", 0.0)
         of_record = {name: given.pop(name) for name in _OF_RECORD if name in given}

@@ -19,6 +19,7 @@ from minorloop.identification.baseline import delayed, nrmse, percent, polynomia
 from minorloop.identification.choosing import FEWEST_GROUPS, Choice, folds
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.jumps import Jump
 from minorloop.identification.model_error import FEWEST, ModelError, contiguous_parts, learn
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.preparation import RecordAdvice
@@ -34,6 +35,7 @@ from minorloop.identification.result import (
     of_range,
     unless_0,
 )
+from minorloop.identification.ridge import Ridge
 from minorloop.identification.rough_model import Basis, few, one_of_each
 from minorloop.identification.screening import record_faults
 from minorloop.lab.faults import Fault
@@ -82,6 +84,10 @@ class Identification(Fit[Preisach]):
         ScoreRow("held_out", lambda fit: int(fit.held_out.sum()), "samples held out", unless_0),
         ScoreRow("skipped", "skipped", "rows skipped", unless_0),
         ScoreRow("left_out", "of_record.not_fitted", "outliers not fitted", _holds),
+        ScoreRow("jumps", lambda fit: [asdict(one) for one in fit.jumps]),
+        ScoreRow("", "jumps", "jumps at", lambda jumps: ", ".join(map(str, jumps))),
+        ScoreRow("ridge", lambda fit: None if fit.ridge is None else asdict(fit.ridge)),
+        ScoreRow("", "ridge", "mean of the prior", "{.kind} ridge"),
         ScoreRow("prior", lambda fit: "none" if fit.posterior is None else "gaussian"),
         ScoreRow("smoothness", "smoothness"),
         ScoreRow("", lambda fit: None if fit.posterior else fit.smoothness, "smoothness", "{:g}"),
@@ -142,6 +148,10 @@ class Identification(Fit[Preisach]):
     """Rows that set the memory and were not fitted."""
     choices: tuple[Choice, ...] = ()
     """Options that were compared by the error on left-out parts."""
+    jumps: tuple[Jump, ...] = ()
+    """Thresholds at which the output jumps, which have narrow bands."""
+    ridge: Ridge | None = None
+    """Mean of the prior; None if it is zero."""
     delay: float | None = None
     """Seconds by which the outputs were moved before the fit, where the lag was given so."""
     told: RecordAdvice | None = None

@@ -68,6 +68,8 @@ class Posterior(ABC):
     (samples - 7), at most by 2, because seven hyperparameters were learnt."""
     determined: float
     """Trace of the hat matrix without sign constraints: number of unknowns that they determined."""
+    centre: FloatArray | None = field(default=None, kw_only=True)
+    """Shape (n,). Mean of the prior; zero if None."""
     apart: FloatArray | None = field(default=None, kw_only=True)
     """Shape (n,). Estimate less the one that the covariance is of; the square of its output is
     added to variances. None if they are the same."""
@@ -225,16 +227,18 @@ class IndependentPart:
 
 @dataclass(frozen=True, eq=False)
 class PriorSystem(ABC):
-    """Normal equations of the unknowns (n,), whose prior has mean zero."""
+    """Normal equations of the unknowns (n,), as deviations from the mean of the prior."""
 
     evidence: Any
-    """Scaled measurements."""
+    """Scaled measurements, less the outputs of the mean of the prior."""
     plane: PlanePrior
     """Prior."""
     h: Hyperparameters
     """Its hyperparameters."""
     signed: bool = True
     """Whether weights and slope may be negative."""
+    centre: FloatArray | float = 0.0
+    """Shape (n,), or 0. Mean of the prior."""
 
     @property
     @abstractmethod
@@ -322,13 +326,15 @@ class DenseSystem(PriorSystem):
     def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
         """As of `PriorSystem`."""
         (_, slope, square, _), (scale, quadratic, _) = self._information, self._normal
+        centre = self.centre / scale
+        linear = scale * slope + quadratic @ centre
         solution = solve(
-            Quadratic(GramRows.of(quadratic.copy()), scale * slope),
+            Quadratic(GramRows.of(quadratic.copy()), linear),
             self.plane.spec.bounded(self.signed),
             float(np.sqrt(square)) or 1.0,
-            guess=None if guess is None else guess / scale,
+            guess=None if guess is None else guess / scale + centre,
         )
-        return solution.z * scale, solution.kkt
+        return solution.z * scale - self.centre, solution.kkt
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         """As of `PriorSystem`."""
@@ -424,9 +430,11 @@ class SparseSystem(PriorSystem):
         system, _ = self._condition(self.h.variance)
         size = float(np.linalg.norm(np.sqrt(system.weight) * self.evidence.y)) or 1.0
         bounded = self.plane.spec.bounded(self.signed)
+        start = start + self.centre
         start = np.where(bounded, np.maximum(start, 0.0), start) / system.scale
-        found = solve_with_prior(system, self.evidence.y, bounded, start, size)
-        return system.scale * found.z, found.kkt
+        y = self.evidence.y
+        found = solve_with_prior(system, y, bounded, start, size, self.centre)
+        return system.scale * found.z - self.centre, found.kkt
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         """As of `PriorSystem`."""
@@ -454,10 +462,11 @@ def system_of_many(
     weight: FloatArray,
     h: Hyperparameters,
     signed: bool,
+    centre: FloatArray | float = 0.0,
 ) -> PriorSystem:
     """Normal equations of many samples, sparse where that is quicker.
 
-    ``y`` (M,) are scaled outputs, ``weight`` (M,) how many
+    ``y`` (M,) are scaled outputs less those of the mean of the prior, ``weight`` (M,) how many
     samples each stands for. Raises a `ParameterError` if the plane is too fine for dense matrices
     and the record does not suit sparse ones.
     """
@@ -467,14 +476,14 @@ def system_of_many(
         most, scale = _FILL * float(cells) ** 3, np.ones(matrix.spec.unknowns)
         system = quick_system(matrix, weight, scale, most, plane.mesh)
     if system is not None:
-        return SparseSystem(SparseEvidence(system, y), plane, h, signed)
+        return SparseSystem(SparseEvidence(system, y), plane, h, signed, centre)
     if cells > _MOST_CELLS:
         raise ParameterError(
             f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "
             'bands, so that the prior needs too large matrices; give at most 100 levels, or "auto" '
             "for smoothness instead"
         )
-    return DenseSystem(ManyOutputs.of(matrix, y, weight), plane, h, signed)
+    return DenseSystem(ManyOutputs.of(matrix, y, weight), plane, h, signed, centre)
 
 
 def is_cheap(matrix: DesignMatrix) -> bool:

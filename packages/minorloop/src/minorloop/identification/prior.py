@@ -24,7 +24,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -35,6 +35,8 @@ from minorloop.operators.plane import cell_areas, swing
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+Mean: TypeAlias = Literal["zero", "ridge"]
 
 _LEVEL_VARIANCE = 4.0
 """Prior variance of offset and slope, in squared ranges of the output: twice the range."""
@@ -50,6 +52,11 @@ _LEAST_DEVIATION = 1e-7
 class Gaussian:
     """A Gaussian prior, under which weights of neighbouring cells are correlated.
 
+    Raises
+    ------
+    ParameterError
+        If there is no such mean.
+
     Examples
     --------
     >>> u = np.sin(np.linspace(0.0, 20.0, 200))
@@ -57,6 +64,14 @@ class Gaussian:
     >>> found.predict([0.5], bands=0.9).sd.shape
     (1,)
     """
+
+    mean: Mean = "zero"
+    """Mean of the prior. ``"ridge"``: a parametric ridge fitted to the record, of the kind of
+    greatest marginal likelihood, or zero if none is more likely; about it the weights vary. It
+    helps where the record leaves much of the plane open, such as one major loop."""
+
+    def __post_init__(self) -> None:
+        check_option("mean", self.mean, get_args(Mean))
 
 
 @dataclass(frozen=True)
@@ -76,27 +91,36 @@ class Smooth:
 
 
 Prior: TypeAlias = Literal["auto"] | Gaussian | Smooth
-"""``"auto"``: `Gaussian`, except where the samples determine a plane that
+"""``"auto"``: `Gaussian`, except where the output jumps, where the samples determine a plane that
 reproduces them to rounding, for more than 300 bands, or where the input reverses so often that a
 plane of more than 64 levels would need large dense matrices; for 51 to 64 levels and such an input,
 only for fewer than three samples per unknown or where more than a tenth of the cells is not
 excited."""
 
 
-def prior_of(prior: str = "auto", smoothness: float | Literal["auto"] = "auto") -> Prior:
-    """Return the prior that options of front ends say: "auto", "gaussian" or "none".
+def prior_of(
+    prior: str = "auto", smoothness: float | Literal["auto"] = "auto", mean: Mean = "zero"
+) -> Prior:
+    """Return the prior that options of front ends say: "auto", "gaussian" or "none", and a mean.
 
     ``smoothness`` is the strength of `Smooth`. Raises a `ParameterError` if there is no such prior,
     or options contradict each other.
     """
     check_option("prior", prior, ("auto", "gaussian", "none"))
+    plain = prior == "none" or smoothness != "auto"
+    if mean != "zero" and plain:
+        other = 'prior "none"' if prior == "none" else f"smoothness {smoothness!r}"
+        raise ParameterError(
+            f"mean is {mean!r}, the mean of a prior, and there is none with {other}; "
+            "leave one of them out"
+        )
     if prior == "gaussian" and smoothness != "auto":
         raise ParameterError(
             f'smoothness is {smoothness!r} and prior is "gaussian"; give one of them'
         )
-    if prior == "none" or smoothness != "auto":
+    if plain:
         return Smooth(smoothness)
-    return Gaussian() if prior == "gaussian" else "auto"
+    return Gaussian(mean) if prior == "gaussian" or mean != "zero" else "auto"
 
 
 @dataclass(frozen=True)

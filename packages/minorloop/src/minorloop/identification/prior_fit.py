@@ -1,7 +1,7 @@
 """Fit the unknowns of a plane with the prior.
 
 The cost is (y - A x)' R^-1 (y - A x) + (x - m)' S^-1 (x - m), with weights x that are not negative,
-regressors A, prior mean m (zero) and covariance S, and covariance R of discrepancy plus
+regressors A, prior mean m (zero, or a ridge) and covariance S, and covariance R of discrepancy plus
 noise. Few samples have a correlated discrepancy, and are fitted on dense matrices.
 
 With a normal distribution of the independent part of the weights, single large weights are drawn
@@ -150,21 +150,39 @@ class PriorFit:
 
 @dataclass(frozen=True, eq=False)
 class _Scaled:
-    """Outputs (M,) of range 1 about their middle."""
+    """Outputs (M,) of range 1 about their middle, less those of the mean of the prior."""
 
     spec: PlaneSpec
     y: FloatArray
     unit: float
     shift: float
+    centre: FloatArray
+    """Shape (n,). Mean of the prior of scaled outputs."""
     noise: float | None
     """Their noise, where it is known."""
+    given: FloatArray | None
+    """Mean of the prior in the unit of the output; None if zero."""
 
     @classmethod
-    def of(cls, spec: PlaneSpec, y: FloatArray, kept: BoolArray, noise: float | None) -> _Scaled:
-        """Scale outputs, those ``kept`` to a range of 1."""
+    def of(
+        cls,
+        spec: PlaneSpec,
+        y: FloatArray,
+        kept: BoolArray,
+        forward: Callable[[FloatArray], FloatArray],
+        centre: FloatArray | None,
+        noise: float | None,
+    ) -> _Scaled:
+        """Scale outputs, those ``kept`` to a range of 1; ``forward`` gives outputs of unknowns."""
         _, unit, shift = scale_outputs(spec, y[kept])
+        scaled, mean = (y - shift) / unit, np.zeros(spec.unknowns)
+        if centre is not None:
+            mean = centre / unit
+            if spec.offset:
+                mean[spec.cells] -= shift / unit
+            scaled = scaled - forward(mean)
         known = None if noise is None else max(noise / unit, _LEAST_NOISE)
-        return cls(spec, (y - shift) / unit, unit, shift, known)
+        return cls(spec, scaled, unit, shift, mean, known, centre)
 
     def fit(
         self,
@@ -191,11 +209,13 @@ class _Scaled:
                 break
             system = replace(system, h=replace(system.h, discrepancy=float(np.sqrt(rest))))
             x, kkt = system.bounded(x)
+        x = x + self.centre
         system = _with_open_cells(system, x, switched)
         posterior = system.posterior(self.unit, samples, determined)
         x = x * self.unit
         if self.spec.offset:
             x[self.spec.cells] += self.shift
+        posterior = replace(posterior, centre=self.given)
         return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
 
 
@@ -205,6 +225,7 @@ def fit_prior(
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
+    centre: FloatArray | None = None,
     kept: BoolArray | None = None,
     independent: bool = False,
 ) -> PriorFit:
@@ -220,6 +241,8 @@ def fit_prior(
         Standard deviation of a measured output, in its unit; learnt if not given.
     guess : Hyperparameters, optional
         Start of the search.
+    centre : (n,) array, optional
+        Mean of the prior; zero if not given.
     kept : (M,) array of bool, optional
         Measurements that are fitted, and that the hyperparameters are learnt from; all if not
         given.
@@ -235,13 +258,13 @@ def fit_prior(
     used = np.ones(regression.y.size, dtype=np.bool_) if kept is None else kept
     with one_thread():
         if regression.few is not None:
-            return _fit_few(regression, regression.few, used, signed, noise, guess)
+            return _fit_few(regression, regression.few, used, signed, noise, guess, centre)
         weight = regression.weight * used
-        found = _fit_many(regression, weight, signed, noise, guess)
+        found = _fit_many(regression, weight, signed, noise, guess, centre)
         together = 1.0 if independent else _correlation_time(regression, found.x)
         if together == 1.0:
             return found
-        other = _fit_many(regression, weight / together, signed, noise, found.learnt)
+        other = _fit_many(regression, weight / together, signed, noise, found.learnt, centre)
     posterior = replace(
         other.posterior,
         determined=found.posterior.determined,
@@ -258,12 +281,15 @@ def _fit_few(
     signed: bool,
     noise: float | None,
     guess: Hyperparameters | None,
+    centre: FloatArray | None,
 ) -> PriorFit:
     """Fit few samples on dense matrices, with a correlated discrepancy."""
     spec, coarse, rows = regression.matrix.spec, regression.coarse, dense[0][kept]
     dense = rows, dense[1][kept]
     y = regression.y[kept]
-    scaled = _Scaled.of(spec, y, np.ones(y.size, dtype=np.bool_), noise)
+    scaled = _Scaled.of(
+        spec, y, np.ones(y.size, dtype=np.bool_), lambda mean: rows @ mean, centre, noise
+    )
     found = FewOutputs.of(spec, scaled.y, dense)
     small = found
     if coarse is not None:
@@ -274,7 +300,7 @@ def _fit_few(
         h = _of_best_nugget(h, lambda h: h, lambda h: likelihood_of_few(plane, found, h))
     leave_one_out, determined = _leave_one_out(plane, dense, scaled.y, h)
     return scaled.fit(
-        DenseSystem(found, plane, h, signed),
+        DenseSystem(found, plane, h, signed, scaled.centre),
         lambda x: float(np.mean((scaled.y - rows @ x) ** 2)),
         np.ptp(rows, axis=0)[: spec.cells] > 0,
         y.size,
@@ -290,17 +316,18 @@ def _fit_many(
     signed: bool,
     noise: float | None,
     guess: Hyperparameters | None,
+    centre: FloatArray | None,
 ) -> PriorFit:
     """Fit samples whose discrepancy is independent, each with a weight (M,)."""
     matrix, spec, count = regression.matrix, regression.matrix.spec, float(weight.sum())
-    scaled = _Scaled.of(spec, regression.y, weight > 0, noise)
+    scaled = _Scaled.of(spec, regression.y, weight > 0, matrix.forward, centre, noise)
     y, within = scaled.y, regression.within / scaled.unit**2
     small = matrix.at_most(MOST_SEARCH_BANDS)
     learnt = search(ManyOutputs.of(small, y, weight, within), scaled.noise, guess)
     h = on_finer_plane(learnt, small.spec, spec)
     if noise is None:  # where both are independent, one is not told from the other
         h = replace(h, discrepancy=float(np.hypot(h.discrepancy, h.noise)), noise=0.0)
-    system = system_of_many(matrix, y, weight, h, signed)
+    system = system_of_many(matrix, y, weight, h, signed, scaled.centre)
 
     def mean_square(x: FloatArray) -> float:
         return float(weight @ (y - matrix.forward(x)) ** 2 / weight.sum()) + within
