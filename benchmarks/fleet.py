@@ -1,7 +1,8 @@
-"""Many specimens: one worker against two, one worker killed."""
+"""Many specimens: one worker against two, one worker killed, a million operators."""
 
 from __future__ import annotations
 
+import os
 import re
 import tempfile
 import time
@@ -9,14 +10,38 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks._timing import Row, faster, in_child
+from benchmarks._timing import Row, faster, in_child, seconds, within
 from minorloop import Preisach
+from minorloop.fleet.simulation import FleetState, simulate_fleet
 
 BANDS, SAMPLES = 20, 2_000
 
 
 def rows(quick: bool = False) -> list[Row]:
-    specimens = 20 if quick else 1_000
+    found = [_million(100_000 if quick else 1_000_000)]
+    return [*found, *_fleet(20 if quick else 1_000)]
+
+
+def _million(operators: int) -> Row:
+    rng = np.random.default_rng(0)
+    model = Preisach(np.linspace(-1, 1, 51), np.tril(rng.uniform(size=(50, 50))))
+    simulate_fleet(model, np.zeros(10))  # compile first
+    state, times = FleetState.begin(model, operators), []
+    for _ in range(20):
+        u = rng.uniform(-1, 1, operators)
+        times.append(seconds(lambda u=u: simulate_fleet(model, u, state, in_place=True)))
+    peak = _peak_gigabytes()
+    said = f"median of 20 steps; slowest {max(times):.2g} s; peak memory {peak:.2g} GB"
+    return within(
+        f"simulate_fleet, {operators} operators, one step, L = 50",
+        float(np.median(times)),
+        1.0,
+        said,
+        peak <= 3.0,
+    )
+
+
+def _fleet(specimens: int) -> list[Row]:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         _write_records(folder, specimens)
@@ -54,3 +79,11 @@ def _identified(folder: Path, workers: int, kill: bool = False) -> tuple[float, 
     said = in_child("-m", "benchmarks.one_fleet", folder, workers, int(kill), time.time())
     took, done = re.findall(r"^([\d.]+) (\d+)$", said, flags=re.MULTILINE)[-1]
     return float(took), int(done)
+
+
+def _peak_gigabytes() -> float:
+    if os.name != "posix":
+        return float("nan")
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

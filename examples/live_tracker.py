@@ -4,9 +4,9 @@ import numpy as np
 
 import minorloop as ml
 
+levels = np.linspace(-1, 1, 21)
 model = ml.Preisach.from_density(
-    np.linspace(-1, 1, 21),
-    lambda up, down: np.exp(-(((up + down) / 0.6) ** 2) - ((up - down - 0.4) / 0.3) ** 2),
+    levels, ml.densities.GaussianDensity(coercive=0.2, spread_mean=0.3, spread_width=0.15)
 )
 tracker = model.track("demagnetised")
 for u in (0.4, -0.2, 0.1):

@@ -14,7 +14,7 @@ Gaussian GeneralisedPrandtlIshlinskii InstrumentError LimitError Linear Memory M
 MissingExtraError ModelFileError ModelWarning NotInvertibleError Oscillator OutputError
 ParameterError Plan Plane Polynomial PrandtlIshlinskii Preisach Record RecordError RelayModel
 SafetyError Setup SignalError Smooth Store StoreError UnreachableError Vibration Viscosity
-__version__ connect design drive_to excitation identify load measure
+__version__ connect densities design drive_to excitation identify load measure
 next_input plot read reduce resume run save score
 """
 NAMES = set(PUBLIC.split())

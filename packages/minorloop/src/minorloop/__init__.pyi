@@ -48,6 +48,7 @@ from minorloop.measurement import resume as resume
 from minorloop.modelfile import ModelWarning as ModelWarning
 from minorloop.modelfile import load as load
 from minorloop.modelfile import save as save
+from minorloop.operators import densities as densities
 from minorloop.operators.after_effect import AfterEffect as AfterEffect
 from minorloop.operators.differential import BoucWen as BoucWen
 from minorloop.operators.generalised_prandtl_ishlinskii import (

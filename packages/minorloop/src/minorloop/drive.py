@@ -32,7 +32,7 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point
 from minorloop.operators.relays import RelayModel
 
-_SURE = 2.0
+SURE = 2.0
 """An error below this many standard deviations of the measured value is not corrected."""
 
 _SLOWEST, _STEEPEST = 0.5, 10.0
@@ -42,7 +42,7 @@ make corrections explode; more than ten times is not seen on reversals of a reve
 _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
 """Gain of the measured over the predicted outputs, from saturation on, below and above which the
 sensor or its conversion is wrong."""
-_ALLOWED_ERRORS, _LEAST_ALLOWED = 3.0, 0.05
+ALLOWED_ERRORS, LEAST_ALLOWED = 3.0, 0.05
 """Errors of the model, and share of its range, up to which an error is never a missed target."""
 _LARGE_OFFSET = 0.25
 """Share of the model's range from which an offset of the sensor is worth a word."""
@@ -93,6 +93,8 @@ class DriveResult:
     """Most further holds of a target."""
     width: float = float("inf")
     """Range of the outputs of the model."""
+    remedy: str = ""
+    """What to do first about missed targets; to correct or to hold longer if empty."""
 
     @property
     def rows(self) -> list[list[str]]:
@@ -116,7 +118,7 @@ class DriveResult:
         return [
             index
             for index, arrival in enumerate(self.arrivals)
-            if abs(arrival.error) > max(self.allowed, _SURE * arrival.sd)
+            if abs(arrival.error) > max(self.allowed, SURE * arrival.sd)
         ]
 
     @property
@@ -140,7 +142,7 @@ class DriveResult:
             return []
         worst = max(missed, key=lambda index: abs(self.arrivals[index].error))
         count = len(self.arrivals)
-        more = (
+        more = self.remedy or (
             f"correct more often (--corrections, now {self.corrections}), hold longer (--hold)"
             if self.corrections
             else "correct by the sensor (--corrections), hold longer (--hold)"
@@ -169,12 +171,34 @@ class DriveResult:
         return {"offset": self.offset, **self.summary(), **missed, "targets": targets}
 
 
+class Chooser:
+    """What drives have in common: their fields as JSON, for a store."""
+
+    @classmethod
+    def from_json(cls, fields: dict[str, Any], **others: Any) -> Self:
+        """Return the drive that ``to_json`` described, with what it left out."""
+        model = build(msgspec.convert(fields["model"], AnyModel))
+        return cls(**{**fields, "model": model}, **others)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields but ``written`` and ``covered``, ready for JSON."""
+        known: dict[str, Any] = {**vars(self)}
+        model = known["model"]
+        known |= {"model": {"kind": kind_of(model), **plain(model)}}
+        known |= {"targets": known["targets"].tolist()}
+        return {name: known[name] for name in known if name not in ("written", "covered")}
+
+
 @dataclass(frozen=True, eq=False)
-class TargetDrive:
+class TargetDrive(Chooser):
     """Chooses the inputs that bring an actuator to targets.
 
-    Raises a `ParameterError` if a parameter is out of range; a `NotInvertibleError` if the model
-    has no exact inverse.
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of range.
+    NotInvertibleError
+        If the model has no exact inverse.
     """
 
     model: Any
@@ -215,20 +239,6 @@ class TargetDrive:
             raise ParameterError(f"nrmse is {self.nrmse}; give an error >= 0")
         if not (np.isfinite(self.within) and self.within >= 0):
             raise ParameterError(f"within is {self.within}; give a finite error of at least 0")
-
-    @classmethod
-    def from_json(cls, fields: dict[str, Any], **others: Any) -> Self:
-        """Return the drive that ``to_json`` described, with what it left out."""
-        model = build(msgspec.convert(fields["model"], AnyModel))
-        return cls(**{**fields, "model": model}, **others)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields but ``written`` and ``covered``, ready for JSON, for a store."""
-        known: dict[str, Any] = {**vars(self)}
-        model = known["model"]
-        known |= {"model": {"kind": kind_of(model), **plain(model)}}
-        known |= {"targets": known["targets"].tolist()}
-        return {name: known[name] for name in known if name not in ("written", "covered")}
 
     def plan(self, hold: float, *, input: str, **settings: Any) -> Plan:
         """Return the plan of a run: the saturation, twice as long, then holds that are open.
@@ -342,7 +352,7 @@ class TargetDrive:
     def result(self, points: Sequence[Point]) -> DriveResult:
         """Return what the points so far show."""
         state = self._replayed(points)
-        allowed = max(_ALLOWED_ERRORS * self.nrmse, _LEAST_ALLOWED) * self._width
+        allowed = max(ALLOWED_ERRORS * self.nrmse, LEAST_ALLOWED) * self._width
         return DriveResult(
             state.offset,
             tuple(state.arrivals),
@@ -368,7 +378,7 @@ class TargetDrive:
         target = float(self.targets[len(state.arrivals)])
         achieved = point.value - (0.0 if self.absolute else state.offset)
         error = achieved - target
-        near = abs(error) <= max(self.within, _SURE * point.sd)
+        near = abs(error) <= max(self.within, SURE * point.sd)
         if not near and self.corrections:
             if np.isfinite(error):
                 state.correct(error, achieved, float(predicted))

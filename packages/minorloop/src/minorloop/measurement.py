@@ -16,8 +16,9 @@ from typing import Any, Protocol
 import numpy.typing as npt
 
 from minorloop.connect import opened, split_address
+from minorloop.delivery import Delivery
 from minorloop.drive import DriveResult, TargetDrive, saturation_of
-from minorloop.errors import StoreError
+from minorloop.errors import ParameterError, StoreError
 from minorloop.files import PathLike, check_writable
 from minorloop.identification.adaptive import Adaptive, RunFindings, design_holds
 from minorloop.identification.fit import Say, silent
@@ -183,7 +184,10 @@ class AdaptivePlan:
 
 @dataclass(frozen=True)
 class Approach:
-    """How an actuator is brought to targets."""
+    """How an actuator is brought to targets.
+
+    Raises a `ParameterError` if targets that are delivered in time are corrected too.
+    """
 
     corrections: int = 0
     within: float = 0.0
@@ -191,24 +195,42 @@ class Approach:
     """``corrections``, ``within`` and ``absolute``: as of `TargetDrive`."""
     hold: float = _HOLD
     """Longest hold of a target, in seconds."""
+    every: float | None = None
+    """For a model with after-effect: seconds between inputs, as of `Delivery`. A target is met
+    after the first interval, and kept while the output creeps."""
     tolerance: float | None = None
     """Slope of a settled output, as of `HoldEnds`."""
     saturation: float | None = None
     """Input that saturates the actuator before the first target; the lowest level of the model if
     not given."""
 
+    def __post_init__(self) -> None:
+        for name in ("corrections", "within", "absolute", "tolerance"):
+            if self.every is not None and getattr(self, name) not in (None, 0):
+                raise ParameterError(
+                    f"--{name} cannot be combined with --every, which uses no reading and waits "
+                    "for no settled output; leave it out"
+                )
+
     def chooser(
         self, known: ModelFile, targets: npt.ArrayLike, actuator: Actuator
-    ) -> tuple[TargetDrive, Plan]:
+    ) -> tuple[Delivery | TargetDrive, Plan]:
         """Return what chooses the inputs, and its plan."""
         channel, input = actuator.inputs[0], str(actuator.inputs[0])
         first = self.saturation
         if first is None:
             first = saturation_of(known.operator, channel)
-        how = self.corrections, self.within, self.absolute, known.nrmse
-        written = getattr(actuator, "written", float)
-        chosen = TargetDrive(known.operator, targets, first, *how, written)  # type: ignore[arg-type]
-        return chosen, chosen.plan(self.hold, input=input, tolerance=self.tolerance)
+        shared: dict[str, Any] = {
+            "nrmse": known.nrmse,
+            "written": getattr(actuator, "written", float),
+        }
+        if self.every is not None:
+            ends = first, channel.low, channel.high
+            timed = Delivery(known.model, targets, self.every, self.hold, *ends, **shared)  # type: ignore[arg-type]
+            return timed, timed.plan(input=input)
+        how = self.corrections, self.within, self.absolute
+        settled = TargetDrive(known.operator, targets, first, *how, **shared)  # type: ignore[arg-type]
+        return settled, settled.plan(self.hold, input=input, tolerance=self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -345,7 +367,7 @@ def drive_to(
     ParameterError
         If units differ.
     MinorloopError
-        As of `minorloop.connect`, `TargetDrive` and `minorloop.run`.
+        As of `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
 
     Examples
     --------
@@ -447,9 +469,11 @@ def _carried_out(plant: Actuator, store: Store, carry: Carry) -> RunResult:
     return replace(found, warnings=(*findings.warnings, *found.warnings), findings=findings)
 
 
-def _drive_of(plant: Actuator, fields: dict[str, Any]) -> TargetDrive:
+def _drive_of(plant: Actuator, fields: dict[str, Any]) -> Delivery | TargetDrive:
     """Return the drive that a store keeps."""
     written = getattr(plant, "written", float)
+    if "every" in fields:
+        return Delivery.from_json(fields, written=written)
     covered = getattr(plant, "covered", "")
     return TargetDrive.from_json(fields, written=written, covered=covered)
 

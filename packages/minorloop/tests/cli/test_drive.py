@@ -1,9 +1,12 @@
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from minorloop import modelfile
+from minorloop.lab.store import Store
+from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
@@ -57,3 +60,33 @@ def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target
     assert "continue with" not in err
     assert "begin a new drive" in run("resume --store d.sqlite")[2]
     assert answer("runs export --store d.sqlite")["columns"]["voltage [V]"] == [-1.2]
+
+
+@pytest.fixture
+def creeping():
+    """A model of the strip that creeps, in creep.json, and targets in wanted.csv."""
+    weights = np.tril(np.random.default_rng(1000).uniform(0.05, 0.2, (4, 4)))
+    plane = Preisach(np.linspace(-1.2, 1.2, 5), weights, diagonal="reversible")
+    model = AfterEffect(plane, times=[30.0], creep=[-0.1 * weights])
+    modelfile.save(model, "creep.json", input="voltage [V]", output="curvature [1/m]")
+    np.savetxt("wanted.csv", [0.3, -0.4], header="curvature [1/m]", comments="")
+    return model
+
+
+def test_a_model_with_creep_delivers_its_targets_in_time(creeping, run, answer):
+    line = (
+        "drive creep.json wanted.csv --target curvature --actuator twin:ipmc --store d.sqlite "
+        "--every 10 --hold 30"
+    )
+    run(f"{line} --report d.html")
+    with Store.open("d.sqlite") as store:
+        points = store.points()
+    assert [point.held for point in points] == [150.0] + 6 * [10.0]
+    # The inputs are those of the exact inverse at the end of each interval.
+    start = creeping.settled.step("negative", -1.2)[1]
+    wanted = np.repeat([0.3, -0.4], 3)
+    expected = creeping.invert(10.0 * np.arange(1, 7), wanted, start, "clip").u
+    np.testing.assert_allclose([point.input for point in points[1:]], expected, atol=1e-9)
+    shown = json.loads(run("resume --store d.sqlite --json")[1])
+    assert shown["mode"] == "finished"
+    assert [one["tries"] for one in shown["targets"]] == [3, 3]

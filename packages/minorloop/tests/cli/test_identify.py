@@ -12,8 +12,8 @@ import minorloop.report
 from minorloop import __version__, modelfile
 from minorloop.identification import plane_result
 from minorloop.identification.pipeline import Options
-from minorloop.identification.ridge import Ridge
 from minorloop.lab.records import Record
+from minorloop.operators.densities import LorentzianDensity
 from minorloop.operators.preisach import Preisach
 
 IDENTIFY = "identify good.csv --input voltage --output length --law levels=8"
@@ -175,7 +175,7 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
 
 def test_a_ridge_is_the_mean_of_the_prior(run):
     u = np.concatenate([np.linspace(-1, 1, 30), np.linspace(1, -1, 30)])
-    ridge = Ridge("lorentzian", 0.3, 0.15, 0.2, 0.0, 1.0).density
+    ridge = LorentzianDensity(0.3, 0.2, 0.15)
     y = Preisach.from_density(np.linspace(-1, 1, 9), ridge).simulate(u)
     rows = np.column_stack([u, y + 1e-3 * np.random.default_rng(1000).normal(size=60)])
     np.savetxt("loop.csv", rows, delimiter=",", header="u,y", comments="")

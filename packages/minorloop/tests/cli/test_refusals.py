@@ -81,6 +81,8 @@ IDENTIFY = "identify good.csv --input voltage --output length"
 MOVED = "identify moved.csv --input force --output displacement"
 INVERT = "invert model.json targets.csv --target length"
 DRIVE = "drive strip.json curvatures.csv --target curvature --actuator twin:ipmc --store a.sqlite"
+TIMED = DRIVE.replace("strip", "creep").replace("curvatures.csv --target curvature", "targets.csv "
+"--target length")  # fmt: skip
 RUN = "run --actuator twin:ipmc --plan plan.csv --store a.sqlite"
 ADAPTIVE = "run --actuator twin:ipmc --store a.sqlite --plan adaptive:hold=100,"
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4"
@@ -201,6 +203,9 @@ SECONDS = "give a positive number of seconds"
         (DRIVE.replace("ipmc", "fibre"), "identify a model in um, or convert the readings"),
         (DRIVE.replace("curvatures.csv --target curvature", "far.csv --target length"), "is in um"),
         (f"{DRIVE} --convert linear:0,3", "the coefficients are (3.0, 0.0), a constant"),
+        (f"{DRIVE} --every 10", "identify one with creep (--law viscosity)"),
+        (f"{TIMED} --every 10 --corrections 2", "--corrections cannot be combined with --every"),
+        (f"{TIMED} --every inf", f"--every is inf; {SECONDS}"),
         (f"{REDUCE} --convert laser:20", "give laser:D0,H0[,SD,SD], numbers separated by commas"),
         (f"{REDUCE} --convert laser:20,-15", "h0 is -15 mm; give a positive height"),
         (f"{REDUCE} --convert linear:2,nam=x", "has no 'nam'; it has name, unit, calibration_sd"),

@@ -5,9 +5,9 @@ import minorloop as ml
 from fault_records import INPUTS, record, sine
 from fixed_options import Options, Plane, identify
 from minorloop.identification import Smooth, excitation
-from minorloop.identification.ridge import Ridge
 from minorloop.lab.columns import read_columns
 from minorloop.lab.records import Record
+from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
@@ -172,9 +172,7 @@ def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
 
 @pytest.mark.parametrize("start", [None, "positive", "demagnetised"])
 def test_curves_that_begin_with_another_memory_are_named(start):
-    magnet = Preisach.from_density(
-        np.linspace(-1, 1, 31), Ridge("gaussian", 0.3, 0.3, 0.3, 0.0, 1.0).density
-    )
+    magnet = Preisach.from_density(np.linspace(-1, 1, 31), GaussianDensity(0.3, 0.3, 0.3))
     turn = np.cos(np.linspace(0, 2 * np.pi, 60))
     loops = [size * np.append(np.linspace(0, 1, 10), turn) for size in (0.3, 0.5, 0.7, 1.0)]
     y = np.concatenate([magnet.simulate(loop, "demagnetised") for loop in loops])

@@ -4,9 +4,9 @@ import pytest
 from fixed_options import Options, Plane, identify
 from minorloop.errors import ParameterError
 from minorloop.identification import Smooth, choosing
-from minorloop.identification.ridge import Ridge
 from minorloop.lab.columns import read_columns
 from minorloop.lab.records import Record
+from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
@@ -85,9 +85,7 @@ def test_a_lag_does_not_make_up_for_wide_bands(shared_data):
 
 
 def a_magnet():
-    return Preisach.from_density(
-        np.linspace(-1, 1, 25), Ridge("gaussian", 0.3, 0.3, 0.3, 0.0, 1.0).density
-    )
+    return Preisach.from_density(np.linspace(-1, 1, 25), GaussianDensity(0.3, 0.3, 0.3))
 
 
 def reversal_curves():

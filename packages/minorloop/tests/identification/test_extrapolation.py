@@ -5,12 +5,12 @@ import pytest
 
 from fixed_options import Options, Plane, identify
 from minorloop.identification import Gaussian
-from minorloop.identification.ridge import Ridge
 from minorloop.lab.records import Record
+from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1, 1, 25)
-MAGNET = Preisach.from_density(LEVELS, Ridge("gaussian", 0.3, 0.2, 0.25, 0.0, 1.0).density)
+MAGNET = Preisach.from_density(LEVELS, GaussianDensity(0.3, 0.25, 0.2))
 
 
 def curves(ends):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError, UnreachableError
 from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.densities import FactoredGaussianDensity, GaussianDensity
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.generalised_prandtl_ishlinskii import (
     DeadZones,
@@ -292,6 +293,9 @@ REFUSED = [
     (SignalError, "at index 2", lambda: after_effect().simulate([0, 1, 1], [0, 0, 0])),
     (SignalError, "one input for each", lambda: after_effect().simulate([0, 1], [0, 0, 0])),
     (ParameterError, "interval", lambda: after_effect().track().push(0.0, 0.0)),
+    (ParameterError, "spread is 0; give a", lambda: FactoredGaussianDensity(1.0, 0.0)),
+    (ParameterError, "coercive is -1; give", lambda: FactoredGaussianDensity(-1.0, 1.0)),
+    (ParameterError, "coercive is 'wide'", lambda: GaussianDensity("wide", 1.0, 1.0)),
     (ParameterError, "on the whole plane", lambda: integrate_density(LEVELS, lambda a, b: a / 0)),
     (ParameterError, "at least one", lambda: Memory([])),
     (ParameterError, "not finite", lambda: Memory([0, np.nan])),

@@ -30,6 +30,13 @@ _Absolute = Annotated[
     ),
 ]
 _Hold = Annotated[float, _common.seconds_option("Longest hold of a target, in seconds.")]
+_Every = Annotated[
+    float | None,
+    _common.seconds_option(
+        "For a model with after-effect: seconds between inputs. A target is met after the first "
+        "interval, and kept while the output creeps."
+    ),
+]
 _Tolerance = Annotated[
     float | None,
     _common.number_option("Slope of a settled output, in its unit per second, as for run."),
@@ -54,6 +61,7 @@ def run(
     absolute: _Absolute = False,
     convert: _common.Convert = None,
     hold: _Hold = 200.0,
+    every: _Every = None,
     tolerance: _Tolerance = None,
     saturation: _Saturation = None,
     report: _common.Report = None,
@@ -68,7 +76,7 @@ def run(
     from minorloop.lab.conversion import read_column
     from minorloop.measurement import Apparatus, Approach, drive_to
 
-    approach = Approach(corrections, within, absolute, hold, tolerance, saturation)
+    approach = Approach(corrections, within, absolute, hold, every, tolerance, saturation)
     _common.check_outputs([report], inputs=[model, file, store], force=force)
     known = modelfile.read(model)
     targets = read_column(file, target, known.output.unit)

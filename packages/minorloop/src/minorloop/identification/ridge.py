@@ -5,6 +5,7 @@ diagonal. It has five parameters of shape, and describes a plane where a record,
 loop, does not determine each cell.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -14,6 +15,13 @@ from minorloop.arrays import FloatArray, Levels
 from minorloop.errors import SignalError
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
+from minorloop.operators.densities import (
+    FactoredGaussianDensity,
+    FactoredLorentzianDensity,
+    GaussianDensity,
+    LorentzianDensity,
+)
+from minorloop.operators.plane import Density
 
 Kind: TypeAlias = Literal["gaussian", "lorentzian", "factored gaussian", "factored lorentzian"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -30,6 +38,14 @@ _POSITIVE = np.array([True, True, True, False, True])
 _EVALUATIONS = 100
 FEWEST_FOR_RIDGE = 8
 """Samples below which a ridge is not fitted."""
+_PRODUCTS: dict[str, Callable[..., Density]] = {
+    "gaussian": GaussianDensity,
+    "lorentzian": LorentzianDensity,
+}
+_FACTORED: dict[str, Callable[..., Density]] = {
+    "factored gaussian": FactoredGaussianDensity,
+    "factored lorentzian": FactoredLorentzianDensity,
+}
 
 
 @dataclass(frozen=True)
@@ -38,16 +54,15 @@ class Ridge:
 
     References
     ----------
-    Della Torre, Magnetic Hysteresis, 1999, chapter 2; Kadar, Journal of Applied Physics 61 (1987)
-    4013; Bertotti, Hysteresis in Magnetism, 1998, chapter 13; Azzerboni, Cardelli, Finocchio and La
+    Bertotti, Hysteresis in Magnetism, 1998, chapter 13; Azzerboni, Cardelli, Finocchio and La
     Foresta, IEEE Trans. Magn. 39 (2003) 3028.
     """
 
     kind: Kind
-    """"gaussian" or "lorentzian": a product of two of these functions, of mean and half-width of
-    the thresholds; "factored gaussian" or "factored lorentzian": of the thresholds themselves."""
+    """One of "gaussian", "lorentzian", "factored gaussian", "factored lorentzian". Which of
+    `minorloop.operators.densities` it is."""
     coercive: float
-    """Half-width of the typical relay, in the unit of the input: half of alpha - beta."""
+    """Half-width of the typical relay, in the unit of the input."""
     spread_width: float
     spread_mean: float
     """``spread_width`` and ``spread_mean``: spreads of the half-width of the thresholds, and of
@@ -62,7 +77,8 @@ class Ridge:
         heights = np.diff(levels)
         points = ((levels[:-1] + levels[1:])[:, None] / 2 + heights[:, None] * _PLACES).ravel()
         length = np.repeat(heights / 2, 2)
-        values = self.density(points[:, None], points[None, :]) * np.outer(length, length)
+        density = np.asarray(self._density(points[:, None], points[None, :]))
+        values = density.astype(np.float64) * np.outer(length, length)
         rows = values[::2] + values[1::2]
         weights = rows[:, ::2] + rows[:, 1::2]
         total = float(weights.sum())
@@ -73,22 +89,12 @@ class Ridge:
         weights = np.diff(np.arctan((levels - self.centre) / self.reversible_width))
         return np.asarray(weights / weights.sum())
 
-    def density(self, alpha: FloatArray, beta: FloatArray) -> FloatArray:
-        """Return the density of irreversible weight at thresholds of broadcastable shapes.
-
-        It is 1 at its maximum, and 0 where alpha < beta.
-        """
-        up, down = alpha - self.centre, beta - self.centre
-        if self.kind.startswith("factored"):
-            first, second = (up - self.coercive) / self.spread_width, -down - self.coercive
-        else:
-            first, second = (up + down) / 2 / self.spread_mean, (up - down) / 2 - self.coercive
-        second = second / self.spread_width
-        if self.kind.endswith("gaussian"):
-            values = np.exp(-(first**2 + second**2) / 2)
-        else:
-            values = 1 / (1 + first**2) / (1 + second**2)
-        return np.where(up >= down, values, 0.0)
+    @property
+    def _density(self) -> Density:
+        if self.kind in _FACTORED:
+            return _FACTORED[self.kind](self.coercive, self.spread_width, centre=self.centre)
+        spreads = self.spread_mean, self.spread_width
+        return _PRODUCTS[self.kind](self.coercive, *spreads, centre=self.centre)
 
 
 @dataclass(frozen=True, eq=False)
