@@ -71,6 +71,8 @@ def _of_magnet(name: str, file: str, input: str, output: str, quick: bool) -> Ro
     curve, u, y = read_columns(DATA / file, ["curve", input, output]).values()
     used = np.append(False, np.diff(curve) == 0)  # the first row of each is a drift calibration
     used &= curve % (8 if quick else 1) == 0
+    names, counts = np.unique(curve[used], return_counts=True)
+    used &= np.isin(curve, names[counts > 1])  # a group of one row is refused
     labels = curve[used].astype(np.int64)
     began = time.perf_counter()
     inside = _inside(u[used], y[used], labels)
