@@ -19,8 +19,6 @@ NUMBERS = st.floats(allow_nan=False)
 PROFILES = st.builds(
     Profile,
     *(arrays(np.float64, shape) for shape in ((3, 2), 3, 3)),
-    detected=arrays(bool, 3),
-    offset=arrays(np.float64, 2),
 )
 
 

@@ -54,9 +54,9 @@ def positioning_report(result: Positioning) -> Report:
         f"squares on the same points gives a single-valued y = {c2:.2f} u^2 + {c1:.2f} u + "
         f"{c0:.2f} in 1/m; the paper's strip gave -0.35 u^2 + 8.2 u + 0.34.",
         pictures=[
-            Picture(_draw_staircase(result), "Voltage and curvature in time (compare Figs 7, 8)."),
+            Picture(draw_staircase(result), "Voltage and curvature in time (compare Figs 7, 8)."),
             Picture(
-                _draw_model(result),
+                draw_model(result),
                 "Settled curvature at each level with the loops of the model and the quadratic, "
                 "and the density on the Preisach plane (compare Figs 8, 9 and Fig 11).",
             ),
@@ -69,7 +69,7 @@ def positioning_report(result: Positioning) -> Report:
         table=_target_table(result),
         pictures=[
             Picture(
-                _draw_drives(result),
+                draw_drives(result),
                 "The voltages of each inverse (Fig 12), and the curvature of the strip (Fig 13).",
             ),
             Picture(
@@ -88,7 +88,7 @@ def _target_table(result: Positioning) -> Table:
     return Table(columns, result.rows)
 
 
-def _draw_staircase(result: Positioning) -> Any:
+def draw_staircase(result: Positioning) -> Any:
     """Voltage and curvature of the identification against time."""
     figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
     hours = result.staircase.t / HOUR
@@ -102,7 +102,7 @@ def _draw_staircase(result: Positioning) -> Any:
     return figure
 
 
-def _draw_model(result: Positioning) -> Any:
+def draw_model(result: Positioning) -> Any:
     """Measured points with the model's loops and the quadratic, and the density."""
     figure, (left, right) = new_figure(1, 2, height=4.2)
     model, voltages = result.identification.model, result.voltages
@@ -119,7 +119,7 @@ def _draw_model(result: Positioning) -> Any:
     return figure
 
 
-def _draw_drives(result: Positioning) -> Any:
+def draw_drives(result: Positioning) -> Any:
     """Voltages of both inverses, and the curvature under them with what was wanted."""
     figure, (upper, lower) = new_figure(2, 1, height=6.0, sharex=True)
     steps = np.append(result.targets, result.targets[-1])

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypeAlias
-
-from scipy.spatial.transform import Rotation
+from typing import TYPE_CHECKING, TypeAlias
 
 from minorloop_head.console.messages import Pair
 from minorloop_head.geometry import REACH, wrapped
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
@@ -142,6 +143,8 @@ def pose_of(yaw: float, pitch: float, roll: float) -> Quaternion:
 
     All are in radians; a positive roll leans the head to the left.
     """
+    from scipy.spatial.transform import Rotation  # slow to import; the supervisor needs no poses
+
     x, y, z, w = Rotation.from_euler("YXZ", (-yaw, pitch, roll)).as_quat().tolist()
     return x, y, z, w
 
@@ -164,6 +167,8 @@ def turn(reference: Quaternion, pose: Quaternion) -> Pair:
 
 def _between(one: Quaternion, other: Quaternion) -> Rotation:
     """Return the turn from one pose to another, in the frame of the first."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_quat(one).inv() * Rotation.from_quat(other)
 
 

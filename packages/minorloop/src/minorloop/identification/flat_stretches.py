@@ -37,6 +37,8 @@ range of the input, from which the last one to a rail says nothing."""
 _FEWEST, _LEAST_PATH = 4, 0.1
 """Readings at a rail, of as many inputs where the record is not coarse, and the range of these
 inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
+_HELD = 0.5
+"""Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
 _NOISY, _RISES = 1.35, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
 _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
@@ -209,6 +211,9 @@ def _rail(
         count = np.count_nonzero(at) if coarse else np.unique(u[at]).size
         if count < _FEWEST:
             continue
+        beyond = up & (u >= np.median(u[at]))
+        if np.count_nonzero(at & beyond) < _HELD * np.count_nonzero(beyond):
+            continue  # stuck: such inputs move the output elsewhere
         if width <= _EQUAL * span and live:
             return width
         if np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):

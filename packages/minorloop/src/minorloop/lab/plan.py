@@ -183,6 +183,8 @@ class Plan:
         settings = {name: value for name, value in settings.items() if value is not None}
         with opened(path) as table:
             headers = table.headers
+            if table.above:
+                raise RecordError(f"{path} does not begin with its headers; a plan has them first")
             if (found := read_sines(table, path)) is not None:
                 for name in settings:
                     raise ParameterError(f"{name} is for plans of holds, and {path} has sines")

@@ -151,6 +151,8 @@ class OpenTable:
     """Decimal separator of its texts: a point or a comma."""
     notes: tuple[str, ...] = ()
     """What was found in the file and may surprise, one sentence each."""
+    above: int = 0
+    """Lines above the headers of a text."""
 
     def find(self, name: str) -> str:
         """Return the one header with a name, as `find_column`; errors have the notes too."""

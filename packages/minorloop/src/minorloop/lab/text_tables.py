@@ -173,7 +173,8 @@ def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], N
     decimal = _decimal(following, delimiter)
     rows = _TextRows(file, len(headers), delimiter, decimal)
     notes = (f"the first {counted(above, 'line')} of {file} are above its table",) if above else ()
-    return OpenTable(file, headers, rows.blocks(text, first, bounds, progress), decimal, notes)
+    blocks = rows.blocks(text, first, bounds, progress)
+    return OpenTable(file, headers, blocks, decimal, notes, above)
 
 
 def _above_header(lines: Sequence[str]) -> int:
