@@ -19,8 +19,8 @@ T = 0.1 * np.arange(U.size)
 Y = PLANE.simulate(U)
 
 
-def in_file(model=PLANE, **given):
-    return ModelFile(model, Quantity("u", "V"), Quantity("v", "mm/s"), 0, Provenance(), **given)
+def in_file(model=PLANE, lag=0, **given):
+    return ModelFile(model, Quantity("u", "V"), Quantity("v", "mm/s"), lag, Provenance(), **given)
 
 
 @given(st.floats(-5, 5), st.floats(0.2, 3))
@@ -37,6 +37,11 @@ def test_offset_and_gain_of_a_sensor_are_found(offset, gain):
 def test_other_units_are_refused(unit):
     with pytest.raises(ml.RecordError, match="give the column in V"):
         score(in_file(), Record(U, Y, T, f"u [{unit}]", "v"))
+
+
+def test_rows_by_which_outputs_follow_are_said():
+    (said,) = simulate(in_file(lag=2), Record(U, Y)).notes
+    assert "outputs follow the inputs by 2 rows" in said
 
 
 def test_a_lag_in_seconds_is_that_of_another_rate():

@@ -73,6 +73,7 @@ def test_a_pit_at_the_edge_of_the_picture_is_centred_under_water():
     assert scoring.off_middle(rig.tip, truth.bore) < 1.0
 
 
+@pytest.mark.whole
 def test_a_mission_keeps_the_files_of_the_inspection_and_what_it_took(mission, tmp_path):
     figures = mission.figures()
     assert {"report.html", "findings.json", "journal.jsonl"} <= set(mission.files)
@@ -301,6 +302,7 @@ def swept():
     return ScoredSweep(scan, pipe_map(scan, []), Pipe(bores=(truth,)), 0.1e-3, 60.0)
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("without_pictures")
 def test_everything_is_gathered_and_reported(mission):
     trial = scan_trials.draw_trial(60_000)

@@ -175,10 +175,14 @@ def simulate(
             f"{counted(count, 'output')} {are(count)} left empty, because the input may have "
             "turned in a gap, and the memory is unknown after it"
         )
-    if known.lag_seconds and not log.timed:
+    if known.lag and not log.timed:
+        rows = counted(known.lag, "row")
         notes.append(
-            f"the lag of {known.lag_seconds:.4g} s counts as {counted(known.lag, 'row')}, "
-            "as in the record of the model; --time takes it in seconds"
+            f"the lag of {known.lag_seconds:.4g} s counts as {rows}, as in the record of the "
+            "model; --time takes it in seconds"
+            if known.lag_seconds
+            else f"outputs follow the inputs by {rows}, the lag of the model; an identification "
+            "with lag=0 (--law lag=0) has none"
         )
     return Simulation(known, u, y, parts, times if log.timed else None, tuple(notes))
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+import minorloop as ml
 from fault_records import plant, record
 from minorloop.identification.curves import Curves
 from minorloop.identification.cut_outputs import cut_depth
@@ -11,9 +12,9 @@ def rough(u, y):
     return RoughRecord.of(u, y, np.isfinite(y), Curves.whole("negative"), 0)
 
 
-def sweeps(seed):
+def sweeps(seed, samples=1500):
     ends = np.r_[0, 1, np.random.default_rng(seed).uniform(size=38)]
-    return np.interp(np.linspace(0, 39, 1500), np.arange(40), ends)
+    return np.interp(np.linspace(0, 39, samples), np.arange(40), ends)
 
 
 @pytest.mark.parametrize("way", [1, -1])
@@ -54,3 +55,9 @@ def test_a_level_that_few_readings_reach_is_not_named(share, found):
     y = plant(u)
     y = np.minimum(y, np.quantile(y, 1 - share)) + 0.001 * np.ptp(y) * rng.normal(size=u.size)
     assert (cut_depth(rough(u, y), 1) is not None) == found
+
+
+def test_a_meter_that_stops_after_one_reading_is_said():
+    y = np.full(400, 0.5)
+    y[0] = 0.1
+    assert any("within noise" in said for said in ml.identify(sweeps(1003, 400), y).warnings)

@@ -2,6 +2,7 @@ import asyncio
 import errno
 import tempfile
 import time
+from pathlib import Path
 
 import pytest
 
@@ -19,11 +20,11 @@ def scratch(tmp_path, monkeypatch):
     return tmp_path
 
 
-def kept(work, quota=QUOTA):
+def kept(work, quota=QUOTA, folder=None):
     """The result of some work with started uploads."""
 
     async def run():
-        found = Uploads(quota)
+        found = Uploads(quota, folder)
         await found.start()
         try:
             return await work(found)
@@ -47,6 +48,14 @@ def test_uploads_are_kept_and_removed_with_the_server(scratch):
 
     assert kept(work) == (b"abcdefg", 7)
     assert list(scratch.iterdir()) == []
+
+
+def test_a_relative_folder_holds_uploads_for_workers_elsewhere(scratch, monkeypatch):
+    async def work(found):
+        return (await found.add("run.csv", 7)).folder
+
+    monkeypatch.chdir(scratch)
+    assert kept(work, folder=Path(".")).is_relative_to(scratch)
 
 
 def test_unfinished_uploads_count(monkeypatch):

@@ -388,7 +388,8 @@ def _falls(fit: Fit) -> bool:
     """Whether the output falls as the input rises, but no weight is negative."""
     weights = fit.model.weights
     u, y = fit.u[fit.fitted], fit.y[fit.fitted]
-    against = float(np.corrcoef(u, y)[0, 1]) < _FALLING if np.ptp(u) > 0 else False
+    varied = np.ptp(u) > 0 and np.ptp(y) > 0
+    against = float(np.corrcoef(u, y)[0, 1]) < _FALLING if varied else False
     return against and bool((weights >= 0).all())
 
 

@@ -221,6 +221,7 @@ def learn(
     parts = 1 + int(np.count_nonzero(np.diff(coarse.corner))) if groups is None else groups
     weight = weight * min(parts / weight.sum(), 1.0)
     scale = _scale(model, float(np.ptp(regression.y)))
+    known = np.maximum(known, (_TINY * scale) ** 2)  # of a record without noise
     components = np.column_stack([known, scale**2 * covariates])
     inputs, variance = matrix.u[[0]], np.zeros(1)
     factors = _BEGIN**2

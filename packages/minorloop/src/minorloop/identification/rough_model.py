@@ -142,7 +142,7 @@ def _robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
     places = few(np.flatnonzero(known))
     rows, wanted = basis.rows(places), y[places]
     low, middle, high = np.percentile(wanted, [5, 50, 95])
-    reach = 2 * max(high - low, 1e-300)
+    reach = 2 * max(high - low, 1e-9 * float(np.ptp(wanted)), 1e-150)  # of a dead meter too
     near = np.clip(wanted, low - reach, high + reach)
     smallest = 1e-6 * reach
     weights = np.ones(near.size)

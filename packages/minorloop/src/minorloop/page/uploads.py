@@ -96,7 +96,8 @@ class Uploads:
 
     async def start(self) -> None:
         """Make the folder."""
-        self.root = Path(await self._on_disk(tempfile.mkdtemp, None, _PREFIX, self._folder))
+        made = await self._on_disk(tempfile.mkdtemp, None, _PREFIX, self._folder)
+        self.root = Path(made).absolute()  # workers have folders of their own
 
     async def stop(self) -> None:
         """Remove the folder."""
