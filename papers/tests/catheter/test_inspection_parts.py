@@ -10,6 +10,7 @@ from minorloop_head.procedures import steps
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.mark import Marking
 from minorloop_head.procedures.trace import likely
+from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.depth_map import (
     ECHOES,
     DepthMap,
@@ -44,6 +45,7 @@ from papers.catheter.inspection_servo import ServoRun
 from papers.catheter.pipe_map import pipe_map
 from papers.catheter.sweep_trials import ScoredSweep
 from papers.claims import claim_table, figure
+from papers.harness import Results
 
 
 @pytest.fixture(scope="module")
@@ -302,14 +304,18 @@ def swept():
     return ScoredSweep(scan, pipe_map(scan, []), Pipe(bores=(truth,)), 0.1e-3, 60.0)
 
 
-@pytest.mark.whole
 @pytest.mark.usefixtures("without_pictures")
-def test_everything_is_gathered_and_reported(mission):
+def test_everything_is_gathered_and_reported():
+    rows = [row("pit", 0.0, 20e-3), row("crack", 0.0, 26e-3, course=line(26e-3))]
+    mission = Results(
+        {**scored(rows), "processor_s": 1.0}, seed=1, content={"findings": rows}, files={},
+        log=(LogEntry(1.0, "pick", "picked"),),
+    )  # fmt: skip
     trial = scan_trials.draw_trial(60_000)
-    scored = scan_trials.measured(trial, [])
+    scan = scan_trials.measured(trial, [])
     dry = scan_trials.measured(scan_trials.draw_trial(60_003, kind="dry"), [], "camera")
     kinds = dict.fromkeys(
-        ("pit", "gyroscope", "joints", "unfocused", "dished", "dented", "hole", "fused"), (scored,)
+        ("pit", "gyroscope", "joints", "unfocused", "dished", "dented", "hole", "fused"), (scan,)
     ) | {"dry": (dry,)}
     run = ServoRun(np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [
