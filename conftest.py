@@ -3,12 +3,17 @@
 import gc
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 os.environ["MPLBACKEND"] = "Agg"
+# The tests start hundreds of processes: without files of bytecode each would compile the packages
+# anew, and each worker would rewrite the asserts of all tests.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # The tests share the cores already: threads of their algebra would only wait for one another. Set
 # before NumPy is imported, here and in every process that a test starts.
 for library in ("OMP", "OPENBLAS", "MKL"):

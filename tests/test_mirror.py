@@ -26,6 +26,7 @@ ELSEWHERE = {
     "minorloop/identification/linear_algebra.py": "minorloop/identification/test_dense_solver.py",
     "minorloop/identification/oscillator_result.py": "minorloop/identification/test_oscillator.py",
     "minorloop/identification/pipeline.py": "minorloop/identification/test_preparation.py",
+    "minorloop/identification/record_checks.py": "minorloop/identification/test_refusals.py",
     "minorloop/identification/simulation_error.py": "minorloop/identification/test_oscillator.py",
     "minorloop/lab/headers.py": "minorloop/lab/test_columns.py",
     "minorloop/lab/text_tables.py": "minorloop/lab/test_columns.py",

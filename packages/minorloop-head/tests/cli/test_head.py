@@ -439,6 +439,32 @@ def test_a_camera_on_a_robot_is_calibrated_from_poses_of_its_flange(run, refused
     )
 
 
+@pytest.fixture(scope="module")
+def bad_pictures(scene, tmp_path_factory):
+    """A folder of good pictures and of those with something wrong."""
+    import cv2
+
+    good, folder = scene[0], tmp_path_factory.mktemp("bad")
+    for name in ("few", "sizes", "cats", "mirrored", "zoomed"):
+        (folder / name).mkdir()
+    fur = cv2.GaussianBlur(np.random.default_rng(0).normal(128, 900, (240, 320)), (0, 0), 6)
+    cv2.imwrite(f"{folder}/cats/cat.png", fur.clip(0, 255).astype(np.uint8))
+    for number, path in enumerate(sorted((good / "lens").glob("??.png"))):
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(f"{folder}/mirrored/{path.name}", image[:, ::-1])
+        zoom = cv2.resize(image[20:220, 27:293], (320, 240), interpolation=cv2.INTER_CUBIC)
+        cv2.imwrite(f"{folder}/zoomed/{path.name}", zoom if number % 2 else image)
+    for name in ("few", "sizes"):
+        for number in ("00", "01"):
+            shutil.copy(good / "lens" / f"{number}.png", folder / name)
+    cv2.imwrite(f"{folder}/few/dark.png", np.zeros((240, 320), np.uint8))
+    cv2.imwrite(f"{folder}/sizes/small.png", np.zeros((8, 8), np.uint8))
+    for each in ("lens", "mount", "angles.csv", "radians.csv"):
+        (folder / each).symlink_to(good / each)
+    save_head(HeadFile(serial="H-07", calibration=HALF, calibrated=LATER), folder / "head.json")
+    return folder
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -458,27 +484,10 @@ def test_a_camera_on_a_robot_is_calibrated_from_poses_of_its_flange(run, refused
         ("--pictures none", "there is no folder"),
     ],
 )
-def test_bad_pictures_are_refused_in_one_sentence(refused, scene, options, sentence):
-    import cv2
-
-    folder, _ = scene
-    for name in ("few", "sizes", "cats", "mirrored", "zoomed"):
-        Path(name).mkdir()
-    fur = cv2.GaussianBlur(np.random.default_rng(0).normal(128, 900, (240, 320)), (0, 0), 6)
-    cv2.imwrite("cats/cat.png", fur.clip(0, 255).astype(np.uint8))
-    for number, path in enumerate(sorted((folder / "lens").glob("??.png"))):
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        cv2.imwrite(f"mirrored/{path.name}", image[:, ::-1])
-        zoom = cv2.resize(image[20:220, 27:293], (320, 240), interpolation=cv2.INTER_CUBIC)
-        cv2.imwrite(f"zoomed/{path.name}", zoom if number % 2 else image)
-    for name in ("few", "sizes"):
-        for number in ("00", "01"):
-            shutil.copy(folder / "lens" / f"{number}.png", name)
-    cv2.imwrite("few/dark.png", np.zeros((240, 320), np.uint8))
-    cv2.imwrite("sizes/small.png", np.zeros((8, 8), np.uint8))
-    for each in ("lens", "mount", "angles.csv", "radians.csv"):
-        Path(each).symlink_to(folder / each)
-    save_head(HeadFile(serial="H-07", calibration=HALF, calibrated=LATER), "head.json")
+def test_bad_pictures_are_refused_in_one_sentence(
+    refused, bad_pictures, options, sentence, monkeypatch
+):
+    monkeypatch.chdir(bad_pictures)
     assert sentence in refused(f"{CALIBRATE} {options} --force")
 
 

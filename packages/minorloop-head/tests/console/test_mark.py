@@ -83,14 +83,14 @@ def test_a_mark_that_is_not_seen_is_not_measured():
 
 
 def test_a_touch_that_is_ended_withdraws_the_tool_and_reports_nothing():
+    touch = Touching()
+    touch.camera._marking = replace(marking(view()), close=60.0)
     for command in ("end_mark", "pick"):
-        touch = Touching()
-        touch.camera._marking = replace(marking(view()), close=60.0)
         touch.ticks(40, "", ("mark", []))
         assert touch.tool.extension > 5e-3
         touch.ticks(1, "", ("pick", [320.0, 240.0]) if command == "pick" else (command, []))
         touch.ticks(1, "", ("end_mark", []))  # as the loop does after a pick
-        touch.ticks(100, "marked")
+        touch.ticks(60, "marked")
         assert touch.tool.extension == 0.0
         assert not [each for each in touch.events if each["what"] in ("touched", "marked")]
 

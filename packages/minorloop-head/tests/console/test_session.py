@@ -90,17 +90,12 @@ def test_a_target_is_brought_to_the_middle():
     assert pilot.session.state.command[1] < before  # down
 
 
-@pytest.mark.parametrize("lost", ["target", "camera"])
-def test_a_target_out_of_sight_holds(lost):
+def test_a_target_out_of_sight_holds():
     pilot = Pilot().following()
-    if lost == "target":
-        pilot.camera.target = (400.0, 200.0, 0.2, False)
-    else:
-        pilot.camera.reports = list  # nothing comes any more
+    pilot.camera.target = (400.0, 200.0, 0.2, False)
     pilot.drive(40)
     assert pilot.session.state.mode == "HOLD"
-    sentence = {"target": "lost from sight", "camera": "no picture came"}[lost]
-    assert sentence in pilot.session.state.reason
+    assert "lost from sight" in pilot.session.state.reason
 
 
 def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_back():
@@ -210,19 +205,6 @@ def test_findings_of_a_loop_that_ended_are_taken_over_and_numbers_continue():
     after.camera.events = [EXTRACTED]
     after.drive(2)
     assert [finding.number for finding in after.session.findings] == [1, 2]
-
-
-def test_silence_holds_and_continuing_does_not_jump():
-    pilot = Pilot().steering()
-    pilot.drive(50, pose=right(15.0))
-    pilot.silence(25)
-    assert pilot.session.state.mode == "HOLD"
-    before = pilot.session.state.command
-    pilot.drive(5, pose=right(-40.0))
-    pilot.mode("HEAD")
-    pilot.drive(10, pose=right(-40.0))
-    assert pilot.session.state.mode == "HEAD"
-    assert pilot.session.state.command == pytest.approx(before, abs=1.7e-3)
 
 
 def test_a_pose_of_the_page_that_jumps_holds_and_a_clutch_lets_it_pass():

@@ -34,16 +34,6 @@ def test_header_and_source_say_why_the_model_is_not_to_be_trusted(run, model, tm
         assert max(map(len, comment.splitlines())) <= 100
 
 
-def test_figures_as_json(answer):
-    found = answer(line("name=wing"))
-    assert found["files"] == ["wing.h", "wing.c", "wing_selftest.c"]
-    assert found["memory"] == 32
-    assert found["table_bytes"] > 0
-    assert found["state_bytes"] > 0
-    assert found["drop_error"] > 0
-    assert 0 < found["input_error"] < 1e-12
-
-
 def test_a_linear_part_is_read_from_a_file(run, tmp_path):
     (tmp_path / "lag.json").write_text(
         json.dumps({"numerator": [0.2], "denominator": [1, -0.8], "interval": 0.01, "delay": 0.02})

@@ -59,14 +59,6 @@ def test_from_a_plan_to_gain_and_phase(store, run, answer):
     assert (known["sines"], known["planned"], known["mode"]) == (4, 4, "finished")
 
 
-def test_a_plan_is_printed_as_json(answer):
-    found = answer(f"{PLAN},tick=0.03,offset=0.1,settling=20,measured=3 --hold 5")
-    assert [sine["measured"] for sine in found["sines"]] == [3] * 4
-    assert found["sines"][3]["discarded"] == 20
-    assert found["sines"][0]["offset"] == 0.1
-    assert found["sines"][2]["samples"] == 33
-
-
 def test_a_store_of_sines_is_used_for_sines_only(store, refused, run):
     assert "evaluate it with minorloop frequency" in refused(f"identify {store}")
     assert "leave input, output and time out" in refused(f"frequency {store} --input u")

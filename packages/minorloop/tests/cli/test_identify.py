@@ -17,11 +17,6 @@ from minorloop.operators.densities import LorentzianDensity
 from minorloop.operators.preisach import Preisach
 
 IDENTIFY = "identify good.csv --input voltage --output length --law levels=8"
-KEYS = (
-    "nrmse_train nrmse_holdout baseline_nrmse_holdout lag_samples unknowns rank "
-    "excited_fraction kkt seconds advice smoothness samples levels range "
-    "relative_rms_train worst_holdout loop_area_train free_parameters effective_parameters curves"
-)
 
 
 def record():
@@ -56,21 +51,6 @@ def test_from_a_file_to_a_model_with_its_origin(run):
     page = Path("new.html").read_text()
     assert "good.csv" in page
     assert "http" not in page.replace("http://www.w3.org", "")
-
-
-@pytest.mark.parametrize(
-    "options", ["", "--holdout 0.3 --record rows=50:350 --law spacing=adaptive"]
-)
-def test_json_has_what_is_documented_with_the_numbers_of_python(options, answer):
-    found = answer(f"{IDENTIFY} {options}")
-    assert set(KEYS.split()) <= set(found)
-    given = {"spacing": "adaptive", "holdout": 0.3} if options else {}
-    rows = slice(50, 350) if options else slice(None)
-    result = Options.of({"levels": 8, **given}).identify(Record(*(part[rows] for part in record())))
-    assert found["nrmse_holdout"] == result.holdout_nrmse
-    assert (found["nrmse_holdout"] is None) == (not options)
-    assert (found["samples"], found["rank"]) == (result.samples, result.rank)
-    assert found["advice"] == list(result.advice)
 
 
 def test_the_rank_of_a_large_plane_is_not_computed(monkeypatch, run):

@@ -69,16 +69,6 @@ def test_an_adaptive_run_ends_with_a_score(run, answer):
     assert again["validation"]["nrmse"] < 0.1
 
 
-def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
-    run(f"{ADAPTIVE}holds=6,levels=12 --store own.sqlite")
-    found = answer("identify own.sqlite")
-    assert (found["samples"], found["held_out"], found["levels"]) == (6, 4, 12)
-    assert found["prior"] == "gaussian"
-    assert found["nrmse_holdout"] is not None
-    assert answer("identify own.sqlite --law levels=8")["levels"] == 8
-    assert "samples held out" in run("identify own.sqlite -v")[1]
-
-
 def test_holdouts_of_adaptive_runs_are_refused(run, refused):
     run(f"{ADAPTIVE}holds=3 --store a.sqlite")
     assert "leave rows, skip and holdout out" in refused("identify a.sqlite --holdout 0.3")

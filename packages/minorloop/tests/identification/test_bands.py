@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from fixed_options import Options, Plane, identify
+from fixed_options import Plane, identify
 from minorloop.errors import ParameterError
 from minorloop.identification import prior_fit
 from minorloop.identification.bands import Prediction
-from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
@@ -40,14 +39,6 @@ def test_refuses_what_is_no_probability(fit, bands):
 
 def test_no_outputs_are_printed_as_none(fit):
     assert str(fit.predict([], bands=0.9)) == "no outputs, bands of 90%"
-
-
-@pytest.mark.parametrize(
-    ("options", "says"), [({"noise": 1e300}, "noise is 1e"), ({"noise": True}, "noise is True")]
-)
-def test_refuses_what_the_prior_cannot_use(options, says):
-    with pytest.raises(ParameterError, match=says):
-        Options.of(options).identify(Record(U, U))
 
 
 def many_plays(u):

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.errors import ParameterError
 from minorloop.identification import Smooth, choosing
 from minorloop.lab.columns import read_columns
 from minorloop.lab.records import Record
@@ -95,11 +94,6 @@ def reversal_curves():
     u = np.concatenate([np.append(1.0, curve) for curve in curves])
     label = np.concatenate([[-1, *[k] * curve.size] for k, curve in enumerate(curves)])
     return u, label
-
-
-def test_a_spelling_mistake_is_refused():
-    with pytest.raises(ParameterError, match="slope is 'odd'"):
-        identify(Record(*a_record(50)), Plane(slope="odd"))
 
 
 def test_the_piezo_stage_as_recorded(shared_data):

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import excitation
 
 LEVELS = np.linspace(-1.2, 1.2, 11)
@@ -16,10 +15,3 @@ def test_decaying_staircases_determine_everything(bands, condition):
     assert found.excited.sum() == found.unknowns - 1
     if condition:
         assert found.condition == pytest.approx(condition, rel=0.02)
-
-
-def test_refuses_what_is_no_sequence():
-    with pytest.raises(SignalError):
-        excitation.report([[0.0, 1.0]], LEVELS)
-    with pytest.raises(ParameterError):
-        excitation.staircase([1.0, 0.0])

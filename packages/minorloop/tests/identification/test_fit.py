@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.errors import SignalError
 from minorloop.identification import Smooth, excitation
 from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
@@ -89,17 +88,3 @@ def test_equal_standard_deviations_are_as_good_as_none_and_missing_ones_as_the_g
     for noise in (sd, np.where(np.arange(u.size) % 3, sd, np.nan), 0 * sd):
         found = identify(Record(u, y, sd=noise), Plane(LEVELS), prior=Smooth())
         np.testing.assert_allclose(found.model.weights, plain.model.weights, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda sd: sd[1:], "noise has shape"),
-        (lambda sd: -sd, "noise is -0.1 at index 0; give standard deviations >= 0"),
-        (lambda sd: np.nan * sd, "noise is nan at index 0"),
-    ],
-)
-def test_standard_deviations_that_cannot_be_are_refused(change, message):
-    u, y = a_record(noise=0.01)
-    with pytest.raises(SignalError, match=message):
-        identify(Record(u, y, sd=change(np.full(u.size, 0.1))), Plane(LEVELS))

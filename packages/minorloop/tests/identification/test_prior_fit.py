@@ -109,24 +109,6 @@ def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch)
     assert identify(u[:30], y[:30], Plane(5), prior=Smooth()).posterior is None
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"prior": "flat"}, "prior is 'flat'; give one of"),
-        ({"prior": "gaussian", "smoothness": 0.1}, "give one of them"),
-        ({"noise": -1.0}, "noise is -1.0; give a standard deviation >= 0"),
-        ({"noise": np.nan}, "noise is nan"),
-        (
-            {"mean": "ridge", "prior": "none"},
-            'mean of a prior, and there is none with prior "none"',
-        ),
-    ],
-)
-def test_refuses(options, says):
-    with pytest.raises(ParameterError, match=says):
-        Options.of(options).identify(Record(SEQUENCE, measured(SEQUENCE)))
-
-
 @pytest.mark.parametrize("options", [{}, {"slope": True}, {"offset": False}, {"signed": True}])
 def test_the_sparse_system_gives_the_fit_and_the_bands_of_dense_matrices(
     sparse, options, monkeypatch

@@ -1,6 +1,6 @@
 """What the estimators refuse, and the words in which they say so."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -9,14 +9,24 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import Dynamics, Gaussian, Plane, Smooth, Viscosity, identify
+from minorloop.identification import (
+    Dynamics,
+    Gaussian,
+    Plane,
+    Smooth,
+    Viscosity,
+    excitation,
+    identify,
+)
 from minorloop.identification.adaptive import Adaptive, design_holds
 from minorloop.identification.arx import arx, step_response
 from minorloop.identification.design import design, next_input
 from minorloop.identification.frequency import describing_function
 from minorloop.identification.oscillator import Vibration
+from minorloop.identification.pipeline import Options
 from minorloop.identification.rational import fit_response
 from minorloop.identification.recursive import Recursive
+from minorloop.identification.representability import representability
 from minorloop.identification.sine_response import Preamble, frequency_response, logged_periods
 from minorloop.lab.records import Record
 from minorloop.operators.differential import BoucWen
@@ -92,6 +102,46 @@ def late(t):
     return np.where(np.arange(t.size) == 3, t[2], t)
 
 
+UNUSABLE = [
+    ("3 samples and y has 2", [0, 1, 2], [0, 1]),
+    ("2 outputs are finite", [0, 1, 2, 3], [0, np.nan, np.nan, 1]),
+    ("the input is 1 throughout", [1, 1, 1], [0, 1, 2]),
+    (r"all 3 outputs are overload codes, as 9.9e\+37 is", [0, 1, 2], [9.9e37, 9.9e37, 9.9e37]),
+    ("the output is 1 throughout", [0, 1, 2], [1, 1, 1]),
+    ("u is nan at index 1", [0, np.nan, 2], [1, 2, 3]),
+    ("give one record", [[0, 1, 2]], [[1, 2, 3]]),
+    ("real numbers", ["a", "b", "c"], [1, 2, 3]),
+    (r"changes by 2\.22045e-16 only, about 1, .* 25 bands", *[np.tile([1, 1 + 2**-52], 15)] * 2),
+]
+OPTIONS = [
+    ("levels is 2.5; give a whole number", {"levels": 2.5}),
+    ("levels is True; give", {"levels": True}),
+    ("levels are 501 bands", {"levels": 501}),
+    ("sort", {"levels": [1, 0]}),
+    ("must be", {"levels": [0, np.nan]}),
+    ("relay is 'odd'; give", {"relay": "odd"}),
+    ("diagonal is 'odd'; give", {"diagonal": "odd"}),
+    ("slope is 'steep'; give", {"slope": "steep"}),
+    ("holdout is 0.95; give", {"holdout": 0.95}),
+    ("give one of them", {"prior": "gaussian", "smoothness": 0.1}),
+    ("noise is -1.0; give a standard deviation >= 0", {"noise": -1.0}),
+    ("noise is nan", {"noise": np.nan}),
+    ("noise is 1e", {"noise": 1e300}),
+    ("noise is True", {"noise": True}),
+    ('there is none with prior "none"', {"mean": "ridge", "prior": "none"}),
+]
+DEVIATIONS = [
+    ("noise has shape", np.full(9, 0.1)),
+    ("noise is -0.1 at index 0; give standard deviations >= 0", np.full(400, -0.1)),
+    ("noise is nan at index 0", np.full(400, np.nan)),
+]
+
+
+def given(sd=None, **options):
+    """Identify a record with options by their names."""
+    return Options.of(options).identify(Record(LOG, LOG**2, sd=sd))
+
+
 TOO_LARGE = [
     (SignalError, r"put reaches 1e[+-]307.*; scale it to", lambda f=f, u=u, y=y: f(T, u, y))
     for f in (arx, step_response)
@@ -99,6 +149,14 @@ TOO_LARGE = [
     for u, y in ((scale * STEP / 0.45, RISE), (STEP, scale * RISE / RISE.max()))
 ]
 REFUSED = [
+    *[(SignalError, words, partial(identify, u, y)) for words, u, y in UNUSABLE],
+    *[(ParameterError, words, partial(given, **one)) for words, one in OPTIONS],
+    *[(SignalError, words, partial(given, sd=sd)) for words, sd in DEVIATIONS],
+    (SignalError, "give one sequence", lambda: excitation.report([[0.0, 1.0]], GRID)),
+    (ParameterError, "sort them", lambda: excitation.staircase([1.0, 0.0])),
+    (SignalError, r"y \(3,\); give", lambda: representability([0, 1], [0, 1, 2])),
+    (SignalError, "samples of each", lambda: representability([[0, 1]], [[0, 1]])),
+    (SignalError, "fewer than two", lambda: representability([0, 1, 2], [np.nan, np.nan, 1])),
     (SignalError, "11 samples for up to 8", lambda: arx(T[290:310], STEP[290:310], RISE[290:310])),
     (SignalError, "nothing to identify", lambda: arx(T, STEP, np.ones(T.size))),
     (SignalError, "no step moves the output", lambda: step_response(T, STEP, np.ones(T.size))),

@@ -1,7 +1,5 @@
 import numpy as np
-import pytest
 
-from minorloop.errors import SignalError
 from minorloop.identification import Smooth, excitation
 from minorloop.identification.representability import representability
 from minorloop.operators.preisach import Preisach
@@ -70,11 +68,3 @@ def test_holds_and_gaps_are_no_repetition():
     y = a_plane().simulate(u) + np.linspace(0, 1, u.size)
     y[5] = np.nan
     assert representability(u, y).memories <= 1
-
-
-@pytest.mark.parametrize(
-    ("u", "y"), [([0, 1], [0, 1, 2]), ([[0, 1]], [[0, 1]]), ([0, 1, 2], [np.nan, np.nan, 1])]
-)
-def test_refuses_what_cannot_be_compared(u, y):
-    with pytest.raises(SignalError):
-        representability(u, y)

@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -272,10 +274,11 @@ class TestHonesty:
             assert worst <= 0.015 + 2 * share  # nor is it bought with doubts that say nothing
 
 
+@cache
 def _holds(address, hold, *, interval=None, specimens=4):
     """Holds of some specimens of a twin without noise: times, outputs, settled value, span, and by
     how much another such hold moves the output."""
-    interval = interval or hold / 200
+    interval, holds = interval or hold / 200, []
     low, high = {"ipmc": (-1.2, 1.2), "fibre": (0.2, 0.65)}[address]
     for specimen in range(specimens):
         twin = connect(f"twin:{address}", specimen=specimen)
@@ -288,4 +291,5 @@ def _holds(address, hold, *, interval=None, specimens=4):
             twin.restore(state)
             found.append((interval + record.t - record.t[0], record.y, truth, moved))
         span = np.ptp([truth for _, _, truth, _ in found])
-        yield from ((t, y, truth, span, moved) for t, y, truth, moved in found)
+        holds += [(t, y, truth, span, moved) for t, y, truth, moved in found]
+    return holds

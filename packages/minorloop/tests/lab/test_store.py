@@ -1,7 +1,6 @@
 import dataclasses
 import os
 import resource
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -601,18 +600,6 @@ class TestFullDisk:
         assert _folder_is_clean(tmp_path)
 
 
-WRITE = """
-import sys
-import numpy as np
-from minorloop.lab.plan import Plan
-from minorloop.lab.store import Point, Setup, Store
-with Store.open(sys.argv[1], write=True) as store:
-    for k in range(len(store), len(store.plan)):
-        point = Point(k, float(k), 0.5 * k, 0.01, "settled", k + 1.0, 1.0, {"state": k})
-        store.add(point, np.arange(60_000.0), np.full(60_000, float(k)))
-        print(k, flush=True)
-"""
-
 CREATE = """
 import sys
 from pathlib import Path
@@ -636,25 +623,6 @@ def _killed_after(lines, code, path):
 
 
 class TestKilled:
-    def test_every_reported_point_is_there_and_no_part_of_another(self, tmp_path):
-        path = tmp_path / "a"
-        Store.create(path, Plan(np.arange(10_000.0), 40.0), SETUP).close()
-        settled = 0
-        for lines in (1, 2, 1, 3):
-            told = _killed_after(lines, WRITE, path)
-            assert told == list(range(settled, settled + len(told)))
-            copy = shutil.copytree(tmp_path, tmp_path.with_name(f"{tmp_path.name}-{settled}"))
-            for place, write in ((path, False), (copy / "a", True)):
-                with Store.open(place, write=write) as store:
-                    found = len(store)
-                    assert settled + len(told) <= found <= settled + len(told) + 1
-                    assert [p.checkpoint for p in store.points()] == [
-                        {"state": k} for k in range(found)
-                    ]
-                    for k in range(found):
-                        np.testing.assert_array_equal(store.trace(k)[1], np.full(60_000, float(k)))
-            settled = found
-
     def test_a_log_that_a_power_cut_leaves_half_written_has_the_points_before(self, tmp_path):
         path, points = _filled(tmp_path / "a"), [_point(k) for k in range(5)]
         with Store.open(path, write=True) as store:
