@@ -52,6 +52,8 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "write_computation_times": False,
     "show_signature": False,
+    "min_reported_time": 1e9,
+    "ignore_repr_types": "ShownFigure",
     "remove_config_comments": True,
 }
 

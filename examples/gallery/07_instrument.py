@@ -50,4 +50,5 @@ for point, (t, y) in zip(points, traces, strict=True):
     axes.errorbar(point.t, point.value, 3 * point.sd, fmt="o", color="C1")
     place = {"xytext": (-8, 6), "textcoords": "offset points", "ha": "right"}
     axes.annotate(f"{point.input:.0f} V: {point.verdict}", (point.t, point.value), **place)
+axes.margins(y=0.12)
 axes.set(xlabel="time [s]", ylabel="position [um]", title="Four holds with their settled points")
