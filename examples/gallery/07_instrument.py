@@ -19,7 +19,9 @@ class Stage:
     inputs = (ml.Channel("voltage", "V", low=0.0, high=100.0),)
     outputs = (ml.Channel("position", "um"),)
     tick = 0.01
-    position = 0.0
+
+    def __init__(self, port):
+        self.port, self.position = port, 0.0  # open the connection here
 
     def apply(self, u, duration, sample_interval):  # talk to your instrument here
         t = np.arange(1, round(duration / sample_interval) + 1) * sample_interval
@@ -40,7 +42,7 @@ with (
     TemporaryDirectory() as folder,
     ml.Store.create(f"{folder}/stage.sqlite", plan, setup) as store,
 ):
-    ml.run(Stage(), plan, store)
+    ml.run(Stage("COM3"), plan, store)
     points = store.points()
     traces = [store.trace(point.index) for point in points]
 
