@@ -101,10 +101,11 @@ def _draw_talk(result: Identification, **labels: str) -> Any:
     with rc_context({"font.size": 17, "lines.linewidth": 2}):
         figure = draw_loop_and_plane(result, **labels)
         figure.set_size_inches(13.3, 6.2)
-        error, where = result.nrmse, "fitted rows"
-        if result.held_out.any():
-            error, where = result.holdout_nrmse, "rows that were not fitted"
-        figure.suptitle(f"error {error:.2%} of range on {where}", size=22)
+        held = result.holdout_nrmse
+        title = f"error {result.nrmse:.2%} of range on fitted rows"
+        if held is not None:
+            title = f"error {held:.2%} of range on rows that were not fitted"
+        figure.suptitle(title, size=22)
     return figure
 
 
