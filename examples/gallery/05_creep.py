@@ -14,10 +14,10 @@ import minorloop as ml
 strip = ml.connect("twin:ipmc", noise=0.03)
 stairs = ml.excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
 strip.apply(-1.2, 400.0, 400.0)
-holds = [strip.apply(u, seconds, 1.0) for seconds in (200.0, 10.0) for u in stairs]
+holds = [strip.apply(u, seconds, 2.0) for seconds in (200.0, 10.0) for u in stairs]
 law = ml.Viscosity(10, creep="spectrum", rate=False)  # creep may be "auto"
 creeping = ml.identify(ml.Record.joined(holds), law)
-settled = ml.identify(stairs, [hold.y[-20:].mean() for hold in holds[: stairs.size]], ml.Plane(10))
+settled = ml.identify(stairs, [hold.y[-10:].mean() for hold in holds[: stairs.size]], ml.Plane(10))
 
 targets = np.array([2.0, -1.0, 3.0, -4.0, 0.0, 5.0])
 ends = 10.0 * np.arange(1, targets.size + 1)

@@ -19,7 +19,7 @@ stairs = ml.excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
 figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
 with TemporaryDirectory() as folder:
     specimens = []
-    for number in range(1, 7):
+    for number in range(1, 5):
         strip = ml.connect("twin:ipmc", specimen=number, noise=0.05)
         y = [strip.apply(u, 200.0, 200.0).y[-1] for u in stairs]
         file = Path(folder) / f"strip-{number}.csv"
@@ -30,5 +30,5 @@ with TemporaryDirectory() as folder:
         model = ml.load(f"{folder}/fleet/models/{one.specimen}.json")
         u = np.r_[np.linspace(-1.2, 1.2, 60), np.linspace(1.2, -1.2, 60)]
         axes.plot(u, model.simulate(u), label=f"{one.specimen}: opening {one.opening:.0%} of range")
-axes.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Major loops of six strips")
+axes.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Major loops of four strips")
 axes.legend(frameon=False)
