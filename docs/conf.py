@@ -19,11 +19,12 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
     "mathml",
     "modules",
     "verbs",
 ]
-exclude_patterns = ["_ext"]
+exclude_patterns = ["_ext", "gallery/*.ipynb", "gallery/*.py", "gallery/*.zip"]
 templates_path: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist", "fieldlist"]
@@ -38,6 +39,23 @@ html_copy_source = False
 html_show_sphinx = False
 pygments_style = "tango"
 pygments_dark_style = "monokai"
+
+# The notebooks are executed here and nowhere else; a warning or an error in one ends the build.
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "filename_pattern": "",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("notebooks.figures",),
+    "reset_modules": ("notebooks.strictly",),
+    "reset_modules_order": "both",
+    "abort_on_example_error": True,
+    "write_computation_times": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "ignore_repr_types": "ShownFigure",
+    "remove_config_comments": True,
+}
 
 # The reference is made of the docstrings; types are in them, with shapes and units.
 autodoc_default_options = {

@@ -136,10 +136,10 @@ def test_rays_meet_the_wall_and_leave_through_a_bore():
 
 def test_documents_give_the_kept_figures_of_the_judge_beside_a_recall():
     recall, false = f"{100 * JUDGE['recall']:.1f} %", f"{JUDGE['false_per_acquisition']:.3f}"
-    for name in ("packages/minorloop-head/README.md", "docs/head/studies.md"):
+    for name in ("packages/minorloop-head/README.md", "docs/head/reference/studies.md"):
         rows = [row for row in (ROOT / name).read_text().splitlines() if row.startswith("|")]
         assert any(recall in row and false in row and "`make judge`" in row for row in rows), name
-    words = (ROOT / "docs/head/studies.md").read_text()
+    words = (ROOT / "docs/head/reference/studies.md").read_text()
     for each in (JUDGE["corroded"], JUDGE["soil"]):
         assert f"{100 * each['recall']:.1f} %" in words
 

@@ -38,7 +38,7 @@ def outdated(found: Mapping[str, Any]) -> list[str]:
     parts = {name: each for name, each in JUDGE.items() if isinstance(each, Mapping)}
     return [
         f"{name}.{key} is {found[name][key]:.3f}, and {kept:g} is kept: correct it in "
-        "papers.catheter.judged, README.md and docs/head/studies.md"
+        "papers.catheter.judged, README.md and docs/head/reference/studies.md"
         for name, each in {"all": JUDGE, **parts}.items()
         for key, kept in each.items()
         if isinstance(kept, float) and round(found[name][key], _DECIMALS.get(key, 3)) != kept

@@ -1,4 +1,4 @@
-"""The driver of docs/how-to/instruments.md: one file and one line in its own pyproject.toml."""
+"""The driver of the gallery with the line that docs/how-to/instruments.md has for its package."""
 
 import re
 from importlib import invalidate_caches
@@ -11,7 +11,7 @@ from minorloop.connect import addresses, connect
 from minorloop.errors import ParameterError
 from minorloop.lab.store import Store
 
-PAGE = Path(__file__).parents[3] / "docs/how-to/instruments.md"
+ROOT = Path(__file__).parents[3]
 
 
 def install(folder, module, points):
@@ -25,8 +25,10 @@ def install(folder, module, points):
 
 @pytest.fixture
 def installed(tmp_path, monkeypatch):
-    page = PAGE.read_text()
-    (module,) = re.findall(r"```python\n(# acme_stage\.py\n.*?)```", page, re.S)
+    notebook = (ROOT / "examples/gallery/07_instrument.py").read_text()
+    (stage,) = re.findall(r"^class Stage:.*?(?=^\S)", notebook, re.S | re.M)
+    module = f"import numpy as np\nimport minorloop as ml\n\n{stage}"
+    page = (ROOT / "docs/how-to/instruments.md").read_text()
     (table,) = re.findall(r"```text\n(\[project.*?)```", page, re.S)
     points = table.replace("project.entry-points.", "").replace('"', "")
     site = tmp_path / "site"

@@ -69,7 +69,7 @@ def test_a_fault_that_passes_is_named_with_its_time_and_the_run_is_done():
     assert (fault.axis, fault.cooled, fault.over, fault.times) == ("pan", False, True, 1)
     assert fault.began == pytest.approx(5.0, abs=0.1)
     assert 3.0 <= fault.lasted < 4.5
-    assert "readings jumped by 12.1 degrees, which no wire can" in fault.what
+    assert "readings jumped by 12.1 degrees, faster than the wire can move" in fault.what
     assert str(fault).startswith("pan, from 5.00 s for 3.96 s: the sensor is implausible")
     assert result.done
 

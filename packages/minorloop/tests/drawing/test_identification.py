@@ -3,7 +3,7 @@ import pytest
 
 from fixed_options import Plane, identify
 from minorloop.drawing import identification
-from minorloop.identification import Smooth
+from minorloop.identification import Gaussian, Smooth
 from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
@@ -26,8 +26,18 @@ def test_record_and_residual_are_those_of_the_identification(fit):
     np.testing.assert_allclose(residual.lines[0].get_ydata(), share)
 
 
-def test_cells_that_are_not_excited_are_grey():
-    found = identify(U[:3], TRUTH.simulate(U[:3]), Plane(4), prior=Smooth(0.1))
+def test_the_axes_are_scaled_to_what_was_fitted():
+    y = np.tile(TRUTH.simulate(U), 3)
+    y[12], y[20] = 9.9e37, 500.0  # a code and an outlier
+    record, residual = identify(np.tile(U, 3), y, Plane(4)).plot().axes[2:4]
+    assert max(map(abs, record.get_ylim())) < 2 * np.ptp(TRUTH.simulate(U))
+    assert max(map(abs, residual.get_ylim())) < 100
+    assert "1 row outside, not fitted" in [text.get_text() for text in residual.texts]
+
+
+@pytest.mark.parametrize("prior", [Smooth(0.1), Gaussian()])
+def test_cells_that_are_not_excited_are_grey(prior):
+    found = identify(U[:3], TRUTH.simulate(U[:3]), Plane(4), prior=prior)
     plane = found.plot().axes[1]
     grey = np.ma.masked_array(plane.collections[1].get_array()).reshape(4, 4)
     unexcited = np.tril(~found.excited)
@@ -61,6 +71,17 @@ def test_a_line_does_not_cross_a_leap_of_the_input():
 def test_the_density_has_a_unit(fit):
     figure = fit.plot(input_label="voltage [V]", output_label="curvature [1/m]")
     assert "density [1/m / V²]" in [axes.get_ylabel() for axes in figure.axes]
+
+
+def test_a_figure_for_a_talk_has_the_names_of_the_record_and_the_error():
+    record = Record(U, TRUTH.simulate(U), inputs="voltage [V]", outputs="length [um]")
+    figure = identify(record, Plane(4), holdout=0.3).plot(part="talk")
+    assert figure.axes[0].get_xlabel() == "voltage [V]"
+    assert "rows that were not fitted" in figure.get_suptitle()
+
+
+def test_a_notebook_shows_a_figure_without_a_magic_line(fit):
+    assert fit.plot()._repr_png_().startswith(b"\x89PNG")
 
 
 def test_a_notebook_shows_the_last_samples_of_a_long_record(fit, monkeypatch):

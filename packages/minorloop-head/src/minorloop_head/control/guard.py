@@ -1,10 +1,10 @@
 """Guard of one wire: limits, checks of sensor and target, the law inside them, and a log.
 
-Whatever the law requests and the sensor reads, the current that leaves the guard keeps the
-limits of current and temperature. If the sensor is lost, stuck or has the wrong sign, the wire
-cools; if it reads what no wire can do, the wire goes by its model for some seconds, and then cools
-until both agree, as they do for a cold wire; if a target cannot be reached, the guard holds an
-angle that can. Nothing is raised in the loop; the log gives reasons.
+Whatever the law requests and the sensor reads, the current that leaves the guard keeps the limits
+of current and temperature. If the sensor is lost, stuck or has the wrong sign, the wire cools; if
+readings jump faster than the wire can move, the wire goes by its model for some seconds, and then
+cools until both agree, as they do for a cold wire; if a target cannot be reached, the guard holds
+an angle that can. Nothing is raised in the loop; the log gives reasons.
 """
 
 from __future__ import annotations
@@ -490,7 +490,7 @@ class Guard:
     def _present(self, state: GuardState) -> Iterator[tuple[Cause, str]]:
         """Yield the causes that the state shows, with their sentences."""
         reading = state.reading
-        odd = f"readings jumped by {reading.jumped:.3g} degrees, which no wire can"
+        odd = f"readings jumped by {reading.jumped:.3g} degrees, faster than the wire can move"
         if reading.believed:
             odd = f"readings are not from {self.sensor.low:g} to {self.sensor.high:g} degrees"
         if reading.fault:

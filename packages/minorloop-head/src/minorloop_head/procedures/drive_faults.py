@@ -13,7 +13,8 @@ from minorloop_head.vision.wall_patches import UNTURNED
 
 _SHORT = 5
 """Steps from which a fault is why a target was missed: more than are lost by chance."""
-_UNREAD, _DOUBTED = "there was no reading", "readings jumped as no wire can, and were not used"
+_UNREAD = "there was no reading"
+_DOUBTED = "readings jumped faster than the wire can move, and were not used"
 _UNUSED = _UNREAD, _DOUBTED, UNTURNED
 """Kinds of faults before the sensor counts as at fault."""
 _SLOW = 0.4

@@ -37,6 +37,8 @@ _SAID, _EQUAL = 0.9, 0.02
 _LEAP, _LEAP_SHARE = 20, 0.05
 """An input leaps if it changes by more than so many usual steps and this share of its range."""
 _DOTS: dict[str, Any] = {"ms": 3.5, "color": "C1"}
+_VEIL = 0.7
+"""Opacity of the grey over cells that a prior determines."""
 _CELLS = 400
 """Cells of an axis: of the dots within one cell, one is drawn."""
 
@@ -46,7 +48,7 @@ def draw_identification(
     *,
     input_label: str = "input",
     output_label: str = "output",
-    part: Literal["all", "curves"] = "all",
+    part: Literal["all", "curves", "talk"] = "all",
 ) -> Any:
     """Draw loop, plane and record, and the residual in time, by amplitude and by rate.
 
@@ -56,17 +58,19 @@ def draw_identification(
         The identification.
     input_label, output_label : str
         Name and unit of input and output.
-    part : {"all", "curves"}
-        All of this, or the errors of each curve.
+    part : {"all", "curves", "talk"}
+        All of this, the errors of each curve, or loop and plane in letters for a screen.
     """
+    labels = {"input_label": input_label, "output_label": output_label}
     if part == "curves":
         return _draw_curves(result)
+    if part == "talk":
+        return _draw_talk(result, **labels)
     time = result.t
     figure, axes = new_figure(3, 2, 11.5, 10.5, grid=False)
     figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)
     clock = np.arange(result.y.size, dtype=np.float64) if time is None else time
     _draw_loop(axes[0, 0], result, input_label, output_label)
-    labels = {"input_label": input_label, "output_label": output_label}
     draw_density(axes[0, 1], result.model, **labels)
     _grey_unexcited(axes[0, 1], result)
     _draw_record(axes[1, 0], result, output_label, clock)
@@ -77,14 +81,31 @@ def draw_identification(
     return figure
 
 
-def draw_loop_and_plane(result: Identification) -> Any:
+def draw_loop_and_plane(
+    result: Identification, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
     """Draw the loop of the last samples and the plane only: small and quick, for notebooks."""
     figure, (left, right) = new_figure(1, 2, 4.2, 9.6, grid=False)
-    _draw_loop(left, result, "input", "output", _MOST_DRAWN)
+    _draw_loop(left, result, input_label, output_label, _MOST_DRAWN)
     if result.u.size > _MOST_DRAWN:
         left.set_title(f"Loop, last {_MOST_DRAWN} samples")
-    draw_density(right, result.model)
+    draw_density(right, result.model, input_label=input_label, output_label=output_label)
     _grey_unexcited(right, result)
+    return figure
+
+
+def _draw_talk(result: Identification, **labels: str) -> Any:
+    """Draw loop and plane large enough for a screen, with the error in the title."""
+    from matplotlib import rc_context
+
+    with rc_context({"font.size": 17, "lines.linewidth": 2}):
+        figure = draw_loop_and_plane(result, **labels)
+        figure.set_size_inches(13.3, 6.2)
+        held = result.holdout_nrmse
+        title = f"error {result.nrmse:.2%} of range on fitted rows"
+        if held is not None:
+            title = f"error {held:.2%} of range on rows that were not fitted"
+        figure.suptitle(title, size=22)
     return figure
 
 
@@ -188,11 +209,13 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
 
     levels = result.model.levels
     unexcited = np.tril(~result.excited)
-    if result.posterior is not None or not unexcited.any():
-        return  # With a prior, bands show what was not measured.
+    if not unexcited.any():
+        return
     shade = np.ma.masked_where(~unexcited, np.ones(unexcited.shape))
     grey = ListedColormap(["0.85"])
-    mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, rasterized=True)
+    # Under a prior, what it assumes there stays visible.
+    alpha = 1.0 if result.posterior is None else _VEIL
+    mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, alpha=alpha, rasterized=True)
     clip_to_plane(axes, mesh, result.model)
     axes.set_title("Preisach plane (grey: not excited)")
 
@@ -210,6 +233,7 @@ def _draw_record(axes: Axes, result: Identification, output_label: str, clock: F
         between = result.predict(_interpolated(result.u), bands=0.9)
         places = np.interp(np.linspace(0, index[-1], between.u.size), index, clock)
         axes.fill_between(places, between.lower, between.upper, color="C0", alpha=0.2, lw=0)
+    _scale_to_fitted(axes, result.y, result)
     _shade_held_out(axes, result, clock)
     axes.set(ylabel=output_label, title="Record")
     axes.grid(alpha=0.25)
@@ -229,6 +253,7 @@ def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> Non
     axes.fill_between(clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
     axes.legend(framealpha=0.9, loc="upper right")
     axes.axhline(0.0, color="0.3", lw=0.8)
+    _scale_to_fitted(axes, residual, result)
     _shade_held_out(axes, result, clock)
     _shade_startup(axes, result, residual, clock)
     axes.set(ylabel="residual, % of range", title="Residual in time: model less measured")
@@ -337,6 +362,18 @@ def _shade_startup(
             clock[0], clock[startup.rows], color="C3", alpha=0.2, label="start-up, not to scale"
         )
         axes.legend(framealpha=0.9, loc="upper right")
+
+
+def _scale_to_fitted(axes: Axes, values: FloatArray, result: Identification) -> None:
+    """Scale an axis to rows that were fitted or held out, and say how many others lie outside."""
+    kept = values[result.fitted | result.held_out]
+    low, high = float(np.nanmin(kept)), float(np.nanmax(kept))
+    outside = int(np.count_nonzero((values < low) | (values > high)))
+    if outside:
+        margin = 0.1 * (high - low) or 1.0
+        axes.set_ylim(low - margin, high + margin)
+        said = f"{counted(outside, 'row')} outside, not fitted"
+        axes.text(0.03, 0.03, said, transform=axes.transAxes, fontsize="small")
 
 
 def _shade_held_out(axes: Axes, result: Identification, clock: FloatArray) -> None:

@@ -29,9 +29,9 @@ def new_figure(
     **options
         Options of ``Figure.subplots``.
     """
-    from matplotlib.figure import Figure
+    from minorloop.drawing._shown import ShownFigure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, **options)
     for one in np.atleast_1d(axes).ravel() if grid else ():
         one.grid(alpha=0.25)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from dataclasses import fields, is_dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
 
 Rows = list[tuple[str, str]]
 
-_RESOLUTION = 80
-"""Dots per inch: sharp enough for a cell, and a few tens of kilobytes in the saved notebook."""
 _WIDTH = 640
 """Width of the picture in pixels, at most."""
 
@@ -36,15 +33,17 @@ def as_html(result: Any) -> str:
     rows = _summary(result)
     text = _table(rows) if rows else f"<pre>{escape(str(result))}</pre>"
     advice = getattr(result, "advice", getattr(result, "notes", ())) if rows else ()
-    figure = draw_loop_and_plane(result) if name == "Identification" else plot(result)
+    figure = (
+        draw_loop_and_plane(result, **result.drawn_labels)
+        if name == "Identification"
+        else plot(result)
+    )
     return f"<div><b>{name}</b>{text}{_list(advice)}{_picture(figure)}</div>"
 
 
 def _picture(figure: Any) -> str:
     """Return the figure as PNG: also pages that show notebooks accept it."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=_RESOLUTION)
-    data = base64.b64encode(content.getvalue()).decode()
+    data = base64.b64encode(figure._repr_png_()).decode()
     style = f"width:100%;max-width:{_WIDTH}px"
     return f'<img alt="figure" style="{style}" src="data:image/png;base64,{data}">'
 

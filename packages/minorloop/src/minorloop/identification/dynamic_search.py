@@ -89,7 +89,7 @@ def with_creep(
 
 
 def simplest(tried: Sequence[Found]) -> Found:
-    """Return the fit with the fewest parameters of those that none is clearly better than."""
+    """Return the smallest fit, unless a larger one is clearly better."""
     ranked = sorted(tried, key=lambda one: (one.dynamics.parameters, one.left_out_error))
     best = ranked[0]
     for one in ranked[1:]:

@@ -389,6 +389,10 @@ class Fit(Scored, Generic[M]):
         given = {"warnings": self.warnings, **names, **options}
         modelfile.save(self.saved, path, force=force, **given)
 
+    def plot(self, **options: Any) -> Any:
+        """Draw it, with the names and units of the record: see `minorloop.plot`."""
+        return super().plot(**(self.drawn_labels | options))
+
     @property
     def labels(self) -> dict[str, str]:
         """Names and units of input and output, by the options of `plot`."""
@@ -396,6 +400,11 @@ class Fit(Scored, Generic[M]):
         return {
             f"{one}_label": one if record is None else str(getattr(record, one)) for one in names
         }
+
+    @property
+    def drawn_labels(self) -> dict[str, str]:
+        """The same for figures, where a dollar would begin a formula."""
+        return {name: one.replace("$", r"\$") for name, one in self.labels.items()}
 
     @property
     def headline(self) -> str:
@@ -412,8 +421,7 @@ class Fit(Scored, Generic[M]):
             Name of the record.
         """
         report = Report(self.headline, self._summary(source))
-        # A dollar in a label does not begin a formula.
-        self._add_to(report, {name: one.replace("$", r"\$") for name, one in self.labels.items()})
+        self._add_to(report, self.drawn_labels)
         return report
 
     def _summary(self, source: str) -> str:
