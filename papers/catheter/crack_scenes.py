@@ -8,6 +8,7 @@ light, stains only dim it, and a crack returns hardly any light of any lamp.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from papers.catheter.scene_view import SceneView, aimed, draw_head, draw_place
 NARROWEST, WIDEST = 30e-6, 200e-6
 SHORTEST, LONGEST = 2e-3, 15e-3
 """Widths and lengths of the cracks in metres: those of the claim."""
+FLANKS = 0.8, 6.0
+"""Slopes of flanks that return light."""
 FINE = 0.05e-3
 """Step of a true course in metres, in which its length is counted."""
 _EDGE = 12.0
@@ -40,10 +43,11 @@ _TRIES = 60
 """Most views drawn for a scene; most seeds need one or two."""
 
 
-def draw_crack_view(seed: int, *, crack: bool) -> SceneView:
+def draw_crack_view(seed: int, *, crack: bool, lit: bool = False) -> SceneView:
     """Draw a view of a wall with a crack, 30 to 200 um wide and 2 to 15 mm long, or without.
 
-    The head turns 18 to 30 degrees from the axis, as for holes.
+    The head turns 18 to 30 degrees from the axis, as for holes. A ``lit`` crack is a groove whose
+    flanks return light.
 
     Raises
     ------
@@ -57,6 +61,9 @@ def draw_crack_view(seed: int, *, crack: bool) -> SceneView:
         cracks, width = _cracks(rng, *place)
         if not _in_view(mount.pose(pan, tilt), cracks[0]):
             continue
+        if lit:
+            slope, albedo = math.exp(rng.uniform(*np.log(FLANKS))), rng.uniform(0.3, 1.0)
+            cracks = tuple(replace(one, flanks=slope, albedo=albedo) for one in cracks)
         wall = _wall(rng, place, cracks, crack)
         camera, gain = aimed(rng, wall, mount, pan, tilt)
         if 0.1 <= gain <= 20:

@@ -65,14 +65,15 @@ class CrackOutcome:
     """Standard deviation of the width that is stated, in metres; NaN if not found."""
 
 
-def search_cracks(seed: int, crack: bool) -> Results:
+def search_cracks(seed: int, crack: bool, *, lit: bool = False) -> Results:
     """Take an acquisition of one scene by its calibrated camera, and trace its cracks.
 
     ``findings`` are holes and the map; ``course`` (N, 2) is phi and z of the visible part of the
     crack on the same map, in steps of 50 um, empty without one; ``widths`` (N,) are the true ones
     there, in metres.
     """
-    view, rng = draw_crack_view(seed, crack=crack), np.random.default_rng([seed, int(crack), 22])
+    view = draw_crack_view(seed, crack=crack, lit=lit)
+    rng = np.random.default_rng([seed, int(crack), 22])
     camera = misjudged(view, rng)
     frames = tuple(shots(view, rng))
     found = find_holes(frames, camera)
@@ -84,9 +85,9 @@ def search_cracks(seed: int, crack: bool) -> Results:
     )  # fmt: skip
 
 
-def score_cracks(seed: int, crack: bool, *, scan: bool = False) -> CrackOutcome:
+def score_cracks(seed: int, crack: bool, *, scan: bool = False, lit: bool = False) -> CrackOutcome:
     """Search one scene, scan across the crack that was found, and compare with the truth."""
-    search = search_cracks(seed, crack)
+    search = search_cracks(seed, crack, lit=lit)
     outcome = outcome_of(seed, search)
     if not (scan and outcome.found):
         return outcome

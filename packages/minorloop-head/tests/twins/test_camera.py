@@ -7,6 +7,7 @@ import pytest
 
 from minorloop.errors import LimitError, ParameterError
 from minorloop_head.geometry import Mount, Pinhole, wall_point
+from minorloop_head.twins._camera_kernels import _in_groove
 from minorloop_head.twins.camera import Camera, ImageSensor, led_positions
 from minorloop_head.twins.pipe import Bore, Crack, Finish, Pipe
 from minorloop_head.twins.turbid_water import TurbidWater
@@ -144,6 +145,45 @@ def test_a_crack_that_reaches_out_of_sight_is_seen_under_water():
         u, v = np.rint(camera._pixel(phi, z)).astype(int)
         seen.append(int(camera.frame().image[v, u]))
     assert seen[0] == pytest.approx(seen[1], abs=2)
+
+
+@pytest.mark.parametrize("slope", [0.5, 3.0])
+@pytest.mark.parametrize("light", [-0.8, 0.3, 0.8])
+@pytest.mark.parametrize("ray", [-1.2, 0.4])
+def test_flanks_of_a_groove_hide_and_shadow_each_other(slope, light, ray):
+    """Against rays that are followed in small steps, for dull metal of nearly no reflectance."""
+    half, step, metal = 0.1, 1e-4, np.array([1e-3, 0.0, 0.2, 0.2, 0.0])
+
+    def above(x, height):
+        return height >= -slope * max(half - abs(x), 0.0)
+
+    def radiance(x):
+        depth = 0.0
+        while above(x + ray * (depth + step), -depth - step):
+            depth += step
+        at, side = x + ray * depth, np.sign(x + ray * depth)
+        heights = np.arange(2 * step, slope * half, step)
+        free = all(above(at + light * up, up - depth) for up in heights)
+        return free * max(1 - side * slope * light, 0.0) / math.hypot(1, slope)
+
+    fields = np.array([0, 0, 0, 0, 0, ray, 0, 1, light, 0, 0, 0, 0.0])
+    places = np.linspace(-half, half, 41)[:-1] + half / 40
+    seen = [_in_groove(fields, x, half / 20, half, 1.0, 0.0, slope, 1.0, metal) for x in places]
+    assert 1e3 * np.mean(seen) == pytest.approx(np.mean([radiance(x) for x in places]), abs=0.02)
+
+
+def test_a_groove_is_bright_on_the_flank_towards_the_camera_and_dark_on_the_other():
+    phi, z = PLACE
+    ends = ((phi - 0.1, z), (phi + 0.1, z))
+    levels = []
+    for cracks in ((), (Crack(ends, (1e-3, 1e-3), albedo=1.0, flanks=0.3),)):
+        camera = looking_at(Pipe(finish=MATT, cracks=cracks), sensor=CLEAN)
+        places = [np.rint(camera._pixel(phi, z + off)).astype(int) for off in (-3.4e-4, 2e-4)]
+        image = camera.frame().image.astype(float)
+        levels.append([image[v, u] for u, v in places])
+    (near, far), (turned, faced) = levels
+    assert turned < 0.8 * near
+    assert faced > 1.1 * far
 
 
 def test_water_has_either_a_surface_or_fills_the_pipe():

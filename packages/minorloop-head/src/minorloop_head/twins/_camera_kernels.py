@@ -189,12 +189,18 @@ def _tilted(now, a, b, albedo, metal):
     """Return the radiance of metal with slopes a and b."""
     out = metal[0] * metal[4] * albedo * now[4]
     for first in range(COMMON, now.size, PER_LED):
-        face = max(now[first] - a * now[first + 1] - b * now[first + 2], 0.0)
-        s, t = (now[first + 3] + a) / metal[2], (now[first + 4] + b) / metal[3]
-        wide = 1.0 + s * s + t * t
-        out += metal[0] * albedo * face / np.sqrt(1.0 + a * a + b * b)
-        out += metal[1] / (np.pi * metal[2] * metal[3]) * now[first + 5] / (wide * wide)
+        out += _lit(now, first, a, b, albedo, metal)
     return out
+
+
+@njit(cache=True, nogil=True)
+def _lit(now, first, a, b, albedo, metal):
+    """Return the radiance of metal with slopes a and b by one LED, whose fields begin at first."""
+    face = max(now[first] - a * now[first + 1] - b * now[first + 2], 0.0)
+    s, t = (now[first + 3] + a) / metal[2], (now[first + 4] + b) / metal[3]
+    wide = 1.0 + s * s + t * t
+    gloss = metal[1] / (np.pi * metal[2] * metal[3]) * now[first + 5] / (wide * wide)
+    return metal[0] * albedo * face / np.sqrt(1.0 + a * a + b * b) + gloss
 
 
 @njit(cache=True, nogil=True)
@@ -265,8 +271,47 @@ def add_bore(fields, radius, bore, box, metal, radiance):
 
 
 @njit(cache=True, nogil=True)
-def add_crack(fields, radius, corners, albedo, box, metal, radiance):
-    """Draw a crack over the image; ``corners`` is (N, 3): phi, z, half the width."""
+def _in_groove(now, middle, pixel, half, x, y, slope, albedo, metal):
+    """Return the mean radiance of the part of a pixel that is in a groove with a V for its section.
+
+    ``middle`` is the place of a pixel of a width ``pixel`` across the groove, ``half`` half of its
+    width, (x, y) the unit vector across, ``slope`` that of both flanks. A ray that enters at X is
+    at X + w d at the depth d; a flank hides the other where its slope is steeper than the ray, and
+    shadows it where it is steeper than the light. Light that one flank sends to the other counts
+    once, by the share of its view that the other fills.
+    """
+    view = 1.0 - 1.0 / np.sqrt(1.0 + slope * slope)
+    again = view * (metal[0] + metal[1]) ** 2 / np.sqrt(1.0 + slope * slope)
+    total, seen = 0.0, 1e-12
+    for side in (-1.0, 1.0):
+        w, a, b = side * (now[5] * x + now[6] * y), side * slope * x, side * slope * y
+        low = max(side * middle - 0.5 * pixel, min(max(-w * slope, -1.0), 1.0) * half)
+        high = min(side * middle + 0.5 * pixel, half)
+        if high <= low:
+            continue
+        seen += high - low
+        total += (high - low) * metal[0] * metal[4] * albedo * now[4] * (1.0 - view)
+        for first in range(COMMON, now.size, PER_LED):
+            if now[first] <= 0.0:
+                continue
+            steep = slope * side * (now[first + 1] * x + now[first + 2] * y) / now[first]
+            dark = half * max((-steep - 1.0) / (1.0 - steep), 0.0) if steep < 0.0 else 0.0
+            dark -= w * slope * (half - dark)  # where it is seen
+            if steep < 1.0 and high > dark:
+                total += (high - max(low, dark)) * _lit(now, first, a, b, albedo, metal)
+            if steep > -1.0:
+                other = min(2.0 / (1.0 + max(steep, 1.0)), 1.0)  # share of it that is lit
+                face = now[first] * (1.0 + steep)
+                total += (high - low) * again * albedo * other * face
+    return total / seen
+
+
+@njit(cache=True, nogil=True)
+def add_crack(fields, radius, corners, look, box, metal, radiance):
+    """Draw a crack over the image; ``corners`` is (N, 3): phi, z, half the width.
+
+    ``look`` is (albedo, slope of its flanks, or 0 where what is in it is dull).
+    """
     now, slope = np.empty(fields.shape[0]), np.empty((2, 2))
     middle_z = 0.5 * (corners[:, 1].min() + corners[:, 1].max())
     middle_phi = 0.5 * (corners[:, 0].min() + corners[:, 0].max())
@@ -278,7 +323,7 @@ def add_crack(fields, radius, corners, albedo, box, metal, radiance):
             turn = _turned(phi - middle_phi)
             if abs(radius * turn) > wide or abs(z - middle_z) > high:
                 continue
-            most = 0.0
+            most, line = 0.0, (0.0, 0.0, 0.0, 0.0, 0.0)
             for n in range(corners.shape[0] - 1):
                 x, y = radius * (turn + middle_phi - corners[n, 0]), z - corners[n, 1]
                 ax = radius * (corners[n + 1, 0] - corners[n, 0])
@@ -296,14 +341,18 @@ def add_crack(fields, radius, corners, albedo, box, metal, radiance):
                 pixel = _pixel_size(radius, slope, x, y, off)
                 near = min(max(0.5 + (half - off) / pixel, 0.0), 1.0)
                 far = min(max(0.5 + (-half - off) / pixel, 0.0), 1.0)
-                most = max(most, near - far)
+                if near - far > most:
+                    most, size = near - far, square**0.5
+                    line = cross / size, pixel, half, ay / size, -ax / size
             if most > 0.0:
                 _light_at(fields, v, u, now)
-                light = metal[4] * now[4]
+                value = metal[4] * now[4]
                 for first in range(COMMON, now.size, PER_LED):
-                    light += now[first]
-                dark = metal[0] * albedo * light
-                radiance[v, u] = (1.0 - most) * radiance[v, u] + most * dark
+                    value += now[first]
+                value *= metal[0] * look[0]
+                if look[1] > 0.0:
+                    value = _in_groove(now, *line, look[1], look[0], metal)
+                radiance[v, u] = (1.0 - most) * radiance[v, u] + most * value
 
 
 @njit(cache=True, nogil=True)

@@ -329,11 +329,9 @@ class Camera(Mounted):
             if n < count:
                 kernels.add_bore(fields, self._pipe.radius, self._bores[n], boxes[n], metal, image)
             else:
-                albedo = self._pipe.cracks[n - count].albedo
-                corners = self._cracks[n - count]
-                kernels.add_crack(
-                    fields, self._pipe.radius, corners, albedo, boxes[n], metal, image
-                )
+                crack, corners = self._pipe.cracks[n - count], self._cracks[n - count]
+                look = crack.albedo, crack.flanks
+                kernels.add_crack(fields, self._pipe.radius, corners, look, boxes[n], metal, image)
 
     def _boxes(self) -> npt.NDArray[np.int64]:
         """Return (N, 4) rows and columns, from and to, that may see each bore and crack."""

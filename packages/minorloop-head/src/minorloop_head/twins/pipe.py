@@ -67,7 +67,7 @@ class Bore:
 
 @dataclass(frozen=True)
 class Crack:
-    """A dark, narrow line with corners.
+    """A narrow line with corners: dark, or a groove whose flanks return light.
 
     Raises a `ParameterError` if there are fewer than two corners, or not one width for each corner.
     """
@@ -79,7 +79,9 @@ class Crack:
     depth: float = 1e-3
     """Depth below the wall."""
     albedo: float = 0.05
-    """Albedo of what is seen in it."""
+    """Albedo of what is seen in it; of flanks, relative to the metal."""
+    flanks: float = 0.0
+    """Slope of the two flanks of metal that are seen in it; 0 where none are."""
 
     def __post_init__(self) -> None:
         if len(self.points) < 2 or len(self.points) != len(self.widths):
