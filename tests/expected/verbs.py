@@ -134,7 +134,7 @@ def _head() -> Any:
     )
 
 
-# A processor decides how sums are rounded; the search for a smoothness or a lag ends elsewhere by it.
+# A processor decides how sums are rounded, and by it where the search for a smoothness or lag ends.
 _ROUNDED = {"*.effective_parameters": 1e-2, "*": 3e-4}
 _NO_TIMES = ("*.time", "*.path", "*.store", "*.file", "*.out", "*.model")
 
