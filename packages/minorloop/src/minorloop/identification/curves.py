@@ -68,7 +68,8 @@ class Curves:
         The first input of a curve is used for those before it; others are interpolated linearly.
         """
         path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(u)))])
-        return np.interp(np.maximum(path - travel, path[self.first_rows(u.size)]), path, u)
+        places = np.maximum(path - travel, path[self.first_rows(u.size)])
+        return np.asarray(np.interp(places, path, u))
 
     def driven(self, u: FloatArray, levels: Levels, lag: int = 0) -> tuple[FloatArray, IntArray]:
         """Inputs that set the memory before each later curve, and the place of each row in them.
