@@ -92,6 +92,15 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         name = printable(os.fsencode(Path(data).name).decode(errors="replace"))
         return cls(data=name, sha256=digest, scores=dict(scores or {}))
 
+    def is_of(self, data: PathLike) -> bool:
+        """Whether the model was identified from a file, or from a copy of it.
+
+        Raises a `RecordError` if the file cannot be read.
+
+        ``data``: the file.
+        """
+        return self.sha256 is not None and self.sha256 == Provenance.of(data).sha256
+
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True):
     """Part of a file; unknown keys are refused."""

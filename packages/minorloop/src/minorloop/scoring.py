@@ -40,9 +40,9 @@ from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.identification.screening import record_faults
 from minorloop.lab.columns import read_labels
 from minorloop.lab.conversion import read_column, unit_factor
-from minorloop.lab.gaps import known_memory, with_lost_rows
-from minorloop.lab.logs import check_order, read_times
-from minorloop.lab.records import Origin, Quantity, Record
+from minorloop.lab.gaps import known_memory
+from minorloop.lab.logs import AUTO, Named, with_times
+from minorloop.lab.records import Quantity, Record
 from minorloop.modelfile import Identified, Model, ModelFile, as_file
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Saturation, StartOfCurve
@@ -52,8 +52,6 @@ from minorloop.report import Picture, Report, Table
 
 AnyModel: TypeAlias = str | PathLike[str] | ModelFile | Identified | Model
 """A model file, its content, the result of an identification, or a model."""
-TIME = "time"
-"""Column of the times that a model with dynamics needs, if none is named."""
 _THOUSAND, _OTHER_UNIT = 3.0, 0.3
 """Digits by which units with another prefix differ, and largest deviation from them."""
 _WRONG = 0.1
@@ -648,7 +646,7 @@ def read_inputs(
     path: str | PathLike[str],
     input: str | None = None,
     *,
-    time: str | None = None,
+    time: Named = AUTO,
     curves: str | None = None,
     start_of_curve: StartOfCurve | None = None,
 ) -> Record:
@@ -664,23 +662,15 @@ def read_inputs(
     path : str or path
         The table.
     input, time, curves : str, optional
-        Columns, as of `minorloop.read`. Times of a model that needs them are in ``time`` if none is
-        named.
+        Columns, as of `minorloop.read`.
     start_of_curve : {"negative", "positive", "demagnetised", "as-left"}, optional
         Memory before each curve, as of `Record`.
     """
-    if time is None and known.has_time:
-        time = TIME
-    u = read_column(path, known.input.name if input is None else input, known.input.unit)
+    column = known.input.name if input is None else input
+    u = read_column(path, column, known.input.unit)
     labels = None if curves is None else read_labels(path, curves)
     names = known.input, known.output
     record = Record(u, np.full(u.size, np.nan), None, *names, curves=labels)
-    if time is not None:
-        clock, check = read_times(path, time)
-        origin = Origin(with_lost_rows(check, u), time)
-        record = record.replace(t=check.t, time=clock, origin=origin)
-    if curves is not None and start_of_curve != AS_LEFT:
-        record = record.with_memory_reset()
-    if record.check is not None:
-        check_order(path, str(time), record.check, strictly=known.has_time)
+    reset = curves is not None and start_of_curve != AS_LEFT
+    record = with_times(record, path, column, time, strictly=known.has_time, reset=reset)
     return record.replace(start_of_curve=start_of_curve)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from command_line import write
+from minorloop import modelfile
 
 SCORE = "score model.json other.csv"
 HEADER = "time [s],voltage [V],length [um],curve"
@@ -44,6 +45,15 @@ def test_a_model_that_does_not_predict_the_record_ends_with_status_1(other, run)
     assert status == 1
     assert "the model does not predict this record" in " ".join(out.split())
     assert err == "warning: this model is not to be trusted: the first of these says why\n"
+
+
+def test_the_file_that_the_model_was_identified_from_is_named(answer, model):
+    said = "the model was identified from this file: its error here is no error on other inputs"
+    assert said not in " ".join(answer(SCORE)["notes"])
+    origin = modelfile.Provenance.of("other.csv")
+    names = {"input": "voltage [V]", "output": "length [um]"}
+    modelfile.save(model, "own.json", provenance=origin, **names)
+    assert said in " ".join(answer("score own.json other.csv")["notes"])
 
 
 def test_a_report_shows_what_is_printed(run):

@@ -24,6 +24,21 @@ def test_writes_the_outputs_of_the_model(start, run, model):
     np.testing.assert_array_equal(y, model.simulate(u, start))
 
 
+def test_time_is_found_as_by_identify(answer, model):
+    times, u = 0.5 * np.arange(6), [0.0, 0.3, 1.0, 0.6, 0.2, 0.4]
+    rows = [f"{t},{x}\n" for t, x in zip(times, u, strict=True)]
+    Path("timed.csv").write_text("t [s],voltage [V]\n" + "".join(rows))
+    modelfile.save(model, "late.json", lag=1, force=True)
+    found = answer("simulate late.json timed.csv --input voltage --save out.csv")
+    assert Path("out.csv").read_text().startswith("t [s],input,output")
+    assert found["notes"] == [
+        "time: column 't [s]'; name another one, or none, with time= (--time)"
+    ]
+    Path("timed.csv").write_text("t [s],voltage [V]\n1,0\n0,1\n")
+    (said,) = answer("simulate model.json timed.csv")["notes"]
+    assert said.startswith("time: none, because column 't [s]'")
+
+
 def test_the_lag_of_the_file_is_applied(answer, model):
     modelfile.save(model, "late.json", lag=2)
     y = model.simulate(inputs())

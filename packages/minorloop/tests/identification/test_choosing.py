@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from minorloop.identification import Smooth, choosing
 from minorloop.lab.columns import read_columns
 from minorloop.lab.records import Record
 from minorloop.operators.densities import GaussianDensity
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
@@ -81,6 +84,34 @@ def test_a_lag_does_not_make_up_for_wide_bands(shared_data):
     found = identify(record, Plane(**AUTO))
     assert found.lag == 0
     assert found.nrmse < 1.5e-3
+
+
+def swings():
+    """Triangles of decreasing amplitude, all at one rate."""
+    ends = np.linspace(1, 0.1, 15) * np.tile([-1, 1], 8)[:15]
+    return np.concatenate([np.arange(a, b, np.sign(b - a) * 0.02) for a, b in pairwise(ends)])
+
+
+def duhem(u):
+    """Outputs by y' = 3 |u'| (u - y), from 0 on: no loop is congruent, no rate counts."""
+    y = np.zeros(u.size)
+    for k, step in enumerate(np.diff(u)):
+        y[k + 1] = u[k + 1] + (y[k] - u[k + 1]) * np.exp(-3 * abs(step))
+    return y
+
+
+def test_hysteresis_that_is_no_plane_gets_no_lag():
+    found = identify(swings(), duhem(swings()), Plane(25, lag="auto"), holdout=0.3)
+    assert found.lag == 0
+    assert found.choices[0].other.endswith(choosing.TRAVEL)
+
+
+def test_a_lag_that_may_be_hysteresis_is_said():
+    u = swings()
+    y = PrandtlIshlinskii([0.0, 0.2], [1.0, 1.0]).simulate(u)
+    found = identify(u, np.r_[np.full(10, y[0]), y[:-10]], Plane(25, lag="auto"))
+    assert abs(found.lag - 10) <= 1
+    assert "at other rates the output may be predicted late" in " ".join(found.advice)
 
 
 def a_magnet():

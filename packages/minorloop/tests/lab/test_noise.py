@@ -46,12 +46,21 @@ class TestRepeatedReadings:
         said = _verdicts(STAIRS, [dead] * len(STAIRS))
         assert said[:11] == [*[""] * 5, *["suspect"] * 5, "faulty"]
 
-    def test_holds_without_a_reading_are_faulty_across_the_range_of_the_inputs(self):
-        none = np.full(5, np.nan)
-        assert _verdicts([-1, 1, -1], [none] * 3) == ["", "faulty", "faulty"]
-        assert _verdicts([-1, 1, 0.9], [[0.2], none, none]) == [""] * 3
-        gaps = np.array([0.5, np.nan, 0.5])
+    def test_holds_without_a_reading_are_dead_wherever_the_input_is(self):
+        none, gaps = np.full(5, np.nan), np.array([0.5, np.nan, 0.5])
+        assert _verdicts([-1, 1, 0.9], [[0.2], none, none]) == ["", "", "dead"]
         assert _verdicts([-1, 1, -1], [gaps] * 3)[1:] == ["faulty"] * 2
+
+    @pytest.mark.parametrize(("width", "alive"), [(0.0, 1), (0.1, 3)])
+    def test_a_sensor_is_dead_where_less_of_the_input_moved_it_before(self, width, alive):
+        levels = [-1, 1, -0.5, 0.3, -0.2, 0.1, 0.0, 0.1, -0.1, 0.2, -0.3]
+        place, y = -1.0, []
+        for u in levels:
+            place = min(max(place, u - width), u + width)
+            y.append(place + np.array([0.01, 0.001, 0.0]))
+        assert not any(_verdicts(levels, y))
+        y[-4:] = [y[-5][-1:]] * 4
+        assert _verdicts(levels, y)[-4:] == [""] * alive + ["dead"] * (4 - alive)
 
     @pytest.mark.parametrize("noise", [0.0, 0.01])
     @pytest.mark.parametrize("codes", [3, 8, 30, 1000])

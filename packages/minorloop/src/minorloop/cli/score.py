@@ -13,6 +13,10 @@ NAME = "score"
 EXAMPLE = "minorloop score model.json other.csv --report score.html"
 
 _Column = typer.Option(show_default="the name that it has in the model")
+_SAME = (
+    "the model was identified from this file: its error here is no error on other inputs; score "
+    "another record, or identify with --holdout 0.3"
+)
 _Save = Annotated[Path | None, typer.Option(help="Write the residual of each row to this file.")]
 
 
@@ -40,11 +44,12 @@ def run(
     known = modelfile.read(model)
     if not is_store(file):  # a store has one input and one output
         input, output = input or known.input.name, output or known.output.name
-        time = time or (scoring.TIME if known.has_time else None)
     reader = RecordReader.of(record, sd=_common.NONE)
     between: Any = reader.between
     with _common.working(f"reading {file.name}") as now:
         log = reader.read(file, input, output, time, now)
+        if known.provenance.is_of(file):
+            log = log.with_origin(notes=(_SAME, *log.origin.notes))
         now(f"scoring {len(log)} samples")
         found = scoring.score(known, log, between=between)
     _common.print_warnings(known.warnings)

@@ -41,7 +41,7 @@ def run(
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         log = scoring.read_inputs(
-            known, file, input, time=time, curves=curves, start_of_curve=since
+            known, file, input, time=_common.named(time), curves=curves, start_of_curve=since
         ).replace(start=reader.start)
         now(f"simulating {len(log)} samples")
         found = scoring.simulate(known, log, between=between)  # type: ignore[arg-type]
@@ -53,7 +53,7 @@ def run(
     cells = ["" if isnan(value) else value for value in y.tolist()]
     columns |= {str(known.input): found.u, header: cells}
     _common.print_warnings(known.warnings)
-    notes = [*found.notes, *found.of_levels]
+    notes = [*log.origin.chosen, *found.notes, *found.of_levels]
     figures: dict[str, Any] = {"samples": y.size, "least": nanmin(y), "greatest": nanmax(y)}
     figures |= {} if save is not None else {"y": y}
     figures |= {"notes": notes} if notes else {}

@@ -11,6 +11,7 @@ from minorloop.arrays import BoolArray
 from minorloop.errors import are, counted
 from minorloop.identification import active_set
 from minorloop.identification.baseline import lateness, percent, polynomial_nrmse, rms
+from minorloop.identification.choosing import TRAVEL
 from minorloop.identification.dense_solver import UNSETTLED
 from minorloop.identification.residuals import PARTS, noise_in
 from minorloop.lab.faults import codes, far_from_others
@@ -189,7 +190,13 @@ def _remedy(fit: Fit) -> str:
 
 
 def _lag(fit: Fit) -> Iterator[str]:
-    """Say how many rows a lag leaves out at the beginnings of curves."""
+    """Say that a lag may be none, and how many rows it leaves out at the beginnings of curves."""
+    if fit.lag and any(choice.chosen.endswith(TRAVEL) for choice in fit.choices):
+        yield (
+            f"the lag of {counted(fit.lag, 'sample')} may be hysteresis that this model does not "
+            "have, because the input changes at one rate: at other rates the output may be "
+            "predicted late; record at two rates, or give lag=0 (--law lag=0)"
+        )
     if fit.lag and fit.curves.begins.size > 1:
         early = np.isfinite(fit.y) & (fit.curves.positions(fit.u.size) < fit.lag)
         out = int(np.count_nonzero(early)) - fit.skipped

@@ -47,6 +47,11 @@ _FEWER_PARTS = 3
 """Parts that fine planes are scored on."""
 _BETTER, _BETTER_LAG = 0.95, 0.8
 """Ratio of errors below which another option takes the place of the simplest one, and for a lag."""
+_TRAVELS, _UNSURE = (0.5, 1.0, 1.5), 1 / 3
+"""Travels of the input over the mean one in as many samples as the lag; and the ratio of errors for
+a lag that is not better than a delay by such a travel, which is as with inputs at one rate."""
+TRAVEL = ", or as much travel of the input"
+"""Ends the name of a lag that is not better than a delay by the travel of the input."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +247,9 @@ def _choose_lag(
     """Compare no lag with the best one on the same samples, those that the lag leaves.
 
     A lag makes up for bands that are too wide, and for a structure that does not fit: each of the
-    two is compared with narrower bands, and the structure that is best with it.
+    two is compared with narrower bands, and the structure that is best with it. It also makes up
+    for hysteresis that is no plane, but does not depend on the rate: a delay by a travel of the
+    input, which does not either, is then as good.
     """
     lag = fitting.best_lag(_coarse(specs[-1], record), record)
     if not lag:
@@ -253,14 +260,20 @@ def _choose_lag(
     fold = parts_of(record, groups, _SEGMENTS)
     few = are_few(specs[-1], int(np.count_nonzero(record.fitted)))
     finer = [_coarse(one, record) if few else coarser_spec(one, LEVELS) for one in specs]
-    errors = {
-        counted(k, "sample"): min(
-            error(one, record, k, fold, _STRENGTHS[1:2], _FEWER_PARTS) for one in finer
-        )
-        for k in (0, lag)
-    }
-    choice = compared("lag", errors, "0 samples", _BETTER_LAG)
-    return (0 if choice.chosen == "0 samples" else lag), [choice]
+
+    def least(record: FitRecord, lag: int) -> float:
+        return min(error(one, record, lag, fold, _STRENGTHS[1:2], _FEWER_PARTS) for one in finer)
+
+    none, late, better = "0 samples", counted(lag, "sample"), _BETTER_LAG
+    errors = {none: least(record, 0), late: least(record, lag)}
+    if errors[late] < better * errors[none]:
+        steps = np.abs(np.diff(record.u))
+        travels = lag * float(steps[steps > 0].mean()) * np.array(_TRAVELS)
+        delayed = (record.curves.travelled(record.u, travel) for travel in travels)
+        if errors[late] >= better * min(least(replace(record, u=u), 0) for u in delayed):
+            errors[late + TRAVEL], better = errors.pop(late), _UNSURE
+    choice = compared("lag", errors, none, better)
+    return (0 if choice.chosen == none else lag), [choice]
 
 
 def _choose_levels(

@@ -62,6 +62,15 @@ class Curves:
         rows = np.maximum(np.arange(values.size) - lag, self.first_rows(values.size))
         return np.asarray(values[rows])
 
+    def travelled(self, u: FloatArray, travel: float) -> FloatArray:
+        """Delay inputs (T,) by a travel, in their unit, within each curve, whatever their rate.
+
+        The first input of a curve is used for those before it; others are interpolated linearly.
+        """
+        path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(u)))])
+        places = np.maximum(path - travel, path[self.first_rows(u.size)])
+        return np.asarray(np.interp(places, path, u))
+
     def driven(self, u: FloatArray, levels: Levels, lag: int = 0) -> tuple[FloatArray, IntArray]:
         """Inputs that set the memory before each later curve, and the place of each row in them.
 

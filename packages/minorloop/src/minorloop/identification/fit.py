@@ -74,8 +74,9 @@ class Plane:
     """Whether to fit a memoryless linear part."""
     lag: int | str = "auto"
     """Whole samples by which the output follows the input; ``"auto"`` tries 0 to 20 on the fitted
-    samples, and keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise. A
-    record with times may have a lag in seconds, such as ``"3 ms"``."""
+    samples, and keeps the best if it reduces the error on left-out parts by a fifth, and by a fifth
+    more than a delay by a travel of the input, or to a third; 0 otherwise. A record with times may
+    have a lag in seconds, such as ``"3 ms"``."""
     spacing: Literal["uniform", "adaptive"] = "uniform"
     """Even thresholds, or thresholds that are denser where the output is steep."""
     signed: bool = False

@@ -68,12 +68,7 @@ def read_log(
         Called with the share that has been read, as text.
     """
     with opened(path, progress or (lambda share: None)) as table:
-        found, why = time, ""
-        if time == AUTO:
-            try:
-                found = time_column(table.headers, source=table.file, but=(input, output))
-            except RecordError as error:
-                found, why = None, str(error)
+        found, why = _sought(table, time, (input, output))
         named = {"input": input, "output": output, "time": found}
         headers = _headers(table, {key: name for key, name in named.items() if name is not None})
         deviation = _deviation(table, headers["output"], sd)
@@ -103,9 +98,6 @@ def read_log(
             "of time (--time), by which the input is then interpolated"
         )
     u, y = _usable(columns[input]), columns[output]
-    chosen = (f"time: none, because {why}",) if why else ()
-    if found is not None and time == AUTO:
-        chosen = (f"time: column '{found}'; name another one, or none, with time= (--time)",)
     return Record(
         u,
         y,
@@ -116,8 +108,27 @@ def read_log(
         curves=None if curves is None else columns[curves],
         groups=None if groups is None else columns[groups],
         sd=None if deviation is None else _known_deviations(columns[deviation], y),
-        origin=Origin(check, found, deviation or "", said, chosen, why, rows=kept),
+        origin=Origin(
+            check, found, deviation or "", said, _chosen(time, found, why), why, rows=kept
+        ),
     )
+
+
+def _sought(table: OpenTable, time: Named, others: tuple[str, ...]) -> tuple[str | None, str]:
+    """Return the column of time, if any, and why none of those that were found is."""
+    if time != AUTO:
+        return time, ""
+    try:
+        return time_column(table.headers, source=table.file, but=others), ""
+    except RecordError as error:
+        return None, str(error)
+
+
+def _chosen(time: Named, found: str | None, why: str) -> tuple[str, ...]:
+    """Say which column of time was chosen that nobody named, or why none."""
+    if found is not None and time == AUTO:
+        return (f"time: column '{found}'; name another one, or none, with time= (--time)",)
+    return (f"time: none, because {why}",) if why else ()
 
 
 def _headers(table: OpenTable, named: Mapping[str, str]) -> dict[str, str]:
@@ -217,6 +228,42 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
     with opened(path) as table:
         header = with_unit(time, table.find(time))
         return _checked(table.read([time], dates=[time])[time], header)
+
+
+def with_times(
+    record: Record, path: PathLike, input: str, time: Named, *, strictly: bool, reset: bool
+) -> Record:
+    """Return the inputs of a file with its times, found as by `read_log` where they are used.
+
+    Raises a `RecordError` if the column of time that is named cannot be used.
+
+    Parameters
+    ----------
+    record : Record
+        The inputs, without times.
+    path, input, time
+        The file, the column of its input, and that of its time, as of `read_log`.
+    strictly : bool
+        Whether no time may repeat.
+    reset : bool
+        Whether the memory is reset before each curve, where times may begin anew.
+    """
+    with opened(path) as table:
+        found, why = _sought(table, time, (input,))
+    try:
+        if found is not None:
+            clock, check = read_times(path, found)
+            origin = Origin(with_lost_rows(check, np.asarray(record.u)), found)
+            timed = record.replace(t=check.t, time=clock, origin=origin)
+            timed = timed.with_memory_reset() if reset else timed
+            if timed.check is not None:
+                check_order(path, found, timed.check, strictly=strictly)
+            record = timed
+    except RecordError as error:
+        if time != AUTO:
+            raise
+        found, why = None, str(error)
+    return record.with_origin(chosen=_chosen(time, found, why), why_untimed=why)
 
 
 def _known_deviations(sd: FloatArray, y: Samples) -> FloatArray | None:

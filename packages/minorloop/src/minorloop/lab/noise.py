@@ -86,7 +86,53 @@ def frozen(values: FloatArray) -> FrozenReadings:
     return FrozenReadings(tuple((int(edges[k]), int(edges[k + 1])) for k in long), noise)
 
 
+_CLEAR, _SHARE = 3, 0.02
+"""Steps of the resolution, and share of the range of the readings, by which the readings of two
+holds are apart where the output has moved: by less, its creep may move it."""
 _NONE = (math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Response:
+    """Inputs that moved the output on the way back from a turn, before that way left the last one.
+
+    By congruency and with weights that are not negative, an output that such a way moved is moved
+    wherever the input goes from one end of it to the other (Mayergoyz, Mathematical Models of
+    Hysteresis, 1991), whatever came before.
+    """
+
+    moved: tuple[tuple[float, float], ...] = ()
+    """Lowest and highest input of each such way, none within another."""
+    turns: tuple[float, float] = _NONE
+    """The last two turns of the input, the latest last."""
+    at_turn: tuple[float, float] = _NONE
+    """Lowest and highest reading of the end of the hold there."""
+    level: float = math.nan
+    """The latest input."""
+    ends: tuple[float, float] = _NONE
+    """Lowest and highest reading of the end of its hold."""
+
+    def after(self, level: float, known: FloatArray, clear: float) -> Response:
+        """Return what is known after one more hold.
+
+        ``level``: its input; ``known`` (T,): its readings; ``clear``: change of the readings from
+        which the output has moved, in their unit.
+        """
+        ends = _widened(_NONE, known[known.size // 2 :])
+        turns, at_turn, moved = self.turns, self.at_turn, self.moved
+        if (level - self.level) * (self.level - turns[1]) <= 0 or math.isnan(turns[1]):
+            turns, at_turn = (turns[1], self.level), self.ends
+        way = min(level, turns[1]), max(level, turns[1])
+        apart = max(ends[0] - at_turn[1], at_turn[0] - ends[1])
+        inside = abs(level - turns[1]) <= abs(turns[0] - turns[1])
+        if inside and apart >= clear > 0 and not self.reaches(way):
+            wider = [one for one in moved if not (one[0] <= way[0] and way[1] <= one[1])]
+            moved = (*wider, way)
+        return Response(moved, turns, at_turn, level, ends)
+
+    def reaches(self, inputs: tuple[float, float]) -> bool:
+        """Whether inputs from the lowest to the highest have moved the output before."""
+        return any(inputs[0] <= low and high <= inputs[1] for low, high in self.moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +147,8 @@ class RepeatedReadings:
       show how coarse it is;
     - or where it is `frozen`, and not at an extreme of its readings, as a saturated one is.
 
-    Holds without any reading count as holds of the same reading.
+    It is dead where fewer of these inputs moved the output before. Holds without any reading count
+    as holds of the same reading, and as dead.
     """
 
     range: tuple[float, float]
@@ -112,14 +159,17 @@ class RepeatedReadings:
     """How many holds in a row repeat it."""
     inputs: tuple[float, float] = (0.0, 0.0)
     """Lowest and highest input of these holds, in its unit; zeros before the first."""
-    verdict: Literal["faulty", "suspect", ""] = ""
-    """``faulty``, ``suspect`` where the inputs reach across half of the range only, or empty."""
+    verdict: Literal["dead", "faulty", "suspect", ""] = ""
+    """``dead``, ``faulty``, ``suspect`` where the inputs reach across half of the range only, or
+    empty."""
     repeated: int = 0
     """Readings of these holds, beside those of the first."""
     extremes: tuple[float, float] = _NONE
     """Lowest and highest reading before."""
     latest: tuple[FloatArray, ...] = ()
     """Tuple of (T,) arrays. Readings of the latest holds that did not repeat the hold before."""
+    response: Response = field(default_factory=Response)
+    """What moved the output before."""
 
     @classmethod
     def of_plan(cls, levels: FloatArray) -> RepeatedReadings:
@@ -138,13 +188,17 @@ class RepeatedReadings:
         reach = _widened(self.range, level)
         values = np.unique(known) if known.size else np.array([math.nan])
         if values.size > 1 or not np.array_equal(values, self.readings, equal_nan=True):
+            latest = (*self.latest, known)[-_LATEST:]
+            extremes = _widened(self.extremes, known)
+            clear = max(_CLEAR * _resolution(latest), _SHARE * float(np.ptp(extremes)))
             return RepeatedReadings(
                 range=reach,
                 readings=values,
                 holds=1,
                 inputs=(level, level),
-                extremes=_widened(self.extremes, known),
-                latest=(*self.latest, known)[-_LATEST:],
+                extremes=extremes,
+                latest=latest,
+                response=self.response.after(level, known, clear),
             )
         now = replace(
             self,
@@ -152,7 +206,10 @@ class RepeatedReadings:
             holds=self.holds + 1,
             inputs=_widened(self.inputs, level),
             repeated=self.repeated + known.size,
+            response=self.response.after(level, known, math.inf),
         )
+        if not known.size or now.response.reaches(now.inputs):
+            return replace(now, verdict="dead")
         faulty = now._is_across(_ACROSS) or now._is_frozen()
         suspect = now._is_across(_SUSPECT)
         return replace(now, verdict="faulty" if faulty else "suspect" if suspect else "")
@@ -161,12 +218,10 @@ class RepeatedReadings:
         change, whole = np.ptp(self.inputs), np.ptp(self.range)
         if not change or change < share * whole:
             return False
-        before = np.concatenate(self.latest)
-        steps = np.abs(np.diff(before))
-        steps = steps[steps > 0]
-        if not steps.size:
+        step = _resolution(self.latest)
+        if not step:
             return bool(share < _ACROSS or change == whole)
-        return bool(np.ptp(before) >= _STEPS * np.quantile(steps, _FINE))
+        return bool(np.ptp(np.concatenate(self.latest)) >= _STEPS * step)
 
     def _is_frozen(self) -> bool:
         before = np.concatenate(self.latest)
@@ -175,6 +230,13 @@ class RepeatedReadings:
         runs = frozen(values).runs
         inside = self.extremes[0] < self.readings[0] < self.extremes[1]
         return bool(inside and runs and runs[-1][1] == values.size and np.ptp(self.inputs))
+
+
+def _resolution(readings: tuple[FloatArray, ...]) -> float:
+    """Return the resolution of readings of holds, in their unit; 0 where no two differ."""
+    steps = np.abs(np.diff(np.concatenate(readings)))
+    steps = steps[steps > 0]
+    return float(np.quantile(steps, _FINE)) if steps.size else 0.0
 
 
 def _widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:

@@ -375,7 +375,8 @@ def _warning(
 ) -> str:
     """Return a warning if the sensor begins to look faulty; raise an error if it did before.
 
-    The first hold at an end of the range may be the one before the actuator moves.
+    The first hold at an end of the range may be the one before the actuator moves. How far the
+    inputs go does not count where the sensor is dead.
     """
     if not now.verdict:
         return ""
@@ -391,7 +392,8 @@ def _warning(
     )
     width = channel.high - channel.low
     far = not math.isfinite(width) or high - low >= _FAR * width * (1 - ROUNDING)
-    if before.verdict == now.verdict == "faulty" and far:
+    sure = now.verdict == "dead" or (before.verdict == now.verdict == "faulty" and far)
+    if before.verdict and sure:
         raise InstrumentError(said)
     return "" if before.verdict else said
 
