@@ -41,8 +41,6 @@ _INTERVALS = 2.0
 """The default time constant of the filter of an inverse is at least this share of the fastest time
 constant, and this many sampling intervals. A choice: the input stays smooth from sample to
 sample."""
-_FREQUENCIES = 400
-"""Frequencies at which the gain is compared with the error of the model: about 2 % apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,7 +371,8 @@ def _time_of_gain(linear: Linear, least: float) -> float:
     if linear.dc_gain == 0:
         return 0.0
     times = linear.time_constants
-    omega = np.geomspace(1e-2 / times[0], 1e3 / times[-1], _FREQUENCIES)
+    # Frequencies at which the gain is compared with the error of the model: about 2 % apart
+    omega = np.geomspace(1e-2 / times[0], 1e3 / times[-1], 400)
     gain = np.abs(linear.response(omega / (2 * np.pi)) / linear.dc_gain)
     above = np.flatnonzero(gain >= least)
     return float(1 / omega[above[-1]]) if above.size else float(times[0])

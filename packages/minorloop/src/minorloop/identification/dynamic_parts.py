@@ -22,8 +22,6 @@ _FEWEST = 100
 """Measured outputs below which dynamics are not identified."""
 _FASTEST, _PLAUSIBLE = 0.3, 0.5
 """Shortest time constant of a search, and shortest plausible one, in sampling intervals."""
-_NEXT_POLE = 0.3
-"""Time constant with which another pole is tried, over that of the fastest so far."""
 _INTERVALS, _AMPLIFIED = 1.0, 10.0
 """The filter of the inverse: its shortest time constant in sampling intervals, and the factor by
 which F / G amplifies noise at most."""
@@ -249,7 +247,8 @@ class DynamicParts:
         no dead time.
         """
         if self.poles:
-            fast = _NEXT_POLE * float(self.time_constants[-1])
+            # Time constant with which another pole is tried, over that of the fastest so far
+            fast = 0.3 * float(self.time_constants[-1])
             delay = max(self.delay - fast / self.interval, 0.0)
         else:
             fast, delay = self.interval * max(self.delay, 1.0), 0.5

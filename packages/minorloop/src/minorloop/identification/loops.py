@@ -10,8 +10,6 @@ _TOLERANCE = 0.01
 """Distance from its beginning, over the width of the loop, at which a loop counts as closed."""
 _GAP = 0.1
 """The same for the last sample of an input that passes the beginning between two samples."""
-_NARROWEST = 0.02
-"""Width of a loop over the range of the input below which it is not counted."""
 _FEWEST = 8
 """Samples below which the area of a loop is not known."""
 
@@ -40,7 +38,8 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
         In the order in which the loops close.
     """
     low, high = float(u.min()), float(u.max())
-    near, narrowest = _TOLERANCE * (high - low), _NARROWEST * (high - low)
+    # Width of a loop over the range of the input below which it is not counted
+    near, narrowest = _TOLERANCE * (high - low), 0.02 * (high - low)
     found = []
     for first, last in curves.parts(u.size):
         part = writable(u[first:last])

@@ -37,9 +37,6 @@ from minorloop.lab.timebase import (
 )
 from minorloop.operators.memory import Start, StartOfCurve
 
-_MOST_NEW = 4
-"""Largest ratio of the lengths of a record after and before it is sampled evenly."""
-
 
 @dataclass(frozen=True)
 class Quantity:
@@ -488,7 +485,8 @@ class Record(Drawn):
         if check is None or (not check.breaks.size and check.uneven == 0):
             return self
         duration = float(self.t[-1] - self.t[0])
-        if duration > _MOST_NEW * len(self) * check.interval:
+        # Largest ratio of the lengths of a record after and before it is sampled evenly
+        if duration > 4 * len(self) * check.interval:
             return self.with_known_memory()
         y = np.where(self._known, self.y, np.nan)
         measured = np.count_nonzero(np.isfinite(y))
