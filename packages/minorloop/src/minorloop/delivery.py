@@ -119,10 +119,8 @@ class Delivery(Chooser):
     def check(self, channel: Channel) -> None:
         """Refuse targets that the actuator never reaches, before anything is applied.
 
-        Raises
-        ------
-        ParameterError, UnreachableError
-            As `TargetDrive.check`, for the settled model.
+        Raises a `ParameterError` or an `UnreachableError` as `TargetDrive.check`, for the settled
+        model.
         """
         TargetDrive(self.model.settled, self.targets, self.saturation).check(channel)
 

@@ -193,12 +193,8 @@ class Chooser:
 class TargetDrive(Chooser):
     """Chooses the inputs that bring an actuator to targets.
 
-    Raises
-    ------
-    ParameterError
-        If a parameter is out of range.
-    NotInvertibleError
-        If the model has no exact inverse.
+    Raises a `ParameterError` if a parameter is out of range; a `NotInvertibleError` if the model
+    has no exact inverse.
     """
 
     model: Any

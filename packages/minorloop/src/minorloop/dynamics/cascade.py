@@ -176,15 +176,13 @@ class Cascade:
     def sampled(self, interval: float) -> Cascade:
         """Return the cascade with a sampled linear part; dead time becomes whole intervals.
 
+        Raises a `ParameterError` if the linear part is sampled at another interval, or the interval
+        is not positive.
+
         Parameters
         ----------
         interval : float
             Seconds between samples.
-
-        Raises
-        ------
-        ParameterError
-            If the linear part is sampled at another interval, or the interval is not positive.
         """
         step = as_seconds("interval", interval)
         ahead = None if self.ahead is None else _sampled(self.ahead, step)
@@ -252,6 +250,9 @@ class Cascade:
         sampled system, count as dead time. Other parameters and errors are those of
         `TimedModel.invert`; ``start`` and ``before`` are as of `simulate`.
 
+        Raises a `NotInvertibleError` if the linear part is unstable or has slow zeros with a real
+        part >= 0, the creep has no prompt part, or the operator is not monotone.
+
         Parameters
         ----------
         filter_time : float, optional
@@ -260,12 +261,6 @@ class Cascade:
             of the frequency from which the gain of G is below ``noise``.
         between : {"straight", "held"}
             How the input will be applied between samples, as in `Linear.simulate`.
-
-        Raises
-        ------
-        NotInvertibleError
-            If the linear part is unstable or has slow zeros with a real part >= 0, the creep has no
-            prompt part, or the operator is not monotone.
         """
         times, wanted = as_waveform(t, targets, name="targets")
         linear = _invertible(self.linear)

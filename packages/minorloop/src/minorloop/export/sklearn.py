@@ -81,22 +81,15 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def fit(self, X: Any, y: Any) -> PreisachRegressor:
         """Identify the operator.
 
-        Parameters
-        ----------
-        X : (T, columns) array_like
-            Inputs, in the order of time.
-        y : (T,) array_like
-            Outputs.
+        Raises a `ParameterError` or a `SignalError` as for `minorloop.identify`; both are
+        ValueErrors.
+
+        ``X`` (T, columns): inputs, in the order of time; ``y`` (T,): outputs.
 
         Returns
         -------
         PreisachRegressor
             This object.
-
-        Raises
-        ------
-        ParameterError, SignalError
-            As for `minorloop.identify`; both are ValueErrors.
         """
         X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         check_option("predict_from", self.predict_from, ("start", "end"))
@@ -113,10 +106,7 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def predict(self, X: Any) -> FloatArray:
         """Return the outputs for inputs in the order of time.
 
-        Parameters
-        ----------
-        X : (T, columns) array_like
-            Inputs.
+        ``X`` (T, columns): inputs.
 
         Returns
         -------

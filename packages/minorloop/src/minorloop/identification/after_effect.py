@@ -152,14 +152,9 @@ class Viscosity:
     ) -> AfterEffectIdentification:
         """Identify the weights and the law of their change, as `minorloop.identify`.
 
-        Raises
-        ------
-        SignalError
-            If times do not increase, too few outputs are finite, or input or output never change;
-            if ``rate`` is asked for and the record has one rate only, or a spectrum and there is no
-            hold.
-        ParameterError
-            If an option is out of its range.
+        Raises a `SignalError` if times do not increase, too few outputs are finite, or input or
+        output never change; if ``rate`` is asked for and the record has one rate only, or a
+        spectrum and there is no hold; a `ParameterError` if an option is out of its range.
         """
         used, told = samples_in_time(record)
         if isinstance(prior, Gaussian):

@@ -80,6 +80,8 @@ def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepR
     The record is cut into its steps; each is scaled by its own settled change, and all of one
     direction are fitted together as `arx` does it.
 
+    Raises a `SignalError` as `arx`; also if no step moves the output.
+
     Parameters
     ----------
     t : (T,) array_like
@@ -91,11 +93,6 @@ def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepR
     -------
     StepResponse
         None for a direction of which there is no step.
-
-    Raises
-    ------
-    SignalError
-        As `arx`; also if no step moves the output.
     """
     record = as_sampled((t, u, y))
     steps = steps_in(record)

@@ -87,12 +87,8 @@ class Dynamics:
     ) -> DynamicIdentification:
         """Identify operator and dynamics, as `minorloop.identify`.
 
-        Raises
-        ------
-        SignalError
-            As `minorloop.identify`; if fewer than 100 outputs are fitted.
-        ParameterError
-            If an option is out of its range, or the record has labels or no times.
+        Raises a `SignalError` as `minorloop.identify`; if fewer than 100 outputs are fitted; a
+        `ParameterError` if an option is out of its range, or the record has labels or no times.
         """
         even, told = moving_samples(record)
         first, poles, creep = self.first, self.poles, self.creep

@@ -321,15 +321,12 @@ class Record(Drawn):
     def only(self, first: int | None, last: int | None) -> Record:
         """Return the record of which some rows are used: from ``first`` up to but not ``last``.
 
+        Raises a `ParameterError` if there are no such rows.
+
         Parameters
         ----------
         first, last : int, optional
             Counted from 0, or from the end if negative, as in a slice; None for the ends.
-
-        Raises
-        ------
-        ParameterError
-            If there are no such rows.
         """
         total = len(self)
         rows = [
@@ -501,15 +498,12 @@ class Record(Drawn):
     def without_lag(self, lag: float) -> Record:
         """Return the record with each output ``lag`` seconds after its input.
 
+        Raises a `ParameterError` if the record has no time.
+
         Parameters
         ----------
         lag : float
             In seconds, >= 0.
-
-        Raises
-        ------
-        ParameterError
-            If the record has no time.
         """
         record, check = self.with_known_memory(), self.check
         if check is None:
@@ -524,15 +518,12 @@ class Record(Drawn):
     def joined(cls, records: Sequence[Record]) -> Record:
         """Join records that follow each other on the same clock.
 
+        Raises a `RecordError` if there is none, their channels differ, or time runs backwards.
+
         Parameters
         ----------
         records : sequence of Record
             In the order of their times.
-
-        Raises
-        ------
-        RecordError
-            If there is none, their channels differ, or time runs backwards.
         """
         if not records:
             raise RecordError("there is no record to join; give at least one")

@@ -228,10 +228,7 @@ class AfterEffect(ByValue, Drawn):
     def require_monotone(self) -> None:
         """Refuse a model that cannot be inverted.
 
-        Raises
-        ------
-        NotInvertibleError
-            If it is not monotone.
+        Raises a `NotInvertibleError` if it is not monotone.
         """
         if not self.monotone:
             raise NotInvertibleError(

@@ -106,16 +106,13 @@ class PrandtlIshlinskii(ByValue, Drawn):
     def positions(self, start: PlayStart) -> FloatArray:
         """Return the (n,) play positions of a start state; infinite for both saturations.
 
+        Raises a `ParameterError` if the name is unknown, or no input leads to these positions:
+        neighbours lie no further apart than the difference of their radii.
+
         Parameters
         ----------
         start : {"negative", "positive", "demagnetised"} or (n,) array_like
             Positions of the plays before the first input, or a state by name.
-
-        Raises
-        ------
-        ParameterError
-            If the name is unknown, or no input leads to these positions: neighbours lie no further
-            apart than the difference of their radii.
         """
         if isinstance(start, str):
             names = ("negative", "positive", "demagnetised", "relaxed")

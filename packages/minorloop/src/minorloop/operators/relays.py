@@ -86,15 +86,12 @@ class RelayModel(ByValue, Drawn):
         reached the upper end of band i, off when it has fallen to the lower end of band j. The
         column at the lowest level is empty, because its relays never switch off.
 
+        Raises a `ParameterError` if the model has a slope, which relays cannot represent.
+
         Parameters
         ----------
         model : Preisach
             Its levels become those of the relays.
-
-        Raises
-        ------
-        ParameterError
-            If the model has a slope, which relays cannot represent.
         """
         if model.slope:
             raise ParameterError(
@@ -115,6 +112,9 @@ class RelayModel(ByValue, Drawn):
         SWNT-reinforced polyaniline fibres, Eq. 3. The relay at the lowest level is always on: its
         weight is the offset.
 
+        Raises a `SignalError` if lengths differ, or an input or output never changes; a
+        `ParameterError` if an input is below the lowest level.
+
         Parameters
         ----------
         u : (T,) array_like
@@ -125,13 +125,6 @@ class RelayModel(ByValue, Drawn):
             Thresholds.
         signed : bool
             Whether weights may be negative.
-
-        Raises
-        ------
-        SignalError
-            If lengths differ, or an input or output never changes.
-        ParameterError
-            If an input is below the lowest level.
         """
         from scipy.optimize import nnls
 
