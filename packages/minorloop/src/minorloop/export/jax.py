@@ -102,10 +102,6 @@ def as_model(
     Raises a `ParameterError` if the model is of another kind, or a parameter is not finite.
 
     ``model``: the model given to `as_function`; ``parameters``: learned parameters.
-
-    Returns
-    -------
-    Preisach or PrandtlIshlinskii
     """
     _operator(model, "negative")
     known = {name: np.asarray(value, dtype=np.float64) for name, value in parameters.items()}

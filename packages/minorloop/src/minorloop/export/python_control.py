@@ -59,10 +59,6 @@ def as_system(
         for a cascade.
     name, input, output : str
         Names of the system and its signals.
-
-    Returns
-    -------
-    control.NonlinearIOSystem
     """
     if interval is not True and not as_finite("interval", interval) > 0:
         raise ParameterError(f"interval is {interval!r} s; give a positive time, or True")

@@ -284,15 +284,11 @@ def longest_hold(t: FloatArray, u: FloatArray, curves: Curves) -> float:
 
 
 def isolated_long(steps: FloatArray) -> BoolArray:
-    """Return which intervals are far longer than those before and those after.
+    """(N,) which intervals are far longer than those before and those after.
 
     Where the rate of a record changes, intervals are as long as those on one side.
 
     ``steps`` (N,): intervals in seconds.
-
-    Returns
-    -------
-    (N,) array of bool
     """
     if steps.size < 2:
         return np.zeros(steps.size, dtype=np.bool_)

@@ -77,6 +77,8 @@ def arx(
 def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepResponse:
     """Identify the unit step response, separately for rising and falling output.
 
+    The fit of a direction of which there is no step is None.
+
     The record is cut into its steps; each is scaled by its own settled change, and all of one
     direction are fitted together as `arx` does it.
 
@@ -88,11 +90,6 @@ def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepR
         Evenly spaced times in seconds.
     u, y : (T,) array_like
         Input in holds, and output. At the end of each hold the plant is at rest.
-
-    Returns
-    -------
-    StepResponse
-        None for a direction of which there is no step.
     """
     record = as_sampled((t, u, y))
     steps = steps_in(record)

@@ -35,6 +35,8 @@ def polynomial_nrmse(
 ) -> float:
     """Error of the best polynomial of degree 1 to 7 of the input delayed by 0 to 20 samples.
 
+    It is the root-mean-square error over the range of the scored output.
+
     Parameters
     ----------
     u, y : (T,) arrays
@@ -45,11 +47,6 @@ def polynomial_nrmse(
         Samples that it is scored on.
     curves : Curves, optional
         Parts of the record within which the input is delayed.
-
-    Returns
-    -------
-    float
-        Root-mean-square error over the range of the scored output.
     """
     centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
     x = (u - centre) / half

@@ -15,7 +15,7 @@ _FEWEST = 8
 
 
 def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
-    """Return the first and last samples of the closed loops of an input.
+    """(C, 2) first and last samples of the closed loops of an input, in the order of closing.
 
     A loop begins at a turning point of the input and closes where the input comes back to it.
     Before a loop closes, smaller ones may close within it. The first sample of a curve is a turning
@@ -31,11 +31,6 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
         Samples with an output.
     curves : Curves
         Parts of the record, each with its own loops.
-
-    Returns
-    -------
-    (C, 2) array of int
-        In the order in which the loops close.
     """
     low, high = float(u.min()), float(u.max())
     # Width of a loop over the range of the input below which it is not counted

@@ -372,13 +372,9 @@ class Identification(Fit[Preisach]):
         return replace(found, sd=sd)
 
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
-        """Standard deviation of predicted readings along the record, sensor noise included.
+        """(M,) standard deviations of predicted readings along the record, sensor noise included.
 
         ``samples`` (M,) of int: which samples, in increasing order.
-
-        Returns
-        -------
-        (M,) array
         """
         return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))[0]
 

@@ -214,16 +214,11 @@ def at_every_amplitude(
 ) -> tuple[list[float], str]:
     """Return the frequencies that sines have at every amplitude, and a note about the others.
 
+    The frequencies increase; the note says which are left out, and is empty if none.
+
     Raises a `SignalError` if there is no such frequency.
 
     ``frequencies`` and ``amplitudes`` (N,): frequency in Hz and amplitude of each sine.
-
-    Returns
-    -------
-    frequencies : list of float
-        In increasing order.
-    note : str
-        Which are left out; empty if none.
     """
     levels, place = _grouped(amplitudes)
     known = set(zip(place, frequencies, strict=True))

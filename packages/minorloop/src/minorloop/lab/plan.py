@@ -265,15 +265,12 @@ class Plan:
     def slowed(self, seconds: float) -> Plan:
         """Return the same plan with a sample interval and a window for a slow meter.
 
+        It is this plan if the meter is fast enough, or too slow for any interval.
+
         Parameters
         ----------
         seconds : float
             How long the meter takes for one reading.
-
-        Returns
-        -------
-        Plan
-            This plan if the meter is fast enough, or too slow for any interval.
         """
         brief = float(self.longest.min())
         if self.sines or not self.sample_interval < seconds <= brief / (1.1 * _ENOUGH):

@@ -172,14 +172,11 @@ class RelayModel(ByValue, Drawn):
     def stepping_inverse(self, targets: npt.ArrayLike, start: RelayStart = "negative") -> Inversion:
         """Move the input level by level until the output passes each target.
 
+        Inputs are level values; a target that no level reaches is marked unreachable.
+
         This is the search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6; it stops at the last
         level. It overshoots by up to one level; `Preisach.invert` is exact. Targets are as of
         `Preisach.invert`, the start is as of `states`.
-
-        Returns
-        -------
-        Inversion
-            Inputs are level values; a target that no level reaches is marked unreachable.
         """
         wanted, memory = as_signal(targets, name="targets"), self._start(start)
         u, y = np.empty_like(wanted), np.empty_like(wanted)
