@@ -32,7 +32,7 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point
 from minorloop.operators.relays import RelayModel
 
-SURE = 2.0
+_SURE = 2.0
 """An error below this many standard deviations of the measured value is not corrected."""
 
 _SLOWEST, _STEEPEST = 0.5, 10.0
@@ -118,7 +118,7 @@ class DriveResult:
         return [
             index
             for index, arrival in enumerate(self.arrivals)
-            if abs(arrival.error) > max(self.allowed, SURE * arrival.sd)
+            if abs(arrival.error) > max(self.allowed, _SURE * arrival.sd)
         ]
 
     @property
@@ -374,7 +374,7 @@ class TargetDrive(Chooser):
         target = float(self.targets[len(state.arrivals)])
         achieved = point.value - (0.0 if self.absolute else state.offset)
         error = achieved - target
-        near = abs(error) <= max(self.within, SURE * point.sd)
+        near = abs(error) <= max(self.within, _SURE * point.sd)
         if not near and self.corrections:
             if np.isfinite(error):
                 state.correct(error, achieved, float(predicted))

@@ -50,7 +50,7 @@ def serve(
     listener = Listener(how.listening, limits)
     config = uvicorn.Config(
         _Marking(app, listener),
-        http=Http,
+        http=_Http,
         ws=Sockets,
         log_level="warning",
         access_log=False,
@@ -97,7 +97,7 @@ class _Marking:
             await self._app(scope, receive, send)
 
 
-class Http(H11Protocol):
+class _Http(H11Protocol):
     """HTTP protocol that answers a bad request with a sentence before it closes the connection."""
 
     _refused = False
