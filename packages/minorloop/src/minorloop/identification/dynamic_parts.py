@@ -32,9 +32,6 @@ of each; blocks are long, because neighbouring errors are alike."""
 _VISITED = 0.9
 """Share of the range between the least and greatest input so far above which the memory is known.
 A threshold beyond the range of the record is passed once for all, so both ends count."""
-_MOST_UNKNOWN = 0.25
-"""Largest share of the rows that may count as a start-up: a record that takes longer to its
-extremes is needed as it is."""
 
 Logarithms: TypeAlias = tuple[float, ...]
 
@@ -103,7 +100,9 @@ class DynamicRecord:
         above, below = np.maximum.accumulate(self.u), np.minimum.accumulate(self.u)
         known = above - below >= _VISITED * (high - low)
         rows = int(np.argmax(known))
-        few = np.count_nonzero(self.fitted[:rows]) <= _MOST_UNKNOWN * np.count_nonzero(self.fitted)
+        # Largest share of the rows that may count as a start-up: a record that takes longer to its
+        # extremes is needed as it is
+        few = np.count_nonzero(self.fitted[:rows]) <= 0.25 * np.count_nonzero(self.fitted)
         return rows if few else 0
 
     def without(self, rows: int) -> DynamicRecord:

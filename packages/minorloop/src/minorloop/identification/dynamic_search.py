@@ -21,9 +21,6 @@ _ONE_SIDE, _BOTH_SIDES = 3, 2
 """Most poles on one side of the operator, without others on the other side and with them."""
 _CHANCE = 0.001
 """Probability with which chance alone may look like the gain of another parameter."""
-_REPLACED = 0.5
-"""Ratio of dead times, of which the longer one has more than a sample, below which poles take the
-place of dead time."""
 _BETTER, _BETTER_WITH_CREEP = 0.98, 0.8
 """Ratio of the errors below which another parameter is worth it, and creep, which has several and
 follows other slow errors too."""
@@ -131,7 +128,9 @@ def near(one: Found, chosen: Found) -> bool:
     """
     pairs = zip(one.dynamics.structure, chosen.dynamics.structure, strict=True)
     other, own = one.dynamics.delay, chosen.dynamics.delay
-    differs = any(a < b for a, b in pairs) or (own > 1 and other < _REPLACED * own)
+    # Ratio of dead times, of which the longer one has more than a sample, below which poles take
+    # the place of dead time
+    differs = any(a < b for a, b in pairs) or (own > 1 and other < 0.5 * own)
     return differs and not better(chosen, one)
 
 

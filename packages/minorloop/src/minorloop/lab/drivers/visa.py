@@ -34,8 +34,6 @@ _UNANSWERED = (
     "{} answers nothing, so it cannot confirm that it is safe; check it at the end of the run, or "
     "give confirm, errors, safe_query or done"
 )
-_MOST_ERRORS = 30
-"""Most errors in the queue of an instrument."""
 _NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 
 
@@ -244,7 +242,7 @@ class ScpiSource:
     def _ask_for_errors(self, query: str) -> None:
         """Empty the queue of errors; raise the first, which may be older than this command."""
         first = found = self._link.ask(query)
-        for _ in range(_MOST_ERRORS):
+        for _ in range(30):  # most errors in the queue of an instrument
             if _NO_ERROR.match(found) is not None:
                 break
             found = self._link.ask(query)
