@@ -107,10 +107,7 @@ def refuse_unreachable(
 ) -> None:
     """Refuse targets that are out of reach.
 
-    Raises
-    ------
-    UnreachableError
-        The message names the first of them.
+    Raises an `UnreachableError` that names the first of them.
     """
     if reachable.all():
         return

@@ -102,10 +102,7 @@ def damaged(why: str) -> ParameterError:
 def check_within(values: FloatArray, low: FloatArray, high: FloatArray, what: str) -> None:
     """Refuse values outside bounds of the physics, except for rounding.
 
-    Raises
-    ------
-    ParameterError
-        The message names the first of them.
+    Raises a `ParameterError` that names the first of them.
     """
     slack = 1e-9 * (high - low)
     outside = (values < low - slack) | (values > high + slack)

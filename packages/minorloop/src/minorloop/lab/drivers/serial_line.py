@@ -215,10 +215,8 @@ class Board(BoardLine):
     def safe(self) -> None:
         """Go to the safe input.
 
-        Raises
-        ------
-        InstrumentError
-            If the board does not confirm. Without questions it goes there after its patience.
+        Raises an `InstrumentError` if the board does not confirm. Without questions it goes there
+        after its patience.
         """
         self._on = False
         self._ask("SAFE")

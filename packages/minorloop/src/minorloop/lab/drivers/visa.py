@@ -205,10 +205,7 @@ class ScpiSource:
         are done. If earlier answers missed their deadline, the question is repeated as often, so
         that a late answer does not count for this question.
 
-        Raises
-        ------
-        InstrumentError
-            The first error, or if the answer is not as required.
+        Raises the first error, or an `InstrumentError` if the answer is not as required.
         """
         try:
             all_done(partial(self._link.send, line) for line in self._commands.safe)
