@@ -22,7 +22,7 @@ from minorloop.lab.records import Record
 from minorloop.operators.differential import BoucWen
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.report import Table
-from minorloop.twins import bouc_wen as plant
+from papers import bouc_wen as plant
 from papers.drawing import Paint, draw, panel
 from papers.harness import Results, Study, rms
 

@@ -1,7 +1,6 @@
 import pytest
 
-from minorloop.twins import bouc_wen
-from papers import benchmark
+from papers import benchmark, bouc_wen
 from papers.claims import claim_table
 
 

@@ -41,7 +41,7 @@ class ByValue:
 
 
 def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Samples:
-    """Return a signal as a C-ordered float64 array; refuse others.
+    """Return a signal (T,) or (S, T) as a C-ordered float64 array; refuse others.
 
     Raises a `SignalError` if the values are not numbers, have another shape, or are not finite.
 
@@ -53,10 +53,6 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
         Name of the signal in an error message.
     gaps : bool
         Whether NaN is allowed; it marks a sample that was not measured.
-
-    Returns
-    -------
-    (T,) or (S, T) array
     """
     if isinstance(values, np.ma.MaskedArray):  # masked samples were not measured
         values = np.ma.filled(values.astype(np.float64), np.nan)

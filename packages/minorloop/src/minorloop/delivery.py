@@ -29,17 +29,11 @@ from minorloop.lab.plan import FEWEST, Plan
 from minorloop.lab.store import Point
 from minorloop.operators.after_effect import AfterEffect, TimedTracker
 
-SETTLING_TIMES = 5.0
-"""Time constants in saturation: less than 1 % of the slowest creep is left."""
 _MOST_INTERVALS = 10_000
 """Most intervals of a delivery: the inputs so far are simulated anew before each."""
 _REMEDY = "give longer intervals (--every), in which more can be reached"
 _SAMPLES = 4 * FEWEST
 """Samples of an interval; the output at its end is that of a line through the last quarter."""
-_NO_GAP = 1e-9
-"""Time between two holds, over the second, that is rounding."""
-_ANY_SLOPE = 1e300
-"""Slope of a settled output of the plan: an interval ends after its time, not before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +94,8 @@ class Delivery(Chooser):
     def settling(self) -> float:
         """Seconds in saturation."""
         slowest = max([self.model.settling, *self.model.times], default=0.0)
-        return max(SETTLING_TIMES * slowest, 2 * self.hold)
+        # Time constants in saturation: less than 1 % of the slowest creep is left
+        return max(5.0 * slowest, 2 * self.hold)
 
     def plan(self, *, input: str) -> Plan:
         """Return the plan of a run: the saturation, then intervals whose inputs are open.
@@ -115,7 +110,8 @@ class Delivery(Chooser):
             holds,
             shortest=holds,
             window=FEWEST * interval,
-            tolerance=_ANY_SLOPE,
+            # Slope of a settled output of the plan: an interval ends after its time, not before
+            tolerance=1e300,
             sample_interval=interval,
             input=input,
         )
@@ -123,10 +119,8 @@ class Delivery(Chooser):
     def check(self, channel: Channel) -> None:
         """Refuse targets that the actuator never reaches, before anything is applied.
 
-        Raises
-        ------
-        ParameterError, UnreachableError
-            As `TargetDrive.check`, for the settled model.
+        Raises a `ParameterError` or an `UnreachableError` as `TargetDrive.check`, for the settled
+        model.
         """
         TargetDrive(self.model.settled, self.targets, self.saturation).check(channel)
 
@@ -182,4 +176,5 @@ def _gap(before: Point, point: Point | None = None) -> float:
     if point is None:
         return 0.0
     gap = point.t - before.t - point.held
-    return gap if gap > _NO_GAP * point.held else 0.0
+    # Time between two holds, over the second, that is rounding
+    return gap if gap > 1e-9 * point.held else 0.0

@@ -32,7 +32,7 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point
 from minorloop.operators.relays import RelayModel
 
-SURE = 2.0
+_SURE = 2.0
 """An error below this many standard deviations of the measured value is not corrected."""
 
 _SLOWEST, _STEEPEST = 0.5, 10.0
@@ -44,12 +44,8 @@ _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
 sensor or its conversion is wrong."""
 ALLOWED_ERRORS, LEAST_ALLOWED = 3.0, 0.05
 """Errors of the model, and share of its range, up to which an error is never a missed target."""
-_LARGE_OFFSET = 0.25
-"""Share of the model's range from which an offset of the sensor is worth a word."""
-_TELLING = 0.1
-"""Share of the model's range that the predicted outputs must span for that gain to count."""
 _CLEAR = 10.0
-"""Standard deviations of a measured value that they must span too."""
+"""Standard deviations of a measured value that predicted outputs must span."""
 
 
 class MismatchError(InstrumentError):
@@ -118,7 +114,7 @@ class DriveResult:
         return [
             index
             for index, arrival in enumerate(self.arrivals)
-            if abs(arrival.error) > max(self.allowed, SURE * arrival.sd)
+            if abs(arrival.error) > max(self.allowed, _SURE * arrival.sd)
         ]
 
     @property
@@ -128,7 +124,8 @@ class DriveResult:
 
     def _about_offset(self) -> list[str]:
         share = abs(self.offset) / self.width
-        if not share > _LARGE_OFFSET:
+        # Share of the model's range from which an offset of the sensor is worth a word
+        if not share > 0.25:
             return []
         return [
             f"the sensor reads {self.offset:+.4g} more than the model in saturation, which is "
@@ -193,12 +190,8 @@ class Chooser:
 class TargetDrive(Chooser):
     """Chooses the inputs that bring an actuator to targets.
 
-    Raises
-    ------
-    ParameterError
-        If a parameter is out of range.
-    NotInvertibleError
-        If the model has no exact inverse.
+    Raises a `ParameterError` if a parameter is out of range; a `NotInvertibleError` if the model
+    has no exact inverse.
     """
 
     model: Any
@@ -337,7 +330,8 @@ class TargetDrive(Chooser):
         x, y = x - x.mean(), y - y.mean()
         noise = max((point.sd for point in points if np.isfinite(point.sd)), default=0.0)
         whole = self._width if np.isfinite(self._width) else float(np.ptp(self.targets))
-        if np.ptp(x) <= max(_TELLING * whole, _CLEAR * noise):
+        # Share of the model's range that the predicted outputs must span for that gain to count
+        if np.ptp(x) <= max(0.1 * whole, _CLEAR * noise):
             return
         gain = float(x @ y / (x @ x))
         if _LEAST_GAIN <= gain <= _MOST_GAIN:
@@ -378,7 +372,7 @@ class TargetDrive(Chooser):
         target = float(self.targets[len(state.arrivals)])
         achieved = point.value - (0.0 if self.absolute else state.offset)
         error = achieved - target
-        near = abs(error) <= max(self.within, SURE * point.sd)
+        near = abs(error) <= max(self.within, _SURE * point.sd)
         if not near and self.corrections:
             if np.isfinite(error):
                 state.correct(error, achieved, float(predicted))

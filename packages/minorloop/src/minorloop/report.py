@@ -15,8 +15,6 @@ from minorloop.version import __version__
 if TYPE_CHECKING:
     from minorloop.lab.reduction import Reduction
 
-_SENTENCE = 30
-"""Characters from which a cell of a table counts as a sentence."""
 _RESOLUTION = 110
 """Dots per inch of the raster parts of a figure: sharp on a screen, and small."""
 
@@ -32,7 +30,8 @@ class Table:
     def sentences(self) -> list[bool]:
         """Whether each column has sentences, which begin at the left; numbers end at the right."""
         cells = zip(*self.rows, strict=False)
-        found = [any(len(str(cell)) > _SENTENCE for cell in column) for column in cells]
+        # Characters from which a cell of a table counts as a sentence
+        found = [any(len(str(cell)) > 30 for cell in column) for column in cells]
         return found or [False] * len(self.columns)
 
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from minorloop.identification.result import Scored
     from minorloop.lab.records import Record
 
-_DISTRUSTED = 1
-"""Exit status after warnings: the result is written, but the model is not to be trusted."""
 _LAWS, _PRIORS = ("plane", "dynamics", "viscosity", "vibration"), ("auto", "gaussian", "smooth")
 _TIMED = ("viscosity", "vibration")
 """Laws that need a record with times that increase."""
@@ -273,7 +271,8 @@ def show_scored(
         which = "the first of these says" if count == 1 else f"the first {count} of these say"
         typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
     if count:
-        raise typer.Exit(_DISTRUSTED)
+        # Exit status after warnings: the result is written, but the model is not to be trusted
+        raise typer.Exit(1)
 
 
 def _print(

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 _NESTED_LOOPS = 4
 """Loops, the major one included: more would overlap."""
-_PLAY_REACH = 1.1
-"""Amplitude over the largest slack: all plays move; about that of the record, by default."""
 
 
 def draw_preisach(
@@ -96,7 +94,8 @@ def input_range(model: Any) -> tuple[float, float]:
     if hasattr(model, "low"):
         return float(model.low), float(model.high)
     radii = getattr(model, "plays", model).radii
-    reach = _PLAY_REACH * float(radii[-1]) or 1.0
+    # Amplitude over the largest slack: all plays move; about that of the record, by default
+    reach = 1.1 * float(radii[-1]) or 1.0
     return -reach, reach
 
 

@@ -20,8 +20,6 @@ from minorloop.operators._differential_kernels import corner, piece, slope
 
 _EVENTS = 16
 """Most parts of one step; a step that needs more is too long for its input anyway."""
-_MOST_SECANTS = 40
-"""Most steps to find the end of a part; five or six are usual."""
 _FAR = 1e100
 """Displacement from which a simulation counts as unstable; its square is still finite."""
 
@@ -144,7 +142,7 @@ def _find(before, after, which, wanted, pulse, begin, part, plant, branch):
     at_low, at_high = before[which] - wanted, after[which] - wanted
     small = 1e-13 * (abs(at_low) + abs(at_high))
     found, there = high, after
-    for _ in range(_MOST_SECANTS):
+    for _ in range(40):  # most steps to find the end of a part; five or six are usual
         found = (low * at_high - high * at_low) / (at_high - at_low)
         there = _step(before, pulse, begin, found, plant, branch)
         value = there[which] - wanted

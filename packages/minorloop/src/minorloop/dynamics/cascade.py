@@ -41,8 +41,6 @@ _INTERVALS = 2.0
 """The default time constant of the filter of an inverse is at least this share of the fastest time
 constant, and this many sampling intervals. A choice: the input stays smooth from sample to
 sample."""
-_FREQUENCIES = 400
-"""Frequencies at which the gain is compared with the error of the model: about 2 % apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,15 +176,13 @@ class Cascade:
     def sampled(self, interval: float) -> Cascade:
         """Return the cascade with a sampled linear part; dead time becomes whole intervals.
 
+        Raises a `ParameterError` if the linear part is sampled at another interval, or the interval
+        is not positive.
+
         Parameters
         ----------
         interval : float
             Seconds between samples.
-
-        Raises
-        ------
-        ParameterError
-            If the linear part is sampled at another interval, or the interval is not positive.
         """
         step = as_seconds("interval", interval)
         ahead = None if self.ahead is None else _sampled(self.ahead, step)
@@ -254,6 +250,9 @@ class Cascade:
         sampled system, count as dead time. Other parameters and errors are those of
         `TimedModel.invert`; ``start`` and ``before`` are as of `simulate`.
 
+        Raises a `NotInvertibleError` if the linear part is unstable or has slow zeros with a real
+        part >= 0, the creep has no prompt part, or the operator is not monotone.
+
         Parameters
         ----------
         filter_time : float, optional
@@ -262,12 +261,6 @@ class Cascade:
             of the frequency from which the gain of G is below ``noise``.
         between : {"straight", "held"}
             How the input will be applied between samples, as in `Linear.simulate`.
-
-        Raises
-        ------
-        NotInvertibleError
-            If the linear part is unstable or has slow zeros with a real part >= 0, the creep has no
-            prompt part, or the operator is not monotone.
         """
         times, wanted = as_waveform(t, targets, name="targets")
         linear = _invertible(self.linear)
@@ -373,7 +366,8 @@ def _time_of_gain(linear: Linear, least: float) -> float:
     if linear.dc_gain == 0:
         return 0.0
     times = linear.time_constants
-    omega = np.geomspace(1e-2 / times[0], 1e3 / times[-1], _FREQUENCIES)
+    # Frequencies at which the gain is compared with the error of the model: about 2 % apart
+    omega = np.geomspace(1e-2 / times[0], 1e3 / times[-1], 400)
     gain = np.abs(linear.response(omega / (2 * np.pi)) / linear.dc_gain)
     above = np.flatnonzero(gain >= least)
     return float(1 / omega[above[-1]]) if above.size else float(times[0])

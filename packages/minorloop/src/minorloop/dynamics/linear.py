@@ -165,10 +165,7 @@ class Linear(ByValue, Drawn):
     def normalised(self) -> Linear:
         """Return the same system with DC gain 1.
 
-        Raises
-        ------
-        ParameterError
-            If its DC gain is zero or infinite.
+        Raises a `ParameterError` if its DC gain is zero or infinite.
         """
         if self._finite_dc_gain == 0:
             raise ParameterError("the DC gain is 0 and cannot be made 1")
@@ -238,15 +235,12 @@ class Linear(ByValue, Drawn):
 
         Outputs of a sampled system are interpolated linearly between samples.
 
+        Raises a `SignalError` if the times do not increase.
+
         Parameters
         ----------
         t : (T,) array_like
             Times, in seconds.
-
-        Raises
-        ------
-        SignalError
-            If the times do not increase.
         """
         times = as_times(t, fewest=1)
         y = np.zeros(times.size)
@@ -260,15 +254,13 @@ class Linear(ByValue, Drawn):
     def discretise(self, interval: float) -> Linear:
         """Return the sampled system with the same outputs for inputs held over each interval.
 
+        Raises a `ParameterError` if it is sampled already, or the dead time is not a whole number
+        of intervals.
+
         Parameters
         ----------
         interval : float
             Seconds between samples.
-
-        Raises
-        ------
-        ParameterError
-            If it is sampled already, or the dead time is not a whole number of intervals.
         """
         if self.interval is not None:
             raise ParameterError(f"the system is sampled already, every {self.interval:g} s")
@@ -296,15 +288,12 @@ class Linear(ByValue, Drawn):
     def settled(self, u: float) -> FloatArray:
         """Return the state (n + delayed samples,) of a sampled system that has settled.
 
+        Raises a `ParameterError` if the system is continuous, or does not settle.
+
         Parameters
         ----------
         u : float
             The input at which it has settled.
-
-        Raises
-        ------
-        ParameterError
-            If the system is continuous, or does not settle.
         """
         value = as_finite("u", u)
         return np.concatenate([self._settled(value), np.full(self.lag, value)])

@@ -99,6 +99,9 @@ class Oscillator:
         For operators of differential type the method is that of Runge and Kutta, with a step that
         ends at every corner of the law, for plays that of Newmark.
 
+        Raises a `SignalError` if the times are not even, or the oscillator is unstable with this
+        force; a `ParameterError` if an option is out of its range.
+
         Parameters
         ----------
         between : {"band", "straight", "held"}
@@ -112,13 +115,6 @@ class Oscillator:
         stages : sequence of (int, array)
             Filters of a converter that samples ``substeps`` times as fast and decimates: factor and
             symmetric taps of each. None if the displacement is sampled directly.
-
-        Raises
-        ------
-        SignalError
-            If the times are not even, or the oscillator is unstable with this force.
-        ParameterError
-            If an option is out of its range.
         """
         times, forces = as_waveform(t, u)
         interval = even_interval(times)

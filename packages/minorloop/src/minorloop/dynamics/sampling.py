@@ -15,8 +15,6 @@ sample to sample, or it has no content above half the sampling rate."""
 Stage: TypeAlias = "tuple[int, npt.ArrayLike]"
 """One stage of a decimation: the factor, and the taps of its symmetric filter, an odd number."""
 
-_HALF_WIDTH = 32
-"""Samples on either side that an interpolated value depends on."""
 _BETA = 14.0
 """Shape of the window of Kaiser: with it and the width, errors are below 1e-7 of the amplitude up
 to 0.8 of half the sampling rate, but for the first and last samples."""
@@ -153,7 +151,7 @@ def sampled(
 
 def _windowed_sinc(u: FloatArray, factor: int) -> FloatArray:
     """Return a signal at a higher rate, continued by its mirror image through its end points."""
-    n = min(_HALF_WIDTH, u.size - 1)
+    n = min(32, u.size - 1)  # samples on either side that an interpolated value depends on
     around = np.concatenate([2 * u[0] - u[n:0:-1], u, 2 * u[-1] - u[-2 : -n - 2 : -1]])
     fine = np.empty((u.size - 1, factor))
     fine[:, 0] = u[:-1]

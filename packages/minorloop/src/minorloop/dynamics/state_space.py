@@ -128,12 +128,10 @@ def _ends(
 def canonical(numerator: FloatArray, denominator: FloatArray) -> StateSpace:
     """Return the controllable canonical form, whose settled state is known exactly.
 
+    Gives A (n, n), B (n,), C (n,) and D.
+
     ``numerator`` and ``denominator`` (n + 1,): coefficients, highest power first, the first of the
     denominator is 1.
-
-    Returns
-    -------
-    A (n, n), B (n,), C (n,), D
     """
     n, feedthrough = denominator.size - 1, float(numerator[0])
     a, b = np.zeros((n, n)), np.zeros(n)

@@ -16,7 +16,7 @@ ROOT = -1
 
 
 @njit(cache=True, nogil=True)
-def everett_rates(nodes, bow, i, s, j, f):
+def _everett_rates(nodes, bow, i, s, j, f):
     """Return the derivatives of `everett_inside` in the two fractions."""
     if i == j:
         rate = nodes[i + 1, i] - bow[i] * (1.0 - 2.0 * (s - f))
@@ -46,7 +46,7 @@ def pull_inputs(plane, u, parent, samples, out):
         i = band_of(levels, buckets, per_unit, high)
         j = band_of(levels, buckets, per_unit, low)
         s, f = (high - levels[i]) * per_band[i], (low - levels[j]) * per_band[j]
-        in_high, in_low = everett_rates(nodes, bow, i, s, j, f)
+        in_high, in_low = _everett_rates(nodes, bow, i, s, j, f)
         in_high, in_low = in_high * per_band[i] * samples[t], in_low * per_band[j] * samples[t]
         here, there = (in_high, in_low) if x > before else (-in_low, -in_high)
         if lowest <= u[t] <= highest:

@@ -22,8 +22,6 @@ from minorloop.version import __version__
 
 _LONGEST_NAME = 40
 """Characters of the name, so that public names have fewer than 63, as many as C99 distinguishes."""
-_COMMENT = 96
-"""Characters of a line in a comment."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +182,8 @@ def _notice(warnings: str) -> str:
     """Return a comment that says why the model is not to be trusted; empty if nothing does."""
     if not warnings:
         return ""
-    lines = textwrap.wrap(f"WARNING: this model is not to be trusted: {warnings}", _COMMENT)
+    # Characters of a line in a comment
+    lines = textwrap.wrap(f"WARNING: this model is not to be trusted: {warnings}", 96)
     return "".join(f"\n * {line}" for line in ["", *lines]).replace("* \n", "*\n")
 
 

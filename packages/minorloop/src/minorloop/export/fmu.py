@@ -49,6 +49,8 @@ def export_fmu(
 ) -> list[str]:
     """Write a model as an FMI 2.0 co-simulation unit.
 
+    Gives the platforms of the compiled unit, as the standard names them.
+
     The variables of the unit are input, output, and ``error_bound``, a bound of the output error
     from dropped extrema. The input is held over each communication step, and the output is that at
     its end: the output after the step that begins with ``u[k]`` is ``y[k]`` of ``simulate``, and a
@@ -76,11 +78,6 @@ def export_fmu(
         that of the linear part, or 0.01.
     force : bool
         Whether a file that exists may be replaced.
-
-    Returns
-    -------
-    list of str
-        Platforms of the compiled unit, as the standard names them.
     """
     target = check_writable(path, force=force)
     if target.suffix != ".fmu":

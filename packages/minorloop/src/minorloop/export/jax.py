@@ -62,12 +62,8 @@ def as_function(
 ) -> tuple[Callable[[Parameters, Any], Any], Parameters]:
     """Convert a model to a function of its parameters and its input.
 
-    Parameters
-    ----------
-    model : Preisach or PrandtlIshlinskii
-        Levels or radii, and the initial parameters.
-    start : start state of the operator
-        Memory before the first sample; a constant.
+    ``model``: levels or radii, and the initial parameters; ``start``: memory before the first
+    sample; a constant.
 
     Returns
     -------
@@ -105,16 +101,7 @@ def as_model(
 
     Raises a `ParameterError` if the model is of another kind, or a parameter is not finite.
 
-    Parameters
-    ----------
-    model : Preisach or PrandtlIshlinskii
-        The model given to `as_function`.
-    parameters : dict of str to array
-        Learned parameters.
-
-    Returns
-    -------
-    Preisach or PrandtlIshlinskii
+    ``model``: the model given to `as_function`; ``parameters``: learned parameters.
     """
     _operator(model, "negative")
     known = {name: np.asarray(value, dtype=np.float64) for name, value in parameters.items()}

@@ -37,6 +37,11 @@ def as_system(
     that is not a memory of the operator, such as zeros, is refused. So a Preisach operator cannot
     be linearised and has no search for operating points, which try such states.
 
+    Raises a `MissingExtraError` if python-control is not installed; a `ParameterError` if the model
+    is of another class, there is too little room, the interval is not positive or not that of the
+    linear part, or a cascade is to have no feedthrough; in a simulation, if a state is not a
+    memory.
+
     Parameters
     ----------
     model : Preisach, PrandtlIshlinskii or Cascade
@@ -54,19 +59,6 @@ def as_system(
         for a cascade.
     name, input, output : str
         Names of the system and its signals.
-
-    Returns
-    -------
-    control.NonlinearIOSystem
-
-    Raises
-    ------
-    MissingExtraError
-        If python-control is not installed.
-    ParameterError
-        If the model is of another class, there is too little room, the interval is not positive or
-        not that of the linear part, or a cascade is to have no feedthrough; in a simulation, if
-        a state is not a memory.
     """
     if interval is not True and not as_finite("interval", interval) > 0:
         raise ParameterError(f"interval is {interval!r} s; give a positive time, or True")

@@ -79,24 +79,12 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.predict_from = predict_from
 
     def fit(self, X: Any, y: Any) -> PreisachRegressor:
-        """Identify the operator.
+        """Identify the operator, and return this object.
 
-        Parameters
-        ----------
-        X : (T, columns) array_like
-            Inputs, in the order of time.
-        y : (T,) array_like
-            Outputs.
+        Raises a `ParameterError` or a `SignalError` as for `minorloop.identify`; both are
+        ValueErrors.
 
-        Returns
-        -------
-        PreisachRegressor
-            This object.
-
-        Raises
-        ------
-        ParameterError, SignalError
-            As for `minorloop.identify`; both are ValueErrors.
+        ``X`` (T, columns): inputs, in the order of time; ``y`` (T,): outputs.
         """
         X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         check_option("predict_from", self.predict_from, ("start", "end"))
@@ -111,16 +99,9 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def predict(self, X: Any) -> FloatArray:
-        """Return the outputs for inputs in the order of time.
+        """Return the outputs (T,) for inputs in the order of time.
 
-        Parameters
-        ----------
-        X : (T, columns) array_like
-            Inputs.
-
-        Returns
-        -------
-        (T,) array
+        ``X`` (T, columns): inputs.
         """
         check_is_fitted(self)
         X = validate_data(self, X, dtype=np.float64, reset=False)

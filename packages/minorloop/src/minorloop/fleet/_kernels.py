@@ -34,7 +34,7 @@ def loss(nodes, bow, stack, k):
 
 
 @njit(cache=True, nogil=True)
-def drop_smallest(plane, sizes, size_bow, stack, n):
+def _drop_smallest(plane, sizes, size_bow, stack, n):
     """Drop the pair of past extrema whose loss is least.
 
     Returns the rows in use, the loss, and the two inputs between which it lasts.
@@ -73,7 +73,7 @@ def march(plane, sizes, size_bow, stacks, rows, lost, within, u, y, first, last)
             if lost[k] > 0.0 and not within[k, 0] < u[k, t] < within[k, 1]:
                 lost[k] = 0.0
             if n >= room:
-                n, found, low, high = drop_smallest(plane, sizes, size_bow, stack, n)
+                n, found, low, high = _drop_smallest(plane, sizes, size_bow, stack, n)
                 within[k, 0] = low if lost[k] == 0.0 else min(low, within[k, 0])
                 within[k, 1] = high if lost[k] == 0.0 else max(high, within[k, 1])
                 lost[k] += found

@@ -90,10 +90,8 @@ class Specimen:
     def read(self) -> bytes:
         """Return the bytes of its file.
 
-        Raises
-        ------
-        OSError, ValueError
-            If it cannot be read, is too large, or is not a regular file: a pipe may never end.
+        Raises an `OSError` or a `ValueError` if it cannot be read, is too large, or is not a
+        regular file: a pipe may never end.
         """
         if self.file.exists() and not self.file.is_file():
             raise OSError(errno.EINVAL, "it is not a regular file")

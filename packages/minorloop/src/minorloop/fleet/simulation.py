@@ -15,7 +15,7 @@ from minorloop.operators._parallel import in_parallel
 from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Start
 from minorloop.operators.preisach import Preisach
 
-MOST_OPERATORS = 2**31
+_MOST_OPERATORS = 2**31
 """A choice: with the least room, their memory takes 412 GB."""
 _CHUNK = 16_384
 """Operators of one task of a thread: enough that starting a task costs little."""
@@ -59,7 +59,7 @@ class FleetState:
             When a history has more, the smallest loop is dropped. Each takes 32 bytes.
         """
         check_kind("model", model, Preisach)
-        count = as_whole("operators", operators, 1, MOST_OPERATORS)
+        count = as_whole("operators", operators, 1, _MOST_OPERATORS)
         room = as_whole("room", room, LEAST_ROOM, MOST_ROOM)
         stack, rows = model.stack(start, 0)
         if rows >= room:

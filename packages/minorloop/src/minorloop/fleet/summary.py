@@ -13,8 +13,6 @@ FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
 _FEWEST = 8
 """Specimens below which none is an outlier: a median deviation of fewer is too uncertain."""
-_TO_SD = 1.4826
-"""Standard deviation over median absolute deviation of a normal distribution."""
 _LEAST_SPREAD = 1e-9
 """Relative spread below which values count as equal: rounding is no outlier."""
 LONGEST = 400
@@ -129,7 +127,8 @@ class Summary:
             if values.size < _FEWEST:
                 continue
             median = float(np.median(values))
-            spread = _TO_SD * float(np.median(np.abs(values - median)))
+            # Standard deviation over median absolute deviation of a normal distribution
+            spread = 1.4826 * float(np.median(np.abs(values - median)))
             spread = max(spread, _LEAST_SPREAD * max(1.0, abs(median)))
             with_it = [one for one in self.identified if getattr(one, figure) is not None]
             for outcome, value in zip(with_it, values, strict=True):

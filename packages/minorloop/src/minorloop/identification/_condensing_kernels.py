@@ -40,13 +40,13 @@ def condense(levels, buckets, per_unit, past, u, y, measured, labels, out_u, out
             new = new or here != band
             band = here
         if new and t > first:
-            count = put_run(u, y, measured, first, t, out_u, out_y, out_w, out_row, count)
+            count = _put_run(u, y, measured, first, t, out_u, out_y, out_w, out_row, count)
             first = t
-    return put_run(u, y, measured, first, u.size, out_u, out_y, out_w, out_row, count)
+    return _put_run(u, y, measured, first, u.size, out_u, out_y, out_w, out_row, count)
 
 
 @njit(cache=True, nogil=True)
-def put_run(u, y, measured, first, end, out_u, out_y, out_w, out_row, count):
+def _put_run(u, y, measured, first, end, out_u, out_y, out_w, out_row, count):
     """Write at most three weighted samples that have the moments of a run, and its last input.
 
     The weighted samples are the nodes of the Gauss quadrature of the inputs of the run, so that

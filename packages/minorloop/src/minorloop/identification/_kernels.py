@@ -143,11 +143,11 @@ def gram(index, coefficient, parent, weight, links, before, sums, nodes, listed,
             links[2, p] = remote
             for c in range(terms):
                 before[p, c] = sums[1, index[p, c]]
-            remote = add_terms(index, coefficient, p, 1.0, sums, nodes, listed, ancestors, remote)
+            remote = _add_terms(index, coefficient, p, 1.0, sums, nodes, listed, ancestors, remote)
             count, t = np.int64(0), links[0, p]
             while t != ROOT:
                 w = weight[t]
-                count = add_terms(index, coefficient, t, w, sums, nodes, listed, children, count)
+                count = _add_terms(index, coefficient, t, w, sums, nodes, listed, children, count)
                 t = links[1, t]
             for c in range(count):
                 node = nodes[0, c]
@@ -170,7 +170,7 @@ def gram(index, coefficient, parent, weight, links, before, sums, nodes, listed,
 
 
 @njit(**INSIDE)
-def add_terms(index, coefficient, t, factor, sums, nodes, listed, which, count):
+def _add_terms(index, coefficient, t, factor, sums, nodes, listed, which, count):
     """Add terms of a row to a line of sums; ``nodes`` lists where, each once. Gives their count."""
     for c in range(index.shape[1]):
         if coefficient[t, c] == 0.0:

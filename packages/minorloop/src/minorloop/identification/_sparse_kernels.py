@@ -139,14 +139,14 @@ def factorise(start, at, rows, offset, panel_of, sign, place, values, least, dat
         width, height = start[s + 1] - start[s], at[s + 1] - at[s]
         panel = data[offset[s] : offset[s + 1]].reshape(height, width)
         signs = sign[start[s] : start[s + 1]]
-        eliminate_panel(panel, signs, least * size[start[s] : start[s + 1]])
+        _eliminate_panel(panel, signs, least * size[start[s] : start[s + 1]])
         below, signed = panel[width:], panel[width:] * signs
         small = below.shape[0] ** 2 * width < _SMALL
         product = products(below, signed) if small else below
         mine = rows[at[s] + width : at[s + 1]]
         i = 0
         while i < mine.size:
-            t, end = find_panel(mine, i, start, at, rows, panel_of, where)
+            t, end = _find_panel(mine, i, start, at, rows, panel_of, where)
             target = data[offset[t] : offset[t + 1]].reshape(-1, start[t + 1] - start[t])
             block = product[i:, i:end] if small else np.dot(below[i:], signed[i:end].T)
             for r in range(i, mine.size):
@@ -157,7 +157,7 @@ def factorise(start, at, rows, offset, panel_of, sign, place, values, least, dat
 
 
 @njit(**INSIDE)
-def find_panel(mine, i, start, at, rows, panel_of, where):
+def _find_panel(mine, i, start, at, rows, panel_of, where):
     """Panel of row ``mine[i]``, and the end of its rows in ``mine``; ``where`` gets its rows."""
     t, end = panel_of[mine[i]], i
     while end < mine.size and mine[end] < start[t + 1]:
@@ -182,7 +182,7 @@ def products(one, other):
 
 
 @njit(cache=True, nogil=True)
-def eliminate_panel(panel, sign, least):
+def _eliminate_panel(panel, sign, least):
     """Factor the own columns of a panel, and divide the rows below by them."""
     height, width = panel.shape
     across, inverse = np.zeros((width, width)), np.empty(width)
@@ -273,7 +273,7 @@ def invert(start, at, rows, offset, panel_of, sign, data, out):
         later = np.empty((mine.size, mine.size))
         i = 0
         while i < mine.size:
-            t, end = find_panel(mine, i, start, at, rows, panel_of, where)
+            t, end = _find_panel(mine, i, start, at, rows, panel_of, where)
             source = out[offset[t] : offset[t + 1]].reshape(-1, start[t + 1] - start[t])
             for r in range(i, mine.size):
                 line = source[where[mine[r]]]

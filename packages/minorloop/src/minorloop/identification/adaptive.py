@@ -31,10 +31,6 @@ PROBABILITY = 0.9
 """Probability of the bands that validation holds are checked against."""
 _FIXED = 4
 """First holds, which are designed before anything is measured."""
-_BEFORE_CHECKS = 6
-"""Points that are fitted before a reading can be called an outlier."""
-_OUTLIER_DEVIATIONS = 6.0
-"""Standard deviations from its prediction at which a reading is repeated."""
 _LEAST_INSIDE = 0.75
 _MOST_RMS = 3.0
 """Validation passes with this share inside the bands, and this rms error in deviations."""
@@ -393,10 +389,12 @@ class _Progress:
         if self._too_few() or self.extra == REPEATS:
             return False
         away, allowed = self._deviation(k)
-        return abs(away) > _OUTLIER_DEVIATIONS * allowed
+        # Standard deviations from its prediction at which a reading is repeated
+        return abs(away) > 6.0 * allowed
 
     def _too_few(self) -> bool:
-        return sum(role in _FITTED for role in self.roles) < _BEFORE_CHECKS
+        # Points that are fitted before a reading can be called an outlier
+        return sum(role in _FITTED for role in self.roles) < 6
 
     def _deviation(self, k: int) -> tuple[float, float]:
         """Error of the prediction of a point from those before, and its deviation."""

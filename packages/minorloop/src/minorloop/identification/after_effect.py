@@ -83,9 +83,6 @@ _STEP = 0.7
 """First step of the search in the logarithm of a constant: a factor of two."""
 _TRIALS = 25
 """Fits of the search for each constant; the error then changes in the fourth digit."""
-_LOOSE = 1e-9
-"""Ridge of the covariance of the weights, over the largest diagonal: unknowns that no row
-determines keep a finite variance."""
 _FACTOR = 10**0.5
 """Ratio of the settling times that are compared with the best one."""
 _FARTHEST = 1e3
@@ -101,9 +98,6 @@ _SEGMENTS = 10
 """Least number of parts of a record from whose scatter a difference of two fits is judged."""
 _NOISELESS = 1e-12
 """Error over the range below which it counts as so much: rounding."""
-_SAME_SPEED = 4.0
-"""Ratio of the greatest to the least tenth of the speeds of branches, and of their durations, below
-which a record has one rate."""
 _HELD = 4.0
 _SHORT = 0.1
 """Shortest hold that shows creep, in short intervals, of which so many are shorter: in a pause
@@ -158,14 +152,9 @@ class Viscosity:
     ) -> AfterEffectIdentification:
         """Identify the weights and the law of their change, as `minorloop.identify`.
 
-        Raises
-        ------
-        SignalError
-            If times do not increase, too few outputs are finite, or input or output never change;
-            if ``rate`` is asked for and the record has one rate only, or a spectrum and there is no
-            hold.
-        ParameterError
-            If an option is out of its range.
+        Raises a `SignalError` if times do not increase, too few outputs are finite, or input or
+        output never change; if ``rate`` is asked for and the record has one rate only, or a
+        spectrum and there is no hold; a `ParameterError` if an option is out of its range.
         """
         used, told = samples_in_time(record)
         if isinstance(prior, Gaussian):
@@ -519,7 +508,9 @@ class _Search:
         free = x > 0
         free[-1] = True
         gram = whole.gram[np.ix_(free, free)]
-        gram[np.diag_indices_from(gram)] += _LOOSE * gram.diagonal().max()
+        # Ridge of the covariance of the weights, over the largest diagonal: unknowns that no row
+        # determines keep a finite variance
+        gram[np.diag_indices_from(gram)] += 1e-9 * gram.diagonal().max()
         variance = (whole.error(x) * self.unit) ** 2
         root = np.linalg.inv(np.linalg.cholesky(gram)) * np.sqrt(variance)
         return Weights(self.spec, self.constants(best.law, best.numbers), free, root)
@@ -598,7 +589,9 @@ def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
         return False
     speeds, durations = _branches(record)
     several = all(
-        most >= _SAME_SPEED * least
+        # Ratio of the greatest to the least tenth of the speeds of branches, and of their
+        # durations, below which a record has one rate
+        most >= 4.0 * least
         for least, most in (np.quantile(one, [0.1, 0.9]) for one in (speeds, durations))
     )
     if rate is True and not several:

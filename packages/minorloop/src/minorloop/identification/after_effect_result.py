@@ -21,10 +21,6 @@ from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
 from minorloop.report import Picture, Report
 
-_CHANGE = 0.01
-"""Change of the input over its range that needs a row of its own in a gap of the times."""
-_CREEPS = 0.98
-"""Ratio of the left-out errors with and without time above which time explains nothing."""
 _LIKELY = 0.1
 """Likelihood, over that of the best fit, from which a settling time is named."""
 _NEAR = 3
@@ -57,7 +53,8 @@ class _Uncertain(Protocol):
 
 def _gaps(fit: AfterEffectIdentification) -> Iterator[str]:
     """Name gaps of the times in which the input changes."""
-    moved = np.abs(np.diff(fit.u)) > _CHANGE * float(np.ptp(fit.u))
+    # Change of the input over its range that needs a row of its own in a gap of the times
+    moved = np.abs(np.diff(fit.u)) > 0.01 * float(np.ptp(fit.u))
     moved[fit.curves.begins[1:] - 1] = False
     long = np.flatnonzero(isolated_long(np.diff(fit.t)) & moved)
     if long.size:
@@ -77,7 +74,8 @@ def _ends(field: FloatArray) -> str:
 def _next_holds(fit: AfterEffectIdentification) -> Iterator[str]:
     """Say which holds to measure next."""
     ratio = fit.left_out_error / fit.without_time if fit.without_time else 1.0
-    if fit.law == "none" or ratio > _CREEPS:
+    # Ratio of the left-out errors with and without time above which time explains nothing
+    if fit.law == "none" or ratio > 0.98:
         yield (
             "time explains nothing in this record beyond the hysteresis; to see after-effect, "
             "hold the input at a few reversals ten times as long as now"
@@ -286,15 +284,11 @@ def longest_hold(t: FloatArray, u: FloatArray, curves: Curves) -> float:
 
 
 def isolated_long(steps: FloatArray) -> BoolArray:
-    """Return which intervals are far longer than those before and those after.
+    """(N,) which intervals are far longer than those before and those after.
 
     Where the rate of a record changes, intervals are as long as those on one side.
 
     ``steps`` (N,): intervals in seconds.
-
-    Returns
-    -------
-    (N,) array of bool
     """
     if steps.size < 2:
         return np.zeros(steps.size, dtype=np.bool_)

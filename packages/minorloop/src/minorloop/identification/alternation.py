@@ -23,8 +23,6 @@ from minorloop.operators.preisach import Preisach
 
 Static: TypeAlias = Callable[[FloatArray, FloatArray], Identification]
 
-_NO_DELAY = 0.5
-"""Dead time in samples that counts as none where there are no poles."""
 _ROUNDS, _SETTLED = 25, 2e-3
 """Most alternations; they end when one with either filter gains less than this share."""
 _DEPTH = 4
@@ -171,7 +169,8 @@ def _fitted_poles(
     """Return the poles and the dead time that come nearest to the outputs."""
     from scipy.optimize import least_squares
 
-    if not dynamics.poles and dynamics.delay < _NO_DELAY:
+    # Dead time in samples that counts as none where there are no poles
+    if not dynamics.poles and dynamics.delay < 0.5:
         return replace(dynamics, delay=0.0)
     free = dynamics.poles + 1
     # The output of an operator that comes first does not depend on the dynamics.

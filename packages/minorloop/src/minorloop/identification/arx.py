@@ -77,8 +77,12 @@ def arx(
 def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepResponse:
     """Identify the unit step response, separately for rising and falling output.
 
+    The fit of a direction of which there is no step is None.
+
     The record is cut into its steps; each is scaled by its own settled change, and all of one
     direction are fitted together as `arx` does it.
+
+    Raises a `SignalError` as `arx`; also if no step moves the output.
 
     Parameters
     ----------
@@ -86,16 +90,6 @@ def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepR
         Evenly spaced times in seconds.
     u, y : (T,) array_like
         Input in holds, and output. At the end of each hold the plant is at rest.
-
-    Returns
-    -------
-    StepResponse
-        None for a direction of which there is no step.
-
-    Raises
-    ------
-    SignalError
-        As `arx`; also if no step moves the output.
     """
     record = as_sampled((t, u, y))
     steps = steps_in(record)

@@ -24,8 +24,6 @@ _PIECES = 8
 """Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
 _COARSE = 12
 """Bands of the plane of a posterior in a file: its deviations are those of 25 bands to a tenth."""
-_QUANTILES = 51
-"""Quantiles of the errors over their standard deviations that a file keeps: steps of 2 %."""
 _DIGITS = 6
 """Significant digits of what bands follow from."""
 
@@ -164,7 +162,8 @@ def _error_in_file(error: ModelError) -> dict[str, Any]:
         "levels": spec.levels.tolist(),
         "reached": ["".join("01"[one] for one in row.astype(int)) for row in rows],
         "factors": _short(error.factors),
-        "scores": _short(np.quantile(error.scores, np.linspace(0, 1, _QUANTILES))),
+        # Quantiles of the errors over their standard deviations that a file keeps: steps of 2 %
+        "scores": _short(np.quantile(error.scores, np.linspace(0, 1, 51))),
         "inputs": _short(error.inputs),
         "variance": _short(error.variance),
     }

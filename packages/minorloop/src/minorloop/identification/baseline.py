@@ -11,8 +11,6 @@ _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
 _MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
-_DEPENDENT = 1e-10
-"""Part of a polynomial that the lower ones do not explain, below which it is rounding."""
 _PLAY, _DEGREE = 2, 6
 """Which play of the rough model shows in what direction loops run, of about a tenth of the range;
 and degree of the polynomial beside it."""
@@ -37,6 +35,8 @@ def polynomial_nrmse(
 ) -> float:
     """Error of the best polynomial of degree 1 to 7 of the input delayed by 0 to 20 samples.
 
+    It is the root-mean-square error over the range of the scored output.
+
     Parameters
     ----------
     u, y : (T,) arrays
@@ -47,11 +47,6 @@ def polynomial_nrmse(
         Samples that it is scored on.
     curves : Curves, optional
         Parts of the record within which the input is delayed.
-
-    Returns
-    -------
-    float
-        Root-mean-square error over the range of the scored output.
     """
     centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
     x = (u - centre) / half
@@ -98,7 +93,8 @@ def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:
     """Sum of squared errors of the polynomials of each degree from 1 on."""
     q, r = np.linalg.qr(basis)
     size = np.abs(r.diagonal())
-    explained = np.where(size > _DEPENDENT * size[0], (q.T @ y) ** 2, 0.0)
+    # Part of a polynomial that the lower ones do not explain, below which it is rounding
+    explained = np.where(size > 1e-10 * size[0], (q.T @ y) ** 2, 0.0)
     return np.asarray(y @ y - np.cumsum(explained))[min(_DEGREES) :]
 
 

@@ -53,9 +53,6 @@ it takes 3.2 GB and 9 s more (random staircase of seed 1008 of ``benchmarks.fit_
 _FIRST_SWEEPS = 5
 _LEAST_UPDATED = 500
 """Unknowns from which an update of the factor is quicker than another factorisation."""
-_UPDATED = 0.25
-"""Changed unknowns, over those factorised, up to which it is. Each costs a triangular solution; a
-third of them all cost as much as the factorisation."""
 _FACTORISED, _FACTORISED_SMOOTH = 5100, 3500
 """Free unknowns up to which a factorisation is cheaper; the second with a penalty and bounds, where
 the solution need not be refined."""
@@ -357,7 +354,9 @@ class UpdatedFactor:
         self._place = np.cumsum(free) - 1
         self._slot = np.full(free.size, -1)
         self._count = 0
-        self._half = np.empty((self._picked.size, int(_UPDATED * self._picked.size)), order="F")
+        # Changed unknowns, over those factorised, up to which an update is quicker. Each costs a
+        # triangular solution; a third of them all cost as much as the factorisation
+        self._half = np.empty((self._picked.size, int(0.25 * self._picked.size)), order="F")
 
     def solve(
         self, right: FloatArray, free: BoolArray, block: Callable[[IntArray, IntArray], FloatArray]

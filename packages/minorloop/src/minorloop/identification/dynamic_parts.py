@@ -22,8 +22,6 @@ _FEWEST = 100
 """Measured outputs below which dynamics are not identified."""
 _FASTEST, _PLAUSIBLE = 0.3, 0.5
 """Shortest time constant of a search, and shortest plausible one, in sampling intervals."""
-_NEXT_POLE = 0.3
-"""Time constant with which another pole is tried, over that of the fastest so far."""
 _INTERVALS, _AMPLIFIED = 1.0, 10.0
 """The filter of the inverse: its shortest time constant in sampling intervals, and the factor by
 which F / G amplifies noise at most."""
@@ -34,9 +32,6 @@ of each; blocks are long, because neighbouring errors are alike."""
 _VISITED = 0.9
 """Share of the range between the least and greatest input so far above which the memory is known.
 A threshold beyond the range of the record is passed once for all, so both ends count."""
-_MOST_UNKNOWN = 0.25
-"""Largest share of the rows that may count as a start-up: a record that takes longer to its
-extremes is needed as it is."""
 
 Logarithms: TypeAlias = tuple[float, ...]
 
@@ -105,7 +100,9 @@ class DynamicRecord:
         above, below = np.maximum.accumulate(self.u), np.minimum.accumulate(self.u)
         known = above - below >= _VISITED * (high - low)
         rows = int(np.argmax(known))
-        few = np.count_nonzero(self.fitted[:rows]) <= _MOST_UNKNOWN * np.count_nonzero(self.fitted)
+        # Largest share of the rows that may count as a start-up: a record that takes longer to its
+        # extremes is needed as it is
+        few = np.count_nonzero(self.fitted[:rows]) <= 0.25 * np.count_nonzero(self.fitted)
         return rows if few else 0
 
     def without(self, rows: int) -> DynamicRecord:
@@ -249,7 +246,8 @@ class DynamicParts:
         no dead time.
         """
         if self.poles:
-            fast = _NEXT_POLE * float(self.time_constants[-1])
+            # Time constant with which another pole is tried, over that of the fastest so far
+            fast = 0.3 * float(self.time_constants[-1])
             delay = max(self.delay - fast / self.interval, 0.0)
         else:
             fast, delay = self.interval * max(self.delay, 1.0), 0.5

@@ -21,11 +21,6 @@ _ONE_SIDE, _BOTH_SIDES = 3, 2
 """Most poles on one side of the operator, without others on the other side and with them."""
 _CHANCE = 0.001
 """Probability with which chance alone may look like the gain of another parameter."""
-_CLEARLY = 0.7
-"""Ratio of the errors, on left-out pieces and on fitted rows, that is clear without a test."""
-_REPLACED = 0.5
-"""Ratio of dead times, of which the longer one has more than a sample, below which poles take the
-place of dead time."""
 _BETTER, _BETTER_WITH_CREEP = 0.98, 0.8
 """Ratio of the errors below which another parameter is worth it, and creep, which has several and
 follows other slow errors too."""
@@ -113,7 +108,8 @@ def better(one: Found, other: Found, ratio: float = 1.0) -> bool:
     errors = (one.left_out_error, other.left_out_error), (one.error, other.error)
     if any(own >= ratio * others for own, others in errors):
         return False
-    if all(own < _CLEARLY * others for own, others in errors):
+    # Ratio of the errors, on left-out pieces and on fitted rows, that is clear without a test
+    if all(own < 0.7 * others for own, others in errors):
         return True
     freedom = max(one.squares.size - 1, 1)
     limit = float(stdtrit(freedom, 1 - _CHANCE)) / np.sqrt(freedom)
@@ -132,7 +128,9 @@ def near(one: Found, chosen: Found) -> bool:
     """
     pairs = zip(one.dynamics.structure, chosen.dynamics.structure, strict=True)
     other, own = one.dynamics.delay, chosen.dynamics.delay
-    differs = any(a < b for a, b in pairs) or (own > 1 and other < _REPLACED * own)
+    # Ratio of dead times, of which the longer one has more than a sample, below which poles take
+    # the place of dead time
+    differs = any(a < b for a, b in pairs) or (own > 1 and other < 0.5 * own)
     return differs and not better(chosen, one)
 
 

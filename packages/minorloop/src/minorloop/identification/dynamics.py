@@ -35,10 +35,6 @@ _MOST_ROWS = 40_000
 """Samples, the first ones, that dynamics are compared on."""
 _BANDS, _FINER = 25, 50
 """Most bands with which dynamics are compared, and bands that are tried after that."""
-_FINER_IS_BETTER = 0.98
-"""Ratio of the errors below which more bands are worth their time."""
-_LEAST_DELAY = 1e-3
-"""Dead time in samples that counts as none with poles."""
 _MOST_NOISE = 0.5
 """Largest noise of a model, over the range, by trial. The inverse is filtered from the frequency at
 which the gain is as low as the noise; with the gain at rest, 1, nothing would pass."""
@@ -91,12 +87,8 @@ class Dynamics:
     ) -> DynamicIdentification:
         """Identify operator and dynamics, as `minorloop.identify`.
 
-        Raises
-        ------
-        SignalError
-            As `minorloop.identify`; if fewer than 100 outputs are fitted.
-        ParameterError
-            If an option is out of its range, or the record has labels or no times.
+        Raises a `SignalError` as `minorloop.identify`; if fewer than 100 outputs are fitted; a
+        `ParameterError` if an option is out of its range, or the record has labels or no times.
         """
         even, told = moving_samples(record)
         first, poles, creep = self.first, self.poles, self.creep
@@ -224,7 +216,8 @@ def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tu
     if isinstance(levels, str):
         few, many = f"{_BANDS} bands", f"{_FINER} bands"
         bands = {few: errors[best_name], many: error(chosen | {"levels": _FINER})}
-        choices.append(compared("levels", bands, few, _FINER_IS_BETTER))
+        # Ratio of the errors below which more bands are worth their time
+        choices.append(compared("levels", bands, few, 0.98))
         levels = _BANDS if choices[-1].chosen == few else _FINER
     return replace(plane, **chosen | {"levels": levels}), tuple(choices)
 
@@ -257,7 +250,7 @@ def _refined(
         result = _fitter(plane, Gaussian(mean), record)(*known)
         y = found.dynamics.outputs(record, result.model)
         found = replace(found, result=result, error=record.error(y, record.fitted))
-    if found.dynamics.delay < _LEAST_DELAY:
+    if found.dynamics.delay < 1e-3:  # dead time in samples that counts as none with poles
         found = replace(found, dynamics=replace(found.dynamics, delay=0.0))
     dynamics, finite = found.dynamics, np.isfinite(record.y)
     u = dynamics.before(record.u)

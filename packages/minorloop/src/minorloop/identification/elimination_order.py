@@ -19,9 +19,6 @@ from minorloop.identification import _sparse_kernels as _kernels
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
-_DOMINANT = 1e3
-"""Added to the diagonal where only the order of elimination is wanted, so that no pivot is zero;
-its size does not matter."""
 _COSTLY = 5e7
 """Multiplications after least degree from which dissection saves more than it costs."""
 _HUB = 50
@@ -82,7 +79,9 @@ def _least_degree(pattern: csc_array[Any]) -> IntArray:
     from scipy.sparse.linalg import spilu
 
     count = pattern.shape[0]
-    dominant = csc_array(pattern + diags_array(np.full(count, _DOMINANT)))
+    # Added to the diagonal where only the order of elimination is wanted, so that no pivot is zero;
+    # its size does not matter
+    dominant = csc_array(pattern + diags_array(np.full(count, 1e3)))
     incomplete = spilu(  # drops all entries, so that it costs little more than the order
         dominant,
         drop_tol=1.0,

@@ -39,12 +39,6 @@ _SUSPICIOUS, _LEAST_SUSPICIOUS = 0.6, 2.2
 fitted without."""
 _STEEP = 2.0
 """Slope of a steep branch, in ranges of the output over ranges of the input."""
-_FEWEST_EACH_SUSPECT = 8
-"""Samples for each outlier: more outliers than that are no outliers."""
-_NEXT = 2
-"""Rows between outliers of one branch up to which both are none."""
-_STAYS = 0.1
-"""Step of the output after a jump, or before it, over the jump, up to which it stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +305,8 @@ def _without_outliers(
     whole, suspects = (record, regression, found), list[int]()
     spec, centre = regression.matrix.spec, found.posterior.centre
     inputs = record.curves.delayed(record.u, lag)
-    while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
+    # Samples for each outlier: more outliers than that are no outliers
+    while len(suspects) < regression.rows.size // 8:
         worst = _suspect(found, on_steep_branch(record)[regression.rows])
         if worst is None:
             break
@@ -333,7 +328,8 @@ def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool
     first, last = min(one, other), max(one, other)
     steps = np.diff(u[first : last + 1])
     band = float(spec.levels[-1] - spec.levels[0]) / spec.bands
-    return last - first <= _NEXT and 0 < np.abs(steps.sum()) == np.abs(steps).sum() < band
+    # Rows between outliers of one branch up to which both are none
+    return last - first <= 2 and 0 < np.abs(steps.sum()) == np.abs(steps).sum() < band
 
 
 def _with_ridge(
@@ -408,7 +404,8 @@ def on_steep_branch(record: FitRecord) -> BoolArray:
     inputs, outputs = np.diff(record.u), np.diff(y)
     ratio = float(np.nanmax(y) - np.nanmin(y)) / (float(np.ptp(record.u)) or 1.0)
     steep = np.abs(outputs[1:] + outputs[:-1]) >= _STEEP * ratio * np.abs(inputs[1:] + inputs[:-1])
-    least = -_STAYS * np.maximum(outputs[1:] ** 2, outputs[:-1] ** 2)
+    # Step of the output after a jump, or before it, over the jump, up to which it stays
+    least = -0.1 * np.maximum(outputs[1:] ** 2, outputs[:-1] ** 2)
     between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= least) & steep
     begins = record.curves.begins
     between[np.concatenate([begins, np.maximum(begins - 1, 0)])] = False

@@ -45,8 +45,6 @@ _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
 """Least width of each of the two bands below a rail, in spans; least readings at the rail over
 those in the lower band; most readings in the upper band over these; and least logarithm of how
 likely the depths in both are where an output is clipped over how likely where it saturates."""
-_LEAST_STEP = 0.03
-"""Least last step of a coarse record to a rail, in spans."""
 
 
 def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Fault]:
@@ -222,7 +220,8 @@ def _rail(
         if not noisy or _rise(u[at], y[at]) > _RISES * width:
             continue
         if coarse:
-            found = _abrupt(u, depth, width) > _LEAST_STEP * span
+            # Least last step of a coarse record to a rail, in spans
+            found = _abrupt(u, depth, width) > 0.03 * span
         else:
             found = _sudden(depth[up], weights[up], width, span)
         if found:

@@ -13,8 +13,6 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray, Levels, as_levels
 from minorloop.identification.curves import Curves
 
-_HEIGHT = 0.02
-"""Least height of a jump over the range of the output."""
 _STEEP = 4.0
 """Height of a jump over the largest change of the output in its neighbourhood that its slope does
 not explain, and over the resolution of the output where another jump is near."""
@@ -79,7 +77,8 @@ def find_jumps(
     moved, changed = np.diff(inputs), np.diff(outputs)
     changed[np.diff(curves.first_rows(rows)[last]) != 0] = np.nan
     narrow = np.abs(moved) <= _WIDEST * _mean_band(levels)
-    steps = np.flatnonzero(narrow & (np.abs(changed) >= _HEIGHT * span))
+    # Least height of a jump over the range of the output
+    steps = np.flatnonzero(narrow & (np.abs(changed) >= 0.02 * span))
     steps = steps[_stand_out(moved, changed, steps)]
     found = []
     for rising in (True, False):

@@ -26,7 +26,7 @@ def levels_for(u: FloatArray, y: FloatArray, bands: int, spacing: str) -> Levels
 def adaptive_levels(
     u: FloatArray, y: FloatArray, bands: int, *, floor: float = _ADAPTIVE_FLOOR
 ) -> Levels:
-    """Thresholds that are denser where the output is steep.
+    """(L + 1,) thresholds that are denser where the output is steep.
 
     Parameters
     ----------
@@ -38,10 +38,6 @@ def adaptive_levels(
         L.
     floor : float
         Share of the thresholds that is evenly distributed.
-
-    Returns
-    -------
-    (L + 1,) array
     """
     low, high = float(u.min()), float(u.max())
     before, after = u[:-1], u[1:]

@@ -18,8 +18,6 @@ Kind: TypeAlias = Literal["plain", "oscillatory", "alternating"]
 _SHOWN = 6
 _COARSE = 0.02
 """Simulation error over the range above which the plant is not linear."""
-_NOT_AT_REST = 0.05
-"""Remainder of the slowest mode after the longest hold above which holds are too short."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +136,8 @@ class LinearFit(Drawn):
             )
         slowest = float(self.model.time_constants[0])
         longest = max(np.count_nonzero(one.u) for one in self.stretches) * self._interval
-        if np.exp(-longest / slowest) > _NOT_AT_REST:
+        # Remainder of the slowest mode after the longest hold above which holds are too short
+        if np.exp(-longest / slowest) > 0.05:
             texts.append(
                 f"the slowest time constant is {slowest:.3g} s and the longest hold "
                 f"{longest:.3g} s; hold for three time constants"

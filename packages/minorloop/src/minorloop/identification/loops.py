@@ -10,14 +10,12 @@ _TOLERANCE = 0.01
 """Distance from its beginning, over the width of the loop, at which a loop counts as closed."""
 _GAP = 0.1
 """The same for the last sample of an input that passes the beginning between two samples."""
-_NARROWEST = 0.02
-"""Width of a loop over the range of the input below which it is not counted."""
 _FEWEST = 8
 """Samples below which the area of a loop is not known."""
 
 
 def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
-    """Return the first and last samples of the closed loops of an input.
+    """(C, 2) first and last samples of the closed loops of an input, in the order of closing.
 
     A loop begins at a turning point of the input and closes where the input comes back to it.
     Before a loop closes, smaller ones may close within it. The first sample of a curve is a turning
@@ -33,14 +31,10 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
         Samples with an output.
     curves : Curves
         Parts of the record, each with its own loops.
-
-    Returns
-    -------
-    (C, 2) array of int
-        In the order in which the loops close.
     """
     low, high = float(u.min()), float(u.max())
-    near, narrowest = _TOLERANCE * (high - low), _NARROWEST * (high - low)
+    # Width of a loop over the range of the input below which it is not counted
+    near, narrowest = _TOLERANCE * (high - low), 0.02 * (high - low)
     found = []
     for first, last in curves.parts(u.size):
         part = writable(u[first:last])

@@ -9,8 +9,6 @@ from minorloop.errors import SignalError
 from minorloop.identification.baseline import rms
 from minorloop.identification.output_error import correlation_time
 
-_BEGINNING = 0.1
-"""Share of a period, and of a record, at the beginning of which a transient shows most."""
 _FEWEST = 48
 """Samples of a beginning at least, so that its scatter is known to a tenth."""
 _UNSETTLED = 2.0
@@ -72,7 +70,8 @@ def larger_beginning(errors: FloatArray) -> float:
 
 
 def _early(size: int) -> int:
-    return min(max(int(_BEGINNING * size), _FEWEST), size // 2)
+    # Share of a period, and of a record, at the beginning of which a transient shows most
+    return min(max(int(0.1 * size), _FEWEST), size // 2)
 
 
 def _differs(first: FloatArray, later: FloatArray) -> bool:

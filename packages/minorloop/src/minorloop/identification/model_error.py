@@ -39,14 +39,10 @@ FEWEST = 50
 """Samples of a record without groups below which nothing is left out."""
 MOST_BANDS = 40
 """Bands of the plane at most, so that the fits without a part take less than a second."""
-_NORMAL_PARTS = 8
-"""Independent parts whose weight the normal distribution has against the errors found."""
 _CELLS = 25
 """Bands of the plane on which cells count as reached."""
 _NEAR, _FARTHEST = 0.25, 3.0
 """Distance, in ranges of the input, within which travel counts as closed, and its largest value."""
-_LOOP = 0.3
-"""Largest scale of the components, in ranges of the output."""
 _BEGIN = np.array([1.0, 0.12, 0.7])
 """Standard deviations of the components to begin with: of the posterior in its own; of a closed
 travel and of a distance of one range in that scale."""
@@ -115,7 +111,8 @@ def width(scores: FloatArray, probability: float, parts: int, least: float = 0.0
     side = (1 + probability) / 2
     normal = float(ndtri(side))
     found = max(float(np.quantile(scores, probability)) / normal, least)
-    share = parts / (parts + _NORMAL_PARTS)
+    # Independent parts whose weight the normal distribution has against the errors found
+    share = parts / (parts + 8)
     student = float(stdtrit(max(parts - 1, 1), side)) / normal
     return student * (share * found + 1 - share)
 
@@ -275,7 +272,8 @@ def _scale(model: Preisach, span: float) -> float:
     up = np.linspace(model.levels[0], model.levels[-1], 101)
     branches = model.simulate(np.concatenate([up, up[::-1]]))
     opening = float(np.abs(branches[101:][::-1] - branches[:101]).max())
-    return max(min(opening, _LOOP * span), _TINY * span)
+    # Largest scale of the components, in ranges of the output
+    return max(min(opening, 0.3 * span), _TINY * span)
 
 
 def _factors(

@@ -41,8 +41,6 @@ _COARSE = 4
 """Levels up to which longer steps of the integration are accurate enough."""
 _WORSE = 2
 """Numbers of levels in a row that must be no better before the search ends."""
-_HEARD = 0.1
-"""Share of its largest spectral line from which a force counts, for the linear start."""
 _FEWEST_EACH = 5
 """Samples for each parameter: with fewer the errors of parameters are as large as themselves."""
 _WHERE_IT_IS = 0.5
@@ -260,7 +258,8 @@ def _linear_start(record: OscillatorRecord) -> Oscillator:
     window = np.ones(y.size) if record.periodic else np.hanning(y.size)
     force, motion = np.fft.rfft(window * record.u), np.fft.rfft(window * y)
     w = 2 * np.pi * np.fft.rfftfreq(y.size, record.interval)
-    heard = np.abs(force) > _HEARD * np.abs(force[1:]).max()
+    # Share of its largest spectral line from which a force counts, for the linear start
+    heard = np.abs(force) > 0.1 * np.abs(force[1:]).max()
     columns = np.column_stack([-(w**2) * motion, 1j * w * motion, motion])[heard]
     scale = np.linalg.norm(columns, axis=0)
     rows = np.vstack([columns.real, columns.imag]) / scale

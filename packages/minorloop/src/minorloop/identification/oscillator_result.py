@@ -22,11 +22,6 @@ from minorloop.identification.simulation_error import (
     parameters_of,
 )
 
-_BEYOND_NOISE = 1.1
-"""Error over noise from which the model misses something: for 100 samples and more, an error that
-is only noise is as large with a probability below 1 %."""
-_UNCERTAIN = 0.5
-"""Standard deviation over the value of a parameter from which it counts as not determined."""
 _SMALL = 1e-3
 """Error over the standard deviation of the displacement below which its course is no matter: an
 initial motion would leave more."""
@@ -82,13 +77,16 @@ def _beginning(fit: OscillatorIdentification) -> Iterator[str]:
 def _accuracy(fit: OscillatorIdentification) -> Iterator[str]:
     """Say what the law lacks, and which parameters the record does not determine."""
     beyond = fit.error / fit.noise if fit.noise and fit.share > _INTEGRATED else 0.0
-    if beyond > _BEYOND_NOISE:
+    # Error over noise from which the model misses something: for 100 samples and more, an error
+    # that is only noise is as large with a probability below 1 %
+    if beyond > 1.1:
         yield (
             f"the error is {beyond:.2g} times the noise of the record, so the "
             "model lacks something; try start='unknown', or a stiffness of higher degree"
         )
     share = fit.sd / np.maximum(np.abs(fit.parameters), np.finfo(float).tiny)
-    loose = [name for name, one in zip(fit.names, share, strict=True) if one > _UNCERTAIN]
+    # Standard deviation over the value of a parameter from which it counts as not determined
+    loose = [name for name, one in zip(fit.names, share, strict=True) if one > 0.5]
     if loose and not fit.tried:
         yield (
             f"the record does not determine {', '.join(loose)}; excite larger amplitudes and "

@@ -47,8 +47,6 @@ from minorloop.operators.preisach import Preisach
 _MOST_RANKED = 3000
 """Unknowns up to which the rank is computed unasked. 3000 take 40 s, and the time grows with their
 cube."""
-_MOST_SCORED = 2000
-"""Readings whose bands are computed: the share of 90 % within them is then known to 0.7 %."""
 
 
 def _holds(numbers: tuple[int, ...]) -> str:
@@ -374,13 +372,9 @@ class Identification(Fit[Preisach]):
         return replace(found, sd=sd)
 
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
-        """Standard deviation of predicted readings along the record, sensor noise included.
+        """(M,) standard deviations of predicted readings along the record, sensor noise included.
 
         ``samples`` (M,) of int: which samples, in increasing order.
-
-        Returns
-        -------
-        (M,) array
         """
         return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))[0]
 
@@ -441,7 +435,8 @@ class Identification(Fit[Preisach]):
         """Share of readings within their 90 % bands, of which they are, and the mean half width."""
         held = self.held_out.any()
         scored = np.flatnonzero(self.held_out if held else self.fitted)
-        scored = scored[one_of_each(scored.size, _MOST_SCORED)]
+        # Readings whose bands are computed: the share of 90 % within them is then known to 0.7 %
+        scored = scored[one_of_each(scored.size, 2000)]
         reach = PER_DEVIATION * self.deviation(scored)
         inside = float(np.mean(np.abs((self.prediction - self.y)[scored]) <= reach))
         return inside, "held-out" if held else "fitted", float(reach.mean())

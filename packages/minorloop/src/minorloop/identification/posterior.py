@@ -187,7 +187,7 @@ class SparsePosterior(Posterior):
 
 
 @dataclass(frozen=True, eq=False)
-class SparseEvidence:
+class _SparseEvidence:
     """Scaled measurements (M,), less the outputs of the mean of the prior, and their system."""
 
     system: EverettSystem
@@ -195,7 +195,7 @@ class SparseEvidence:
 
 
 @dataclass(frozen=True, eq=False)
-class IndependentPart:
+class _IndependentPart:
     """Posterior of the independent parts of the weights."""
 
     squares: FloatArray
@@ -213,7 +213,7 @@ class IndependentPart:
         mean: FloatArray,
         loose: FloatArray,
         likelihood: float,
-    ) -> IndependentPart:
+    ) -> _IndependentPart:
         """Posterior from prior variances and precisions given the field, of weights.
 
         ``mean`` (K,) and ``loose`` (K,) are the mean and the variance of the weights apart from
@@ -264,7 +264,7 @@ class PriorSystem(ABC):
         """(M,) variances of outputs, from the uncertainty of the unknowns alone."""
 
     @abstractmethod
-    def independent_part(self) -> IndependentPart:
+    def independent_part(self) -> _IndependentPart:
         """Posterior of the independent parts of the weights, by the field."""
 
     @abstractmethod
@@ -341,7 +341,7 @@ class DenseSystem(PriorSystem):
         half = matrix.dense() @ self.factor
         return np.asarray(np.einsum("mn,mn->m", half, half))
 
-    def independent_part(self) -> IndependentPart:
+    def independent_part(self) -> _IndependentPart:
         """As of `PriorSystem`, by the normal equations of unknowns and field.
 
         With r the independent part, V its variances and C the covariance of the outputs, its mean
@@ -367,7 +367,7 @@ class DenseSystem(PriorSystem):
         apart = mean[:cells] - factors @ values  # A' C^-1 y would be rounding
         likelihood = -0.5 * (square - float(slope @ mean) + spent)
         variances = self.plane.nugget_variances(self.h)
-        return IndependentPart.of(variances, given, apart, loose, likelihood)
+        return _IndependentPart.of(variances, given, apart, loose, likelihood)
 
     def posterior(self, unit: float, samples: int, determined: float) -> DensePosterior:
         """As of `PriorSystem`."""
@@ -379,7 +379,7 @@ class DenseSystem(PriorSystem):
 class SparseSystem(PriorSystem):
     """Normal equations as a sparse system, which those of other hyperparameters use too."""
 
-    evidence: SparseEvidence
+    evidence: _SparseEvidence
 
     def _condition(self, variance: float) -> tuple[EverettSystem, FieldPrecision]:
         """Return the system with the prior for this variance of a measured output."""
@@ -440,14 +440,14 @@ class SparseSystem(PriorSystem):
         """As of `PriorSystem`."""
         return self.h.variance * self._factorise(self.h.variance)[0].variances(matrix)
 
-    def independent_part(self) -> IndependentPart:
+    def independent_part(self) -> _IndependentPart:
         """As of `PriorSystem`."""
         mean, (system, precision) = self.mean, self._factorise(self.h.variance)
         loose = system.variances_apart(self.plane.mesh.link_cells)
         given = precision.own[: self.plane.spec.cells]
         variances, v = self.plane.nugget_variances(self.h), self.h.variance
         apart = precision.apart(mean)
-        return IndependentPart.of(variances, given / v, apart, loose * v, self.likelihood)
+        return _IndependentPart.of(variances, given / v, apart, loose * v, self.likelihood)
 
     def posterior(self, unit: float, samples: int, determined: float) -> SparsePosterior:
         """As of `PriorSystem`."""
@@ -476,7 +476,7 @@ def system_of_many(
         most, scale = _FILL * float(cells) ** 3, np.ones(matrix.spec.unknowns)
         system = quick_system(matrix, weight, scale, most, plane.mesh)
     if system is not None:
-        return SparseSystem(SparseEvidence(system, y), plane, h, signed, centre)
+        return SparseSystem(_SparseEvidence(system, y), plane, h, signed, centre)
     if cells > _MOST_CELLS:
         raise ParameterError(
             f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "

@@ -38,14 +38,10 @@ if TYPE_CHECKING:
 
 Mean: TypeAlias = Literal["zero", "ridge"]
 
-_LEVEL_VARIANCE = 4.0
-"""Prior variance of offset and slope, in squared ranges of the output: twice the range."""
 _MESH_BANDS = 20
 """Most bands of the mesh."""
 _JITTER = 1e-6
 """Variance added to the field, so that its covariance has an inverse."""
-_LEAST_DEVIATION = 1e-7
-"""Least prior standard deviation of a weight, in ranges of the output."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +205,8 @@ class PlanePrior:
         """Standard deviations of offset and slope, where fitted."""
         span = float(self.spec.levels[-1] - self.spec.levels[0])
         units = [1.0] * self.spec.offset + [1.0 / span] * self.spec.slope
-        return np.asarray(np.sqrt(_LEVEL_VARIANCE) * np.array(units))
+        # Prior variance of offset and slope, in squared ranges of the output: twice the range
+        return np.asarray(np.sqrt(4.0) * np.array(units))
 
     def scale(self, h: Hyperparameters) -> FloatArray:
         """(n,) approximate prior standard deviations of the unknowns; all positive."""
@@ -269,7 +266,8 @@ class PlanePrior:
         bulk, reversible = self.deviations(h)
         loose = self.nugget_variances(h) + bulk**2 * (1.0 - field.bulk_kept)
         loose[self.diagonal] += reversible**2 * (1.0 - field.reversible_kept)
-        given = variance / np.maximum(loose, _LEAST_DEVIATION**2)
+        # Least prior standard deviation of a weight, in ranges of the output
+        given = variance / np.maximum(loose, 1e-7**2)
         factor = np.append(bulk[:, None] * mesh.share, reversible[:, None] * mesh.part)
         shape = self.spec.cells, mesh.unknowns
         factors = csr_array((factor, (mesh.cell, mesh.value)), shape=shape)

@@ -69,11 +69,6 @@ _ROUGH = 0.1
 """Nugget from which the distribution of the independent part matters."""
 _ROUNDS = 8
 """Rounds of the variances; later ones change outputs by less than their error."""
-_LEAST_SQUARE = 1e-12
-"""Least squared weight, over its prior variance."""
-_MOST_PLAIN_BANDS = 50
-"""Bands of the plane at most, for bands without the prior; the outputs hardly depend on what is
-finer."""
 _OVERFIT = 0.5
 """Share of the samples from which so many determined unknowns leave no reliable residuals."""
 _LEAST_FREE = 1.0
@@ -371,7 +366,8 @@ def _independent_variances(system: PriorSystem) -> tuple[FloatArray | None, floa
     share, scale, rise = np.ones(usual.size), 1.0, -np.inf
     normal = found = system.independent_part()
     for left in range(_ROUNDS - 1, -1, -1):
-        share = (scale + np.maximum(found.squares / usual, _LEAST_SQUARE)) / 2
+        # Least squared weight, over its prior variance
+        share = (scale + np.maximum(found.squares / usual, 1e-12)) / 2
         scale = 1 / float(np.mean(1 / share))
         found = replace(system, plane=system.plane.varied(independent=share)).independent_part()
         ratio, before = scale / share, rise
@@ -408,7 +404,9 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
     """
     matrix = regression.matrix
     scaled, unit, middle = scale_outputs(matrix.spec, regression.y)
-    small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(_MOST_PLAIN_BANDS)
+    # Bands of the plane at most, for bands without the prior; the outputs hardly depend on what is
+    # finer
+    small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(50)
     # Neighbours whose errors are alike count as one sample.
     weight = regression.weight / _correlation_time(regression, x)
     within, count = regression.within / unit**2, float(weight.sum())

@@ -21,10 +21,6 @@ _CONVERGED = 1e-9
 """Relative change of the error at which the iteration ends."""
 _CORNERS = 4
 """Frequencies from which the initial poles are taken."""
-_MUCH_BETTER = 0.5
-"""Ratio of errors below which unusual poles and zeros are accepted."""
-_LEAST_DAMPING = 0.1
-"""Damping ratio below which a pole is unusual."""
 _EXACT = 1e-9
 """Relative error that counts as rounding."""
 _LOWEST, _HIGHEST = 1e-15, 1e15
@@ -111,7 +107,8 @@ def fit_response(
     errors = {form: _relative_error(model, hertz, gains) for form, model in fits.items()}
     usual = [form for form, model in fits.items() if not _unusual(model)]
     least = min((errors[form] for form in usual), default=np.inf)
-    kept = [form for form in fits if form in usual or errors[form] < _MUCH_BETTER * least]
+    # Ratio of errors below which unusual poles and zeros are accepted
+    kept = [form for form in fits if form in usual or errors[form] < 0.5 * least]
     count = 2 * gains.size
 
     def criterion(form: tuple[int, int]) -> float:
@@ -128,7 +125,8 @@ def fit_response(
 def _unusual(model: Linear) -> bool:
     """Whether a pole is weakly damped, or a zero lies in the right half plane."""
     poles, zeros = model.poles, model.zeros
-    return bool((-poles.real < _LEAST_DAMPING * np.abs(poles)).any() or (zeros.real >= 0).any())
+    # Damping ratio below which a pole is unusual
+    return bool((-poles.real < 0.1 * np.abs(poles)).any() or (zeros.real >= 0).any())
 
 
 def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Linear | None:

@@ -21,8 +21,6 @@ from minorloop.lab.faults import FEWEST, Fault
 
 _LEAST_SD = 0.1
 """Standard deviations below this share of their median count as so much."""
-_ROUNDINGS = 4
-"""Least width of a band, in distances of neighbouring numbers: areas are shares of bands."""
 
 
 def split(
@@ -75,7 +73,8 @@ def grid(u: FloatArray, y: FloatArray, levels: int | npt.ArrayLike, spacing: str
         )
     check_bands(int(count))
     largest = float(np.abs(u).max())
-    if np.ptp(u) < _ROUNDINGS * int(count) * np.spacing(largest):
+    # Least width of a band, in distances of neighbouring numbers: areas are shares of bands
+    if np.ptp(u) < 4 * int(count) * np.spacing(largest):
         raise SignalError(
             f"the input changes by {np.ptp(u):g} only, about {largest:g}, where rounding leaves no "
             f"room for {count} bands; give fewer, or subtract a constant before it is rounded"

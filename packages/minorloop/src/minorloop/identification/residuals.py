@@ -23,8 +23,6 @@ _BLOCKS, _LEAST_BLOCK = 40, 5
 _DRIFT, _SURE = 0.4, 4.0
 """Share of the variance of these means that a drift explains, and how many of its standard
 deviations it is."""
-_OF_GROUPS = 0.5
-"""Share of the squared error that an offset and a gain of each group explain."""
 _SPANNED = 0.5
 """Share of the range of the output that a group spans, from which it determines a gain: on less,
 gain and offset are extrapolated to the range by more than twice, and cancel each other."""
@@ -275,7 +273,7 @@ def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDif
     if len(offsets) < 2 or squares == 0:
         return None
     share = 1 - float(left @ left) / squares
-    if share < _OF_GROUPS:
+    if share < 0.5:  # share of the squared error that an offset and a gain of each group explain
         return None
     return GroupDifference(len(names), share, max(offsets), max(gains))
 

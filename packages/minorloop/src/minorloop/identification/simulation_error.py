@@ -29,8 +29,6 @@ _TIES = (10.0, 1.0, 0.1)
 times a start 50 % off is harmless, and steps of ten lose no start."""
 _TIED_STEPS, _TIED_GAIN = 40, 1e-3
 """Steps with each of these springs: its minimum is only the start for the next one."""
-_TIED_DAMPING = 0.7
-"""Damping ratio of the mass on this spring alone: its noise does not ring."""
 _SOFT = 0.5
 """Share by which the slope of a soft loop falls from zero to its largest displacement: the memory
 of the start then fades within a turn, and the derivatives of a periodic response are finite."""
@@ -40,8 +38,6 @@ _MOST_TURNS = 20
 """Periods that are simulated until the response repeats."""
 _SETTLED = 1e-6
 """Relative change from period to period of a state, and of its derivatives, that repeat."""
-_TIED_SUBSTEPS = 2
-"""Steps in an interval then; they are as accurate as that minimum needs to be."""
 _PARAMETERS: dict[type, tuple[str, ...]] = {
     BoucWen: ("alpha", "gamma", "delta", "exponent"),
     Duhem: ("rising", "falling"),
@@ -101,7 +97,8 @@ class OscillatorRecord:
 
     def coarse(self) -> OscillatorRecord:
         """Return the record for longer steps, without filters."""
-        return replace(self, substeps=min(_TIED_SUBSTEPS, self.substeps), stages=())
+        # Steps in an interval then; they are as accurate as that minimum needs to be
+        return replace(self, substeps=min(2, self.substeps), stages=())
 
     @cached_property
     def force(self) -> FloatArray:
@@ -207,7 +204,8 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
     stiffness = abs(start.stiffness[0]) + abs(start.operator.step("relaxed", _SMALL)[0] / _SMALL)
     for share in _TIES:
         spring = share * float(stiffness)
-        tie = spring, 2 * _TIED_DAMPING * float(np.sqrt(spring * model.mass))
+        # Damping ratio of the mass on this spring alone: its noise does not ring
+        tie = spring, 2 * 0.7 * float(np.sqrt(spring * model.mass))
         begins = [model]
         if share == _TIES[0]:
             # With a wrong law the hysteretic force may explode along the measured displacement.

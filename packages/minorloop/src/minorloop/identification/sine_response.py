@@ -39,14 +39,10 @@ from minorloop.operators.operator import Operator
 Drive: TypeAlias = Callable[[FloatArray, FloatArray], Record]
 """Drives a plant with inputs u at times t, linear in between, and returns its record."""
 
-_SWITCH = 1e-3
-"""Duration of a change of the input in the preamble, in seconds."""
 _MOST_SAMPLES = 4096
 """Most samples of a period to which a log is interpolated."""
 _ROUNDING = 1e-3
 """Share of an interval by which times of a log may be rounded."""
-_SAME_AMPLITUDE = 1.05
-"""Amplitudes of a log whose ratio is below this count as one."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,8 @@ def frequency_response(
 
 def _driven(drive: Drive, sine: Sine) -> MeasuredSine:
     """Drive a plant with a sine and the inputs before it, and interpolate the record."""
-    begin = np.array([0.0, sine.hold - min(_SWITCH, sine.hold / 2), sine.hold, 2 * sine.hold])
+    # Duration of a change of the input in the preamble, in seconds
+    begin = np.array([0.0, sine.hold - min(1e-3, sine.hold / 2), sine.hold, 2 * sine.hold])
     t = np.append(begin, begin[-1] + sine.interval * np.arange(1, sine.count + 1))
     before = np.repeat([sine.preamble, sine.offset], 2)
     record = drive(t, np.concatenate([before, sine.inputs]))
@@ -217,16 +214,11 @@ def at_every_amplitude(
 ) -> tuple[list[float], str]:
     """Return the frequencies that sines have at every amplitude, and a note about the others.
 
+    The frequencies increase; the note says which are left out, and is empty if none.
+
     Raises a `SignalError` if there is no such frequency.
 
     ``frequencies`` and ``amplitudes`` (N,): frequency in Hz and amplitude of each sine.
-
-    Returns
-    -------
-    frequencies : list of float
-        In increasing order.
-    note : str
-        Which are left out; empty if none.
     """
     levels, place = _grouped(amplitudes)
     known = set(zip(place, frequencies, strict=True))
@@ -313,7 +305,8 @@ def _grouped(values: Sequence[float]) -> tuple[list[float], list[int]]:
     """Return the different amplitudes in order, and the place of each value among them."""
     groups: list[list[int]] = []
     for k in np.argsort(values, kind="stable").tolist():
-        if groups and values[k] < _SAME_AMPLITUDE * values[groups[-1][0]]:
+        # Amplitudes of a log whose ratio is below this count as one
+        if groups and values[k] < 1.05 * values[groups[-1][0]]:
             groups[-1].append(k)
         else:
             groups.append([k])

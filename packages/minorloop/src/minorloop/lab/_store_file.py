@@ -19,8 +19,6 @@ _APPLICATION = 0x6D6C6F70
 VERSION = 2
 LOCK_WAIT = 1.0
 """Seconds to wait for another process that is just finishing."""
-_LOCK_EVERY = 0.02
-"""Seconds between two attempts to lock."""
 READ_WAIT = 30.0
 """Seconds that a writer waits, before its first point only, for others that are just reading."""
 MAGIC = b"SQLite format 3\0"
@@ -87,7 +85,7 @@ def locked(file: Path) -> int:
                 return lock
             os.close(lock)  # the process before has just removed it
         elif time.monotonic() < deadline:
-            time.sleep(_LOCK_EVERY)
+            time.sleep(0.02)  # seconds between two attempts to lock
         else:
             raise StoreError(f"{file} cannot be used: {_IN_USE}")
 

@@ -100,6 +100,8 @@ class Actuator(Protocol):
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold an input, and return a record of input and output.
 
+        Raises a `LimitError` if the input is beyond a limit; nothing is applied then.
+
         Parameters
         ----------
         u : float or (channels,) array
@@ -119,25 +121,17 @@ class Actuator(Protocol):
             several calls. A plant whose exchanges take time says in ``timing`` when the hold
             really began and ended; without it, the hold counts as exactly ``duration`` long, with
             the last sample at its end.
-
-        Raises
-        ------
-        LimitError
-            If the input is beyond a limit; nothing is applied then.
         """
 
     def exchange(self, u: Value) -> Value:
         """Hold an input for one tick, and return the output at its end.
 
+        Raises a `LimitError` if the input is beyond a limit; nothing is applied then.
+
         Parameters
         ----------
         u : float or (channels,) array
             The input, in its unit.
-
-        Raises
-        ------
-        LimitError
-            If the input is beyond a limit; nothing is applied then.
         """
 
     def safe(self) -> None:

@@ -317,13 +317,9 @@ def from_text(text: str, reading: Quantity) -> Conversion:
 
     Raises a `ParameterError` if it describes none.
 
-    Parameters
-    ----------
-    text : str
-        ``laser:D0,H0[,SD,SD]``, ``linear:GAIN[,OFFSET]``, ``polynomial:C0,C1,...`` or
-        ``table:FILE``; for all but the first also ``name=``, ``unit=`` and ``calibration_sd=``.
-    reading : Quantity
-        Name and unit of the reading.
+    ``text``: ``laser:D0,H0[,SD,SD]``, ``linear:GAIN[,OFFSET]``, ``polynomial:C0,C1,...`` or
+    ``table:FILE``; for all but the first also ``name=``, ``unit=`` and ``calibration_sd=``;
+    ``reading``: name and unit of the reading.
     """
     value = parsed(text)
     kind, what, options = value.kind, value.what, value.options

@@ -131,8 +131,6 @@ _SENTINELS = (
     *(1e20, -1e20, 1e30, -1e30, 1e35, -1e35),
 )
 """Values that loggers and file formats use for a missing reading."""
-_CODE_DISTANCE = 0.25
-"""Distance of a sentinel from the range of all other readings, over that range."""
 _ABSURD, _ABSURD_SHARE, _FEWEST_ABSURD = 1e4, 0.001, 12
 """Distance from the median of a reading that is none, over the greatest of all other distances; the
 share of readings that may be so far away; and readings from which this is checked."""
@@ -154,7 +152,8 @@ def codes(y: FloatArray, noun: str = "reading") -> tuple[Fault, ...]:
     if rest.size < 3:
         return ()
     low, high = rest.min(), rest.max()
-    apart = _CODE_DISTANCE * (high - low)
+    # Distance of a sentinel from the range of all other readings, over that range
+    apart = 0.25 * (high - low)
     suspect &= (y < low - apart) | (y > high + apart)
     places = np.flatnonzero(suspect)
     if not places.size:

@@ -38,8 +38,6 @@ _LARGE = 0.1
 """Share of the range from which changes are steps although they differ; noise is less."""
 _BESIDE = 5
 """Changes on each side of a lost row that show by how much the input steps there."""
-_MOST_LOST = 0.2
-"""Largest share of intervals with lost rows; with more, the hold times of a plan may differ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +102,8 @@ def with_lost_rows(check: TimeCheck, u: npt.ArrayLike) -> TimeCheck:
     off = np.abs(steps - whole) > UNEVEN
     lost = np.flatnonzero((whole > 1) & (whole <= GAP) & ~off)
     uneven = np.setdiff1d(np.flatnonzero(off | (whole == 0)), check.breaks)
-    if not 0 < lost.size <= _MOST_LOST * steps.size or uneven.size > lost.size:
+    # Largest share of intervals with lost rows; with more, the hold times of a plan may differ
+    if not 0 < lost.size <= 0.2 * steps.size or uneven.size > lost.size:
         return check
     if not _in_steps(inputs):
         return check

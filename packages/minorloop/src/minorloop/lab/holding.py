@@ -9,9 +9,6 @@ from minorloop.arrays import FloatArray
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 
-_JUDGEMENTS = 2
-"""Judgements of the output in each window."""
-
 
 class Hold:
     """A level that is held in stretches; the output is judged after each.
@@ -62,7 +59,7 @@ class Hold:
             if self._left - length < least:
                 length = self._left
             yield length
-            stretch = self._plan.window / _JUDGEMENTS
+            stretch = self._plan.window / 2  # judgements of the output in each window
 
     def add(self, record: Record, length: float) -> None:
         """Add a stretch that was carried out.

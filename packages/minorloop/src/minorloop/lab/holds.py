@@ -24,8 +24,6 @@ _SURE = 6.0
 which the means of pieces with an outlier between them are equal."""
 _JUMP = 10.0
 """Standard deviations from which a difference of neighbours is a change of the input."""
-_GRAIN = 1000
-"""The input counts as noisy by at most this part of its span where it is quantised."""
 _WANDER = 0.08
 """Share of the change to the next piece that is the most standard deviation of an input within a
 hold beside white noise. A rise by a quarter of it has 0.07, hum seldom more than 0.05, the top of a
@@ -35,8 +33,6 @@ _LAGS = (1, 4, 16, 64, 256)
 _LEAST_SD = 1e-9
 _MOST_CUTS = 300
 """Cuts of an input beside two for each jump; a sweep would need many more."""
-_MOST_SEARCHED = 25_000
-"""Samples in which a raw log is looked for; means of neighbours, if there are more."""
 _LEAST_HOLDS, _HELD, _MOVING, _MOVES = 3, 0.6, 0.25, 0.01
 """Of a raw log: least holds, least share of the rows in them, least share of holds in which the
 output moves, and by how much of its span."""
@@ -109,7 +105,8 @@ def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLi
     and output, NaN where nothing was measured.
     """
     inputs, outputs = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    width = max(-(-inputs.size // _MOST_SEARCHED), 1)
+    # Samples in which a raw log is looked for; means of neighbours, if there are more
+    width = max(-(-inputs.size // 25_000), 1)
     whole = inputs.size - inputs.size % width
     if width > 1:
         inputs, outputs = (
@@ -165,7 +162,8 @@ def _noise(u: FloatArray, span: float, lag: int) -> float:
     digit = float(steps[steps > 1e-12 * span].min(initial=span))
     apart = np.diff(u, 2) / np.sqrt(3) if lag == 1 else u[lag:] - u[:-lag]
     sd = noise_of(apart, 1) if apart.size else 0.0
-    return max(sd, min(digit / 2, span / _GRAIN), _LEAST_SD * span)
+    # The input counts as noisy by at most this part of its span where it is quantised
+    return max(sd, min(digit / 2, span / 1000), _LEAST_SD * span)
 
 
 def _edges(u: FloatArray, sd: float, fewest: int) -> list[int]:

@@ -28,9 +28,6 @@ AUTO: Literal["auto"] = "auto"
 Named: TypeAlias = str | None
 """Name of a column, ``"auto"`` to find it, or None for none."""
 
-_DATE = 1e8
-"""Times without a unit beyond this many seconds are dates; they are counted from the first."""
-
 
 def read_log(
     path: PathLike,
@@ -278,7 +275,8 @@ def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
         raise RecordError(f"time in column '{clock}' must be in one of {units}, or a date and time")
     with np.errstate(over="ignore"):  # infinite times are refused
         t = values * SECONDS[clock.unit]
-    if clock.unit == "" and t.size and t[0] > _DATE:
+    # Times without a unit beyond this many seconds are dates; they are counted from the first
+    if clock.unit == "" and t.size and t[0] > 1e8:
         t = t - t[0]
     return Quantity(clock.name, "s"), check_times(t, name=f"column '{clock}'", unit=clock.unit)
 

@@ -36,9 +36,6 @@ _FEWEST = 20
 """Equal readings in a row below which a sensor is not called stuck: they do little harm."""
 _CHANCE = 1e-6
 """Expected number of such runs in a record of independent noise."""
-_ALTERNATES = 0.5
-"""Share of second differences that change sign from which they are noise. It is 0.73 for
-independent noise (the correlation of neighbours is -2/3), and near 0 for a smooth signal."""
 _FINE = 0.01
 """Quantile of the steps between readings that stands for the resolution of the sensor. The least
 step would be too small where the format rounds small numbers more finely."""
@@ -251,7 +248,9 @@ def noise_above_resolution(values: FloatArray) -> float:
     if bends.size < 2:
         return 0.0
     ways = np.sign(bends)  # products of large numbers overflow
-    if np.mean(ways[1:] * ways[:-1] < 0) < _ALTERNATES:
+    # Share of second differences that change sign from which they are noise. It is 0.73 for
+    # independent noise (the correlation of neighbours is -2/3), and near 0 for a smooth signal
+    if np.mean(ways[1:] * ways[:-1] < 0) < 0.5:
         return 0.0
     sd = noise_of(bends, 2)
     steps = np.abs(np.diff(values))

@@ -162,6 +162,9 @@ class Plan:
     def from_csv(cls, path: PathLike, *, input: str | None = None, **settings: Any) -> Plan:
         """Read a plan from a CSV file, as ``minorloop plan --save`` writes it.
 
+        Raises a `RecordError` if the file or a column in it cannot be used; a `ParameterError` if a
+        number is out of range.
+
         Parameters
         ----------
         path : str or path
@@ -172,13 +175,6 @@ class Plan:
         **settings
             ``window``, ``tolerance``, ``sample_interval``, and ``shortest`` in place of the column;
             None as if it were left out. A plan of sines has none.
-
-        Raises
-        ------
-        RecordError
-            If the file or a column in it cannot be used.
-        ParameterError
-            If a number is out of range.
         """
         settings = {name: value for name, value in settings.items() if value is not None}
         with opened(path) as table:
@@ -241,15 +237,12 @@ class Plan:
     def from_json(cls, text: str) -> Plan:
         """Return the plan that ``to_json`` wrote.
 
+        Raises a `ParameterError` if the text is not a plan.
+
         Parameters
         ----------
         text : str
             The JSON text.
-
-        Raises
-        ------
-        ParameterError
-            If the text is not a plan.
         """
         try:
             fields = json.loads(text)
@@ -272,15 +265,12 @@ class Plan:
     def slowed(self, seconds: float) -> Plan:
         """Return the same plan with a sample interval and a window for a slow meter.
 
+        It is this plan if the meter is fast enough, or too slow for any interval.
+
         Parameters
         ----------
         seconds : float
             How long the meter takes for one reading.
-
-        Returns
-        -------
-        Plan
-            This plan if the meter is fast enough, or too slow for any interval.
         """
         brief = float(self.longest.min())
         if self.sines or not self.sample_interval < seconds <= brief / (1.1 * _ENOUGH):
@@ -300,15 +290,13 @@ class Plan:
     def check_answers(self, seconds: float) -> None:
         """Refuse a plan that needs more readings than a meter can give.
 
+        Raises a `ParameterError` if a hold or the window is too short for the readings that a
+        verdict needs.
+
         Parameters
         ----------
         seconds : float
             How long the meter takes for one reading.
-
-        Raises
-        ------
-        ParameterError
-            If a hold or the window is too short for the readings that a verdict needs.
         """
         hold = float(self.longest.min())
         if min(self.window / FEWEST, hold / _ENOUGH) >= seconds * (1 - 1e-9):

@@ -37,9 +37,6 @@ from minorloop.lab.timebase import (
 )
 from minorloop.operators.memory import Start, StartOfCurve
 
-_MOST_NEW = 4
-"""Largest ratio of the lengths of a record after and before it is sampled evenly."""
-
 
 @dataclass(frozen=True)
 class Quantity:
@@ -324,15 +321,12 @@ class Record(Drawn):
     def only(self, first: int | None, last: int | None) -> Record:
         """Return the record of which some rows are used: from ``first`` up to but not ``last``.
 
+        Raises a `ParameterError` if there are no such rows.
+
         Parameters
         ----------
         first, last : int, optional
             Counted from 0, or from the end if negative, as in a slice; None for the ends.
-
-        Raises
-        ------
-        ParameterError
-            If there are no such rows.
         """
         total = len(self)
         rows = [
@@ -488,7 +482,8 @@ class Record(Drawn):
         if check is None or (not check.breaks.size and check.uneven == 0):
             return self
         duration = float(self.t[-1] - self.t[0])
-        if duration > _MOST_NEW * len(self) * check.interval:
+        # Largest ratio of the lengths of a record after and before it is sampled evenly
+        if duration > 4 * len(self) * check.interval:
             return self.with_known_memory()
         y = np.where(self._known, self.y, np.nan)
         measured = np.count_nonzero(np.isfinite(y))
@@ -503,15 +498,12 @@ class Record(Drawn):
     def without_lag(self, lag: float) -> Record:
         """Return the record with each output ``lag`` seconds after its input.
 
+        Raises a `ParameterError` if the record has no time.
+
         Parameters
         ----------
         lag : float
             In seconds, >= 0.
-
-        Raises
-        ------
-        ParameterError
-            If the record has no time.
         """
         record, check = self.with_known_memory(), self.check
         if check is None:
@@ -526,15 +518,12 @@ class Record(Drawn):
     def joined(cls, records: Sequence[Record]) -> Record:
         """Join records that follow each other on the same clock.
 
+        Raises a `RecordError` if there is none, their channels differ, or time runs backwards.
+
         Parameters
         ----------
         records : sequence of Record
             In the order of their times.
-
-        Raises
-        ------
-        RecordError
-            If there is none, their channels differ, or time runs backwards.
         """
         if not records:
             raise RecordError("there is no record to join; give at least one")

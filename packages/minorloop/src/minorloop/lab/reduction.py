@@ -34,15 +34,11 @@ _Flip: TypeAlias = Literal["output", "input", "both"]
 
 _WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
-_SHORT_GAP = 0.5
-"""Share of a usual hold up to which a gap hides none."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
 _SHORTEST, _MOSTLY = 3, 0.6
 """Least samples of what may be a hold with too few, and the least share of such samples that makes
 a log of them: the noise of two samples cannot be told from a step."""
-_DISTINCT = 4
-"""Samples for each distinct reading above which readings may show the resolution of a sensor."""
 _ROUNDING = 1e-15
 """Share of the greatest distance of readings up to which another is rounding."""
 _WHOLE = 0.01
@@ -347,7 +343,8 @@ def _known(record: Record, u: FloatArray, holds: list[FoundHold]) -> tuple[BoolA
         return np.ones(u.size, dtype=np.bool_), []
     usual = np.median([t[hold.end - 1] - t[hold.begin] for hold in holds])
     gap = t[check.breaks + 1] - t[check.breaks]
-    hiding = (gap <= GAP * np.median(np.diff(t))) | (gap >= _SHORT_GAP * usual)
+    # Share of a usual hold up to which a gap hides none
+    hiding = (gap <= GAP * np.median(np.diff(t))) | (gap >= 0.5 * usual)
     within = int(np.count_nonzero(~hiding))
     note = (
         f"{counted(within, 'gap')} {are(within)} shorter than half a usual hold and cannot hide "
@@ -402,7 +399,8 @@ def _resolution(readings: FloatArray) -> float:
     """Return the step of the readings of a sensor, 0 where they show none."""
     known = readings[np.isfinite(readings)]
     values = np.unique(known)
-    if values.size < 3 or values.size * _DISTINCT > known.size:
+    # Samples for each distinct reading above which readings may show the resolution of a sensor
+    if values.size < 3 or values.size * 4 > known.size:
         return 0.0
     steps = np.diff(values)
     if steps.min() <= _ROUNDING * steps.max():

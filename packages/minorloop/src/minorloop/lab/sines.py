@@ -28,8 +28,6 @@ HELD = "input held"
 """Column that is 1 where the input of a row was held since the row before; 0 where it is linear."""
 FEWEST_SAMPLES = 20
 """Least samples of a period: the correction for held inputs is then below 10 degrees."""
-_FEWEST_PERIODS = 3
-"""Periods that are discarded at least in a new plan."""
 _MAX_SAMPLES = 2_000_000
 """Most samples of a sine."""
 SLOW = 1.01
@@ -200,7 +198,8 @@ def grid(
         raise ParameterError(f"tick is {tick:g} s; give a positive time")
     found = []
     for frequency in _all_positive("frequencies", frequencies):
-        discarded = max(_FEWEST_PERIODS, int(np.ceil(min(settling * frequency, _MAX_SAMPLES))))
+        # Periods that are discarded at least in a new plan
+        discarded = max(3, int(np.ceil(min(settling * frequency, _MAX_SAMPLES))))
         for amplitude in _all_positive("amplitudes", amplitudes):
             sine = Sine(
                 frequency=float(frequency),

@@ -185,6 +185,9 @@ class Store:
     def create(cls, path: PathLike, plan: Plan, setup: Setup) -> Store:
         """Create a store, and open it to write.
 
+        Raises an `OutputError` if the file exists already or cannot be written, or its name is too
+        long.
+
         Parameters
         ----------
         path : str or path
@@ -193,11 +196,6 @@ class Store:
             The plan to carry out.
         setup : Setup
             Its actuator.
-
-        Raises
-        ------
-        OutputError
-            If the file exists already or cannot be written, or its name is too long.
         """
         about = {"plan": plan.to_json(), "setup": setup.to_json()}
         return cls.open(create_file(path, about), write=True)
@@ -209,18 +207,15 @@ class Store:
         It is checked as a whole if it is opened to write; otherwise points and traces are checked
         when they are read.
 
+        Raises a `StoreError` if there is no store, it is damaged or of a newer version, or another
+        process writes to it and ``write`` is true.
+
         Parameters
         ----------
         path : str or path
             The file.
         write : bool
             Whether points are to be added. Others can only read the store meanwhile.
-
-        Raises
-        ------
-        StoreError
-            If there is no store, it is damaged or of a newer version, or another process writes
-            to it and ``write`` is true.
         """
         file = existing(path)
         if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
@@ -294,17 +289,14 @@ class Store:
     def check_same(self, plan: Plan, setup: Setup | None = None) -> None:
         """Refuse another plan or another actuator than that of the store.
 
+        Raises a `StoreError` naming the first difference.
+
         Parameters
         ----------
         plan : Plan
             The plan to continue.
         setup : Setup, optional
             Its actuator; not compared if not given.
-
-        Raises
-        ------
-        StoreError
-            Naming the first difference.
         """
         difference = self.plan.difference(plan)
         if not difference and setup is not None:
@@ -364,15 +356,12 @@ class Store:
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Return times and outputs of the whole hold of a point, (T,) each.
 
+        Raises a `ParameterError` if there is no such point.
+
         Parameters
         ----------
         index : int
             Index of the point.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such point.
         """
         with explained(self.path):
             if index in range(len(self)):
@@ -384,10 +373,7 @@ class Store:
     def record(self) -> Record:
         """Return the points as a record, ready to be identified.
 
-        Raises
-        ------
-        RecordError
-            If no point has settled yet.
+        Raises a `RecordError` if no point has settled yet.
         """
         points = self.points()
         if not points:
@@ -440,15 +426,12 @@ class Store:
     def check_bench(self, description: dict[str, Any]) -> None:
         """Refuse other instruments than those the run began with; save their description, once.
 
+        Raises a `StoreError` naming the first difference.
+
         Parameters
         ----------
         description : dict
             Instruments and how their readings are converted; ready for JSON.
-
-        Raises
-        ------
-        StoreError
-            Naming the first difference.
         """
         before = self.bench()
         if before is None:
@@ -485,6 +468,9 @@ class Store:
     def add(self, point: Point, t: FloatArray, y: FloatArray) -> None:
         """Write a point and its trace, both or neither.
 
+        Raises a `ParameterError` if it is not the next point of the plan, or times and outputs
+        differ in number; a `StoreError` if it cannot be written; the store is as it was.
+
         Parameters
         ----------
         point : Point
@@ -493,13 +479,6 @@ class Store:
             Times of the hold, in seconds.
         y : (T,) array_like
             Outputs during it.
-
-        Raises
-        ------
-        ParameterError
-            If it is not the next point of the plan, or times and outputs differ in number.
-        StoreError
-            If it cannot be written; the store is as it was.
         """
         count = len(self)
         if point.index != count or self.finished:

@@ -35,8 +35,6 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _CLOCK = re.compile(r"(\d{1,3}):(\d{2}):(\d{2}(?:[.,]\d*)?)")
 _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]*(.*)")
 """Time of day, and a date as it is written in most of Europe, with or without one."""
-_MERGED = 0.1
-"""Share of empty cells from which a column is one of several loggers in one table."""
 DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 _THOUSANDS = re.compile(
     r"[-+]?\d{1,3}((,\d{3})+\.\d*|(\.\d{3})+,\d*|([,.]\d{3}){2,}"
@@ -276,7 +274,8 @@ class _Column:
         more = f" and in {counted(empty.size - 1, 'other row')}" if empty.size > 1 else ""
         first = f"{self.where} is empty in row {_at(rows, empty[0])}"
         said = f"{first}{more}; give a number in every row"
-        if empty.size < _MERGED * values.size:
+        # Share of empty cells from which a column is one of several loggers in one table
+        if empty.size < 0.1 * values.size:
             raise RecordError(said)
         sparse = SparseColumnError(said)
         sparse.values = values

@@ -139,41 +139,35 @@ def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], N
     if not line.strip():
         raise RecordError(f"{file} is empty or begins with an empty line; it needs a header line")
     text.seek(place)
-    above = _above_header([text.readline(_MAX_LINE) for _ in range(_LOOKED_AT)])
-    text.seek(place)
-    for _ in range(above):
-        text.readline(_MAX_LINE)
-    number, place = number + above, text.tell()
-    line = text.readline(_MAX_LINE)
+    lines, places = list[str](), list[int]()
+    for _ in range(2 * _LOOKED_AT):
+        places.append(text.tell())
+        lines.append(text.readline(_MAX_LINE))
+    above = _above_header(lines[:_LOOKED_AT])
+    line, data = lines[above], above + 1
     delimiter = max(_DELIMITERS, key=line.count)
     if "\0" in line or (len(line) == _MAX_LINE and line.count(delimiter) < LARGEST.columns):
         raise RecordError(f"{file} looks like a binary file; give a CSV file")
     bounds.check(file, columns=line.count(delimiter) + 1)
     headers = _cells(line, delimiter)
-    first = number + 1
     if all(_is_any_number(header) for header in headers):
-        headers = _cells(comment.lstrip().lstrip("#%/"), delimiter)
+        headers, data = _cells(comment.lstrip().lstrip("#%/"), delimiter), above
         if len(headers) != len(_cells(line, delimiter)) or any(map(_is_any_number, headers)):
             raise RecordError(
                 f"{file} begins with numbers; it needs a header line to name its columns"
             )
-        text.seek(place)
-        first = number
     check_headers(headers, file)
-    place = text.tell()
-    following = [text.readline(_MAX_LINE) for _ in range(_LOOKED_AT)]
-    text.seek(place)
-    units = None
+    following, units = lines[data : data + _LOOKED_AT], None
     if following[0].strip() and '"' not in following[0]:
         units = with_units(headers, _cells(following[0], delimiter))
     if units:
-        headers, first = units, first + 1
+        headers, data = units, data + 1
         check_headers(headers, file)
-        text.readline(_MAX_LINE)
+    text.seek(places[data])
     decimal = _decimal(following, delimiter)
     rows = _TextRows(file, len(headers), delimiter, decimal)
     notes = (f"the first {counted(above, 'line')} of {file} are above its table",) if above else ()
-    blocks = rows.blocks(text, first, bounds, progress)
+    blocks = rows.blocks(text, number + data, bounds, progress)
     return OpenTable(file, headers, blocks, decimal, notes, above)
 
 

@@ -38,9 +38,6 @@ UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
 _HOUR, _DAY = 3600.0, 86400.0
 """Step of a clock that changes to or from summer time, and of a time of day at midnight."""
-_SINCE_START = 1e8
-"""Seconds, three years, from which a step is that of a clock that counted from its start and was
-set to the date, or back."""
 _LONG = 2 * _DAY
 """Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
 _MOST_SAMPLES = 50_000_000
@@ -204,7 +201,9 @@ def _was_set(steps: FloatArray, interval: float) -> BoolArray:
     off = np.abs(steps - interval)
     hour = (np.abs(off - _HOUR) <= interval) & (off > GAP * interval)
     midnight = (steps < 0) & (np.abs(off - _DAY) <= interval)
-    found = hour | midnight | (off > max(_SINCE_START, GAP * interval))
+    # Seconds, three years, from which a step is that of a clock that counted from its start and was
+    # set to the date, or back
+    found = hour | midnight | (off > max(1e8, GAP * interval))
     return found if np.count_nonzero(found) <= max(0.01 * steps.size, 1) else np.zeros_like(found)
 
 

@@ -25,7 +25,7 @@ from minorloop.operators._memory_kernels import INSIDE, wipes_out
 
 VALUE, OUTPUT, BAND, FRACTION = 0, 1, 2, 3
 """Columns of the stack of extrema: input, output, band of the levels, and share of that band."""
-CROWDED = 8  # more thresholds than this in one bucket are searched by bisection
+_CROWDED = 8  # more thresholds than this in one bucket are searched by bisection
 
 
 class PlaneTables(NamedTuple):
@@ -61,7 +61,7 @@ def band_of(levels, buckets, per_unit, u):
     place = (u - levels[0]) * per_unit
     bucket = int(place) if place > 0.0 else 0
     low, high = buckets[bucket], buckets[bucket + 1]
-    while high - low > CROWDED:
+    while high - low > _CROWDED:
         middle = (low + high) // 2
         if levels[middle] <= u:
             low = middle
@@ -186,7 +186,7 @@ def along(levels, nodes, bow, slope, pivot, rising, band, fraction):
 
 
 @njit(cache=True, nogil=True)
-def smallest_root(c0, c1, c2):
+def _smallest_root(c0, c1, c2):
     """Smallest x >= 0 with c0 + c1 x + c2 x^2 = 0, given c0 <= 0 and a rise somewhere in [0, 1].
 
     Written so that nothing cancels: the root is c0 over the larger of two sums. Coefficients are
@@ -203,7 +203,7 @@ def smallest_root(c0, c1, c2):
 
 
 @njit(cache=True, nogil=True)
-def branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
+def _branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
     """Input in ``band`` at which the branch from the pivot meets the target.
 
     Inside a band the branch is a quadratic; three of its points give it exactly.
@@ -217,7 +217,7 @@ def branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
     y1 = sign * (along(levels, nodes, bow, slope, pivot, rising, band, end) - target)
     if y1 < 0.0:  # beyond the far end; the sums below may overflow
         return levels[band + 1] if rising else levels[band]
-    x = smallest_root(y0, -3.0 * y0 + 4.0 * yh - y1, 2.0 * (y0 + y1 - 2.0 * yh))
+    x = _smallest_root(y0, -3.0 * y0 + 4.0 * yh - y1, 2.0 * (y0 + y1 - 2.0 * yh))
     fraction = start + x * (end - start)
     if fraction == 1.0:
         return levels[band + 1]
@@ -225,7 +225,7 @@ def branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
 
 
 @njit(cache=True, nogil=True)
-def branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target):
+def _branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target):
     """First band from ``near`` to ``stop`` at whose far end the target is reached."""
     if rising:
         low, high = near, stop
@@ -279,8 +279,8 @@ def aim(plane, stack, n, target):
         return levels[0]
     pivot = stack[top - 1]
     near = int(stack[n - 1, BAND])
-    band = branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target)
-    u = branch_input(levels, nodes, bow, slope, pivot, rising, band, target)
+    band = _branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target)
+    u = _branch_input(levels, nodes, bow, slope, pivot, rising, band, target)
     if rising:
         return min(max(u, value), limit)
     return max(min(u, value), limit)

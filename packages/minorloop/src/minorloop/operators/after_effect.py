@@ -41,7 +41,7 @@ _MISSED = 1e-10
 
 
 @dataclass(frozen=True)
-class AfterEffectState:
+class _AfterEffectState:
     """State of an operator with after-effect."""
 
     memory: Memory
@@ -52,7 +52,7 @@ class AfterEffectState:
     """Outputs of the creeping planes."""
 
 
-State: TypeAlias = "Start | AfterEffectState"
+State: TypeAlias = "Start | _AfterEffectState"
 """A state, or a memory with which everything has settled."""
 
 
@@ -216,7 +216,7 @@ class AfterEffect(ByValue, Drawn):
             _refuse(row, *(float(values[row]) for values in (times, wanted, u, y)))
         return Inversion(u=u, y=y, residual=y - wanted, reachable=~missed)
 
-    def step(self, memory: State, u: float, interval: float) -> tuple[float, AfterEffectState]:
+    def step(self, memory: State, u: float, interval: float) -> tuple[float, _AfterEffectState]:
         """Return output and state after an input that is held for an interval in seconds."""
         tracker = self.track(memory)
         return tracker.push(u, interval), tracker.state
@@ -228,10 +228,7 @@ class AfterEffect(ByValue, Drawn):
     def require_monotone(self) -> None:
         """Refuse a model that cannot be inverted.
 
-        Raises
-        ------
-        NotInvertibleError
-            If it is not monotone.
+        Raises a `NotInvertibleError` if it is not monotone.
         """
         if not self.monotone:
             raise NotInvertibleError(
@@ -289,12 +286,12 @@ class AfterEffect(ByValue, Drawn):
 
         Parameters
         ----------
-        start : start state, Memory or AfterEffectState
+        start : start state, Memory or _AfterEffectState
             The state.
         room : int
             Number of further reversals that the stack has room for.
         """
-        timed = start if isinstance(start, AfterEffectState) else None
+        timed = start if isinstance(start, _AfterEffectState) else None
         memory = self.plane.memory(start if isinstance(start, Memory | str) else start.memory)
         extrema = np.array(memory.extrema)
         tables = self.tables
@@ -330,14 +327,14 @@ class TimedTracker:
         self._stack, self._rows, self._creep, self._before = model.stack(start, room=64)
 
     @property
-    def state(self) -> AfterEffectState:
+    def state(self) -> _AfterEffectState:
         """Present state."""
         values = self._stack[: self._rows, _kernels.VALUE]
         extrema = np.interp(values, self.model.marks, self.model.plane.levels)
         # Two extrema that differ by rounding only may become equal in the unit of the input.
         levels = self.model.plane.levels
         memory = Memory.after(extrema, low=float(levels[0]), high=float(levels[-1]))
-        return AfterEffectState(memory, self._before, tuple(self._creep.tolist()))
+        return _AfterEffectState(memory, self._before, tuple(self._creep.tolist()))
 
     @property
     def effective(self) -> float:

@@ -68,14 +68,9 @@ class Differential(ABC):
         """Limits of the output for falling and for rising inputs; infinite where there is none."""
 
     def slopes(self, z: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the slopes for rising and for falling inputs.
+        """Return the slopes (n,) for rising and for falling inputs, in output over input.
 
         ``z`` (n,): outputs.
-
-        Returns
-        -------
-        rising, falling : (n,) arrays
-            In the unit of the output over that of the input.
         """
         outputs, law = as_signal(z, name="z"), self.law
         found = np.empty((2, outputs.size))

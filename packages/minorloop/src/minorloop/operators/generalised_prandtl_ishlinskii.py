@@ -177,6 +177,9 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
         inverse: the slope after a reversal is at least 1e-4 times the range of the output over that
         of the input.
 
+        Raises a `SignalError` if the record is too short, its input or output constant, or its
+        lengths differ; a `ParameterError` if radii or thresholds are out of range.
+
         Parameters
         ----------
         u : (T,) array_like
@@ -192,13 +195,6 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
             ``plays`` alone describe the record.
         start : start state
             State before the first sample.
-
-        Raises
-        ------
-        SignalError
-            If the record is too short, its input or output constant, or its lengths differ.
-        ParameterError
-            If radii or thresholds are out of range.
         """
         inputs, outputs = as_record(u, y)
         places = choose_radii(inputs, radii)

@@ -12,8 +12,6 @@ from minorloop.figures import Drawn
 
 Unreachable: TypeAlias = Literal["raise", "clip"]
 
-_REACH_TOLERANCE = 1e-12
-"""A target counts as reachable up to this share of the range beyond it: rounding of outputs."""
 
 _SHOWN = 12
 """Rows of a printed table: half of a terminal of 24 lines."""
@@ -83,7 +81,8 @@ def as_signal(values: npt.ArrayLike, *, name: str) -> FloatArray:
 
 def within_reach(targets: FloatArray, low: float, high: float) -> BoolArray:
     """Return which targets lie between the least and the greatest output, except for rounding."""
-    slack = _REACH_TOLERANCE * (high - low)
+    # A target counts as reachable up to this share of the range beyond it: rounding of outputs
+    slack = 1e-12 * (high - low)
     return (targets >= low - slack) & (targets <= high + slack)
 
 
@@ -108,10 +107,7 @@ def refuse_unreachable(
 ) -> None:
     """Refuse targets that are out of reach.
 
-    Raises
-    ------
-    UnreachableError
-        The message names the first of them.
+    Raises an `UnreachableError` that names the first of them.
     """
     if reachable.all():
         return

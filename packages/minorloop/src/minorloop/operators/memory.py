@@ -69,17 +69,14 @@ class Memory:
     def after(cls, inputs: Iterable[float], *, low: float, high: float) -> Memory:
         """Memory after a sequence of inputs from negative saturation.
 
+        Raises a `ParameterError` if an input is NaN.
+
         Parameters
         ----------
         inputs : iterable of float
             Inputs in order; beyond [low, high] they count as the nearer end.
         low, high : float
             Ends of the plane in the unit of the input, ``levels[0]`` and ``levels[-1]``.
-
-        Raises
-        ------
-        ParameterError
-            If an input is NaN.
         """
         values = np.fromiter(inputs, dtype=np.float64)
         extrema = np.empty(values.size + 1)

@@ -19,6 +19,9 @@ class Operator(Protocol):
     def simulate(self, u: npt.ArrayLike, start: Any = ...) -> Samples:
         """Return the outputs for an input signal.
 
+        Raises a `SignalError` if the inputs are not finite numbers of one of these shapes; a
+        `ParameterError` if the start state is out of range.
+
         Parameters
         ----------
         u : (T,) or (S, T) array_like
@@ -33,13 +36,6 @@ class Operator(Protocol):
         -------
         (T,) or (S, T) array
             Outputs.
-
-        Raises
-        ------
-        SignalError
-            If the inputs are not finite numbers of one of these shapes.
-        ParameterError
-            If the start state is out of range.
         """
 
     def invert(
@@ -74,17 +70,14 @@ class Operator(Protocol):
     def step(self, memory: Any, u: float) -> tuple[float, Any]:
         """Return output and memory after one input.
 
+        Raises a `ParameterError` if the input is not a finite number.
+
         Parameters
         ----------
         memory : start state
             State before the input, as of `simulate`; it is not changed.
         u : float
             The input, in its unit, held over the interval of a sampled system.
-
-        Raises
-        ------
-        ParameterError
-            If the input is not a finite number.
         """
 
 
@@ -94,6 +87,9 @@ class LiveOperator(Operator, Protocol):
     def aim(self, memory: Any, y: float, unreachable: Unreachable = ...) -> float:
         """Return the input that brings the output to y from a start state.
 
+        Raises a `NotInvertibleError` or an `UnreachableError` as of `invert`; a `ParameterError` if
+        the target is not a finite number.
+
         Parameters
         ----------
         memory : start state
@@ -102,13 +98,6 @@ class LiveOperator(Operator, Protocol):
             Wanted output, in its unit.
         unreachable : {"raise", "clip"}
             As of `invert`.
-
-        Raises
-        ------
-        NotInvertibleError, UnreachableError
-            As of `invert`.
-        ParameterError
-            If the target is not a finite number.
         """
 
     def track(self, start: Any = ...) -> LiveTracker:
@@ -127,17 +116,15 @@ class LiveTracker(Protocol):
     def push(self, u: float) -> float:
         """Return the output after the next input, and update the memory.
 
+        Raises a `ParameterError` if the input is not a finite number, or the interval is not
+        positive.
+
         Parameters
         ----------
         u : float
             The next input, in its unit.
         interval : float
             Seconds for which it is held, for a model in time.
-
-        Raises
-        ------
-        ParameterError
-            If the input is not a finite number, or the interval is not positive.
         """
 
     def peek(self, u: float) -> float:
@@ -167,6 +154,8 @@ class TimedModel(Protocol):
     ) -> Samples:
         """Return the outputs for a sampled input.
 
+        Raises a `SignalError` if the shapes differ or times do not increase.
+
         Parameters
         ----------
         t : (T,) array_like
@@ -183,11 +172,6 @@ class TimedModel(Protocol):
         Returns
         -------
         (T,) array
-
-        Raises
-        ------
-        SignalError
-            If the shapes differ or times do not increase.
         """
 
     def invert(
@@ -199,12 +183,8 @@ class TimedModel(Protocol):
     ) -> Any:
         """Return inputs with which the output meets a target (T,) at each time (T,).
 
-        Raises
-        ------
-        UnreachableError, NotInvertibleError
-            As of `Operator.invert`.
-        SignalError
-            If the shapes differ, or times do not increase.
+        Raises an `UnreachableError` or a `NotInvertibleError` as of `Operator.invert`; a
+        `SignalError` if the shapes differ, or times do not increase.
         """
 
     def step(self, state: Any, u: float, interval: float) -> tuple[float, Any]:
@@ -229,6 +209,9 @@ class Result(Protocol):
     ) -> Any:
         """Predict the outputs for an input that starts in the same state as the record.
 
+        Raises a `ParameterError` if bands are not between 0 and 1; a `SignalError` if the shapes
+        differ or times do not increase.
+
         Parameters
         ----------
         t : (T,) array_like
@@ -245,13 +228,6 @@ class Result(Protocol):
         Returns
         -------
         (T,) array, or Prediction with bands
-
-        Raises
-        ------
-        ParameterError
-            If bands are not between 0 and 1.
-        SignalError
-            If the shapes differ or times do not increase.
         """
 
     def invert(

@@ -43,12 +43,9 @@ def relay_outputs(relay: Relay, on: FloatArray) -> FloatArray:
 def nodes_from_weights(weights: FloatArray) -> FloatArray:
     """Return the Everett values at the nodes from cell weights.
 
-    ``weights`` (L, L): cell weights in the lower triangle, in the unit of the output.
+    ``nodes[a, b]``, (L + 1, L + 1), is the sum of the cells i < a, j >= b.
 
-    Returns
-    -------
-    (L + 1, L + 1) array
-        ``nodes[a, b]`` is the sum of the cells i < a, j >= b.
+    ``weights`` (L, L): cell weights in the lower triangle, in the unit of the output.
     """
     bands = len(weights)
     nodes = np.zeros((bands + 1, bands + 1))
@@ -57,13 +54,9 @@ def nodes_from_weights(weights: FloatArray) -> FloatArray:
 
 
 def weights_from_nodes(nodes: FloatArray) -> FloatArray:
-    """Return the cell weights from Everett values at the nodes, their mixed differences.
+    """(L, L) cell weights from Everett values at the nodes, their mixed differences.
 
     ``nodes`` (L + 1, L + 1): everett values, the upper triangle and the diagonal are zero.
-
-    Returns
-    -------
-    (L, L) array
     """
     lower = np.tril(nodes, -1)
     return np.tril(lower[1:, :-1] - lower[:-1, :-1] - lower[1:, 1:] + lower[:-1, 1:])
@@ -78,16 +71,12 @@ def cell_areas(levels: Levels) -> FloatArray:
 
 
 def integrate_density(levels: Levels, density: Density) -> FloatArray:
-    """Return the cell weights of a density, by Gauss-Legendre quadrature of order 8 per axis.
+    """(L, L) cell weights of a density, by Gauss-Legendre quadrature of order 8 per axis.
 
     Raises a `ParameterError` if the density is not finite somewhere on the plane.
 
     ``levels`` (L + 1,): thresholds; ``density``: ``density(alpha, beta)``, vectorised over equal
     shapes, unit of the output per squared unit of the input.
-
-    Returns
-    -------
-    (L, L) array
     """
     x, w = np.polynomial.legendre.leggauss(_QUADRATURE_ORDER)
     x, w = (x + 1) / 2, w / 2

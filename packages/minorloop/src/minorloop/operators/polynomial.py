@@ -104,6 +104,9 @@ class Polynomial(ByValue, Drawn):
     ) -> Polynomial:
         """Fit a polynomial to a record, by least squares.
 
+        Raises a `ParameterError` if the degree is not a whole number of at least 1; a `SignalError`
+        if lengths differ, or there are too few different inputs for the degree.
+
         Parameters
         ----------
         u, y : (T,) array_like
@@ -112,13 +115,6 @@ class Polynomial(ByValue, Drawn):
             Degree of the polynomial, at least 1.
         low, high : float, optional
             Range of inputs; that of the record if not given.
-
-        Raises
-        ------
-        ParameterError
-            If the degree is not a whole number of at least 1.
-        SignalError
-            If lengths differ, or there are too few different inputs for the degree.
         """
         degree = as_whole("degree", degree, 1)
         inputs, outputs = as_pair(u, y)

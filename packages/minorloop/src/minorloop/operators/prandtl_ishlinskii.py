@@ -35,9 +35,6 @@ from minorloop.operators.tracker import StepTracker
 PlayStart: TypeAlias = "npt.ArrayLike | Literal['negative', 'positive', 'demagnetised']"
 """Positions of the plays before the first sample, or the name of a start state."""
 
-_CONSISTENT = 1e-12
-"""Share of the largest position by which positions may be inconsistent: rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class PrandtlIshlinskii(ByValue, Drawn):
@@ -109,16 +106,13 @@ class PrandtlIshlinskii(ByValue, Drawn):
     def positions(self, start: PlayStart) -> FloatArray:
         """Return the (n,) play positions of a start state; infinite for both saturations.
 
+        Raises a `ParameterError` if the name is unknown, or no input leads to these positions:
+        neighbours lie no further apart than the difference of their radii.
+
         Parameters
         ----------
         start : {"negative", "positive", "demagnetised"} or (n,) array_like
             Positions of the plays before the first input, or a state by name.
-
-        Raises
-        ------
-        ParameterError
-            If the name is unknown, or no input leads to these positions: neighbours lie no further
-            apart than the difference of their radii.
         """
         if isinstance(start, str):
             names = ("negative", "positive", "demagnetised", "relaxed")
@@ -196,7 +190,8 @@ class PrandtlIshlinskii(ByValue, Drawn):
         if not np.isfinite(positions).all():
             index = int(np.argmin(np.isfinite(positions)))
             raise ParameterError(f"start[{index}] is {positions[index]}; all must be finite")
-        slack = _CONSISTENT * (np.abs(positions).max() + self.radii[-1])
+        # Share of the largest position by which positions may be inconsistent: rounding
+        slack = 1e-12 * (np.abs(positions).max() + self.radii[-1])
         apart = np.abs(np.diff(positions)) - np.diff(self.radii)
         if (apart > slack).any():
             i = int(np.argmax(apart > slack))

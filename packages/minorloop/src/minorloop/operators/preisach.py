@@ -156,6 +156,8 @@ class Preisach(ByValue, Drawn):
     def everett(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
         """Return the integral of the density over the triangle between beta and alpha.
 
+        Raises a `ParameterError` if an alpha is below its beta.
+
         Parameters
         ----------
         alpha, beta : array_like
@@ -166,11 +168,6 @@ class Preisach(ByValue, Drawn):
         array
             In the unit of the output. After a reversal at beta, rising to alpha changes the output
             by this value for unipolar relays and by twice this value for bipolar relays.
-
-        Raises
-        ------
-        ParameterError
-            If an alpha is below its beta.
         """
         pair = np.broadcast_arrays(
             np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
@@ -285,10 +282,7 @@ class Preisach(ByValue, Drawn):
     def require_monotone(self) -> None:
         """Refuse a model that cannot be inverted.
 
-        Raises
-        ------
-        NotInvertibleError
-            If it is not monotone.
+        Raises a `NotInvertibleError` if it is not monotone.
         """
         if not self.monotone:
             raise NotInvertibleError(

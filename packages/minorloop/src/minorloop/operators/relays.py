@@ -86,15 +86,12 @@ class RelayModel(ByValue, Drawn):
         reached the upper end of band i, off when it has fallen to the lower end of band j. The
         column at the lowest level is empty, because its relays never switch off.
 
+        Raises a `ParameterError` if the model has a slope, which relays cannot represent.
+
         Parameters
         ----------
         model : Preisach
             Its levels become those of the relays.
-
-        Raises
-        ------
-        ParameterError
-            If the model has a slope, which relays cannot represent.
         """
         if model.slope:
             raise ParameterError(
@@ -115,6 +112,9 @@ class RelayModel(ByValue, Drawn):
         SWNT-reinforced polyaniline fibres, Eq. 3. The relay at the lowest level is always on: its
         weight is the offset.
 
+        Raises a `SignalError` if lengths differ, or an input or output never changes; a
+        `ParameterError` if an input is below the lowest level.
+
         Parameters
         ----------
         u : (T,) array_like
@@ -125,13 +125,6 @@ class RelayModel(ByValue, Drawn):
             Thresholds.
         signed : bool
             Whether weights may be negative.
-
-        Raises
-        ------
-        SignalError
-            If lengths differ, or an input or output never changes.
-        ParameterError
-            If an input is below the lowest level.
         """
         from scipy.optimize import nnls
 
@@ -179,14 +172,11 @@ class RelayModel(ByValue, Drawn):
     def stepping_inverse(self, targets: npt.ArrayLike, start: RelayStart = "negative") -> Inversion:
         """Move the input level by level until the output passes each target.
 
+        Inputs are level values; a target that no level reaches is marked unreachable.
+
         This is the search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6; it stops at the last
         level. It overshoots by up to one level; `Preisach.invert` is exact. Targets are as of
         `Preisach.invert`, the start is as of `states`.
-
-        Returns
-        -------
-        Inversion
-            Inputs are level values; a target that no level reaches is marked unreachable.
         """
         wanted, memory = as_signal(targets, name="targets"), self._start(start)
         u, y = np.empty_like(wanted), np.empty_like(wanted)

@@ -13,7 +13,7 @@ from minorloop.operators import _kernels
 from minorloop.operators.inversion import Unreachable, as_reachable
 from minorloop.operators.memory import Memory, Start
 
-AnyMemory = TypeVar("AnyMemory")
+_AnyMemory = TypeVar("_AnyMemory")
 
 
 class Tracker:
@@ -89,7 +89,7 @@ class Tracker:
         return other
 
 
-class StepTracker(Generic[AnyMemory]):
+class StepTracker(Generic[_AnyMemory]):
     """An operator that follows one live input and owns its memory.
 
     ``model``: for example `PrandtlIshlinskii`; ``memory``: memory before the first sample.
@@ -97,7 +97,7 @@ class StepTracker(Generic[AnyMemory]):
 
     __slots__ = ("memory", "model")
 
-    def __init__(self, model: Any, memory: AnyMemory) -> None:
+    def __init__(self, model: Any, memory: _AnyMemory) -> None:
         self.model = model
         self.memory = memory
 
@@ -114,6 +114,6 @@ class StepTracker(Generic[AnyMemory]):
         """Return the input that brings the output to y; the memory stays as it is."""
         return float(self.model.aim(self.memory, y, unreachable))
 
-    def copy(self) -> StepTracker[AnyMemory]:
+    def copy(self) -> StepTracker[_AnyMemory]:
         """Return an independent tracker with the same memory."""
         return copy.copy(self)

@@ -27,8 +27,6 @@ LONGEST_HEADER = 8000
 """Bytes of the address of a request, and of each header; the websocket library allows no more."""
 _LONGEST_HEAD, _MOST_HEADERS = 1 << 16, 100
 """Bytes and number of all headers of a request."""
-_LINGER = 2.0
-"""Seconds that a refused connection stays open, for the answer to arrive."""
 _LONG = (
     f"the address of the request or one of its headers is longer than {LONGEST_HEADER} bytes, or "
     f"there are more than {_MOST_HEADERS} headers; shorten the name of the file, or remove the "
@@ -52,7 +50,7 @@ def serve(
     listener = Listener(how.listening, limits)
     config = uvicorn.Config(
         _Marking(app, listener),
-        http=Http,
+        http=_Http,
         ws=Sockets,
         log_level="warning",
         access_log=False,
@@ -99,7 +97,7 @@ class _Marking:
             await self._app(scope, receive, send)
 
 
-class Http(H11Protocol):
+class _Http(H11Protocol):
     """HTTP protocol that answers a bad request with a sentence before it closes the connection."""
 
     _refused = False
@@ -149,7 +147,8 @@ class Http(H11Protocol):
         )
         self.transport.write(head.encode() + body)
         self.flow.resume_reading()
-        self.loop.call_later(_LINGER, self.transport.abort)
+        # Seconds that a refused connection stays open, for the answer to arrive
+        self.loop.call_later(2.0, self.transport.abort)
 
 
 class Sockets(WebSocketsSansIOProtocol):

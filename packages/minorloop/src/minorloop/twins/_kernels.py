@@ -17,8 +17,6 @@ ITERATIONS = 200
 """Most iterations of the guarded Newton method, so that it always ends."""
 TOLERANCE = 1e-15
 """Of a root, as a share of its range: rounding."""
-ROUNDING = 1e-13
-"""Relative change of the rates of an oscillator at which Newton's method ends."""
 
 
 @njit(cache=True, nogil=True)
@@ -43,7 +41,7 @@ def pin(chi, start, q, strength, rate):
 
 
 @njit(cache=True, nogil=True)
-def ipmc_charge(q0, chi, u, pace, vs, strength, rate):
+def _ipmc_charge(q0, chi, u, pace, vs, strength, rate):
     """Root q of q - q0 = pace (u - pinning(q) - vs atanh(q / vs)), by guarded Newton."""
     pull = u - np.sum(chi) - vs * math.atanh(q0 / vs)
     low, high = (q0, vs) if pull >= 0 else (-vs, q0)
@@ -73,7 +71,7 @@ def ipmc_run(state, parameters, strength, rate, u, h, gain):
     chi = state[3:]
     out = np.empty(h.size)
     for n in range(h.size):
-        new = ipmc_charge(q, chi, u[n], h[n] / tau1, vs, strength, rate)
+        new = _ipmc_charge(q, chi, u[n], h[n] / tau1, vs, strength, rate)
         pin(chi, q, new, strength, rate)
         q = new
         water = (water + h[n] / tau2 * drag * q) / (1.0 + h[n] / tau2)
@@ -86,7 +84,7 @@ def ipmc_run(state, parameters, strength, rate, u, h, gain):
 
 
 @njit(cache=True, nogil=True)
-def fibre_doping(q0, chi, u, pace_up, pace_down, e0, width, strength, rate):
+def _fibre_doping(q0, chi, u, pace_up, pace_down, e0, width, strength, rate):
     """Root q of q - q0 = pace (u - e0 - width ln(q / (1 - q)) - pinning(q)), guarded Newton."""
     pull = u - np.sum(chi) - e0 - width * math.log(q0 / (1.0 - q0))
     low, high = (q0, 1.0) if pull >= 0 else (0.0, q0)
@@ -118,7 +116,7 @@ def fibre_run(state, parameters, strength, rate, u, h, gain):
     out = np.empty(h.size)
     for n in range(h.size):
         base = h[n] / (4.0 * width)
-        new = fibre_doping(q, chi, u[n], base / tau_up, base / tau_down, e0, width, strength, rate)
+        new = _fibre_doping(q, chi, u[n], base / tau_up, base / tau_down, e0, width, strength, rate)
         pin(chi, q, new, strength, rate)
         q = new
         diffused = (diffused + h[n] / tau_dif * q) / (1.0 + h[n] / tau_dif)
@@ -135,45 +133,6 @@ def relaxing(gaps, x, gain, tau):
     for n in range(1, x.size):
         keep = math.exp(-gaps[n - 1] / tau)
         out[n] = keep * out[n - 1] + gain * (x[n] - x[n - 1]) * tau / gaps[n - 1] * (1.0 - keep)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def newmark(force, h, mass, damping, stiffness, alpha, beta, gamma, delta, exponent):
-    """Return the displacement (T,) for a force (T,), from rest.
-
-    Acceleration and rate of the hysteretic force z are the unknowns of each step. Displacement and
-    velocity follow by the constants (1/2, 1/4), z by the trapezoidal rule.
-    """
-    half, quarter = h / 2, h * h / 4
-    y, v, z, rate = 0.0, 0.0, 0.0, 0.0
-    a = force[0] / mass
-    out = np.empty_like(force)
-    out[0] = y
-    for t in range(1, force.size):
-        y_free, v_free, z_free = y + h * v + quarter * a, v + half * a, z + half * rate
-        for _ in range(ITERATIONS):
-            y, v, z = y_free + quarter * a, v_free + half * a, z_free + half * rate
-            size, up = abs(z), 1.0 if v > 0 else -1.0
-            sign = 1.0 if z > 0 else -1.0
-            power = size**exponent
-            steep = exponent * size ** (exponent - 1) if size > 0 else 0.0
-            pull = beta * (gamma * up * sign + delta)
-            rest_force = mass * a + damping * v + stiffness * y + z - force[t]
-            rest_rate = rate - v * (alpha - pull * power)
-            # Both equations, linear in the changes of the two rates.
-            by_a = mass + damping * half + stiffness * quarter
-            rate_by_a = -half * (alpha - pull * power)
-            rate_by_rate = 1.0 + half * v * pull * steep * sign
-            det = by_a * rate_by_rate - half * rate_by_a
-            da = (rest_force * rate_by_rate - half * rest_rate) / det
-            dr = (by_a * rest_rate - rate_by_a * rest_force) / det
-            a -= da
-            rate -= dr
-            if abs(da) <= ROUNDING * (1 + abs(a)) and abs(dr) <= ROUNDING * (1 + abs(rate)):
-                break
-        y, v, z = y_free + quarter * a, v_free + half * a, z_free + half * rate
-        out[t] = y
     return out
 
 

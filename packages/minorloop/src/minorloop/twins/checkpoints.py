@@ -10,8 +10,6 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import ROUNDING, Channel
 
-_LONGEST_CLOCK = 1e12
-"""In seconds: beyond it, rounding of the clock loses steps of a millisecond."""
 _MOST_SAMPLES = 2**62
 """Most samples of a clock: a counter of 64 bits does not overflow."""
 
@@ -51,7 +49,8 @@ class Checkpoint:
 
     def clock(self) -> float:
         """Return the simulated time since the start, in seconds."""
-        return self.number("clock", 0.0, _LONGEST_CLOCK)
+        # In seconds: beyond it, rounding of the clock loses steps of a millisecond
+        return self.number("clock", 0.0, 1e12)
 
     def array(self, name: str, like: FloatArray) -> FloatArray:
         """Return finite numbers with the shape of ``like``."""
@@ -103,10 +102,7 @@ def damaged(why: str) -> ParameterError:
 def check_within(values: FloatArray, low: FloatArray, high: FloatArray, what: str) -> None:
     """Refuse values outside bounds of the physics, except for rounding.
 
-    Raises
-    ------
-    ParameterError
-        The message names the first of them.
+    Raises a `ParameterError` that names the first of them.
     """
     slack = 1e-9 * (high - low)
     outside = (values < low - slack) | (values > high + slack)

@@ -81,6 +81,8 @@ class Ipmc(SimulatedActuator):
     def sense(self, t: npt.ArrayLike, curvature: npt.ArrayLike) -> Record:
         """Return the voltage of the open strip while it is bent from outside.
 
+        The record has the curvature as input and the voltage in mV as output, without noise.
+
         Bending squeezes ions towards one face; the charge builds up with the curvature and
         leaks back: tau dv/dt = s tau dkappa/dt - v. The strip is relaxed at the first sample.
         Driving and sensing do not influence each other here, and no simulated time passes.
@@ -90,11 +92,6 @@ class Ipmc(SimulatedActuator):
 
         ``t`` (T,): strictly increasing times, in seconds; ``curvature`` (T,): imposed curvature in
         1/m, linear between samples.
-
-        Returns
-        -------
-        Record
-            Curvature as input and voltage in mV as output, without noise.
         """
         times, bending = as_waveform(t, curvature)
         gain, tau = self._parameters["sensing_gain"], self._parameters["sensing_time"]

@@ -93,6 +93,8 @@ class SimulatedPlant(ABC):
     def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
         """Apply a sampled waveform, linear between samples, and record it and the output.
 
+        It has T samples on the clock of the twin, the first of them before any motion.
+
         Raises a `LimitError` if an input is beyond the limits, and nothing is applied then; a
         `SignalError` if the shapes differ, a number is not finite, or time does not increase.
 
@@ -105,11 +107,6 @@ class SimulatedPlant(ABC):
         u : (T,) or (channels, T) array_like
             Input at these times, in the units of the channels. The step to the first value
             takes no time.
-
-        Returns
-        -------
-        Record
-            T samples on the clock of the twin, the first of them before any motion.
         """
         times, given = as_waveform(t, u, channels=len(self.inputs))
         values = np.ascontiguousarray(given.reshape(-1, times.size).T)

@@ -116,10 +116,8 @@ class SerialBoard(BoardLine):
     def safe(self) -> None:
         """Go to the safe inputs, and set the lines to rest.
 
-        Raises
-        ------
-        InstrumentError
-            If the board does not confirm. Without questions it goes there after its patience.
+        Raises an `InstrumentError` if the board does not confirm. Without questions it goes there
+        after its patience.
         """
         self._on = False
         all_done([self._rested, lambda: self.switch(self._resting_lines)])

@@ -38,8 +38,6 @@ from minorloop.lab.signals import Deferred
 
 _VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
-_WRONG_ANSWERS = 8
-"""Wrong answers that are discarded before the question fails."""
 _MOST = 65_536
 _LONGEST = 3_600_000
 _OFTEN = 3
@@ -153,7 +151,7 @@ class BoardLine:
         """Return whether the answer to this question is OK, and its words."""
         self._sequence = (self._sequence + 1) % _MOST
         line = self._link.ask(write(self._sequence, *words))
-        for _ in range(_WRONG_ANSWERS):
+        for _ in range(8):  # wrong answers that are discarded before the question fails
             found = parse(line, self._sequence)
             if found is not None:
                 return found
@@ -217,10 +215,8 @@ class Board(BoardLine):
     def safe(self) -> None:
         """Go to the safe input.
 
-        Raises
-        ------
-        InstrumentError
-            If the board does not confirm. Without questions it goes there after its patience.
+        Raises an `InstrumentError` if the board does not confirm. Without questions it goes there
+        after its patience.
         """
         self._on = False
         self._ask("SAFE")

@@ -34,8 +34,6 @@ _UNANSWERED = (
     "{} answers nothing, so it cannot confirm that it is safe; check it at the end of the run, or "
     "give confirm, errors, safe_query or done"
 )
-_MOST_ERRORS = 30
-"""Most errors in the queue of an instrument."""
 _NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 
 
@@ -207,10 +205,7 @@ class ScpiSource:
         are done. If earlier answers missed their deadline, the question is repeated as often, so
         that a late answer does not count for this question.
 
-        Raises
-        ------
-        InstrumentError
-            The first error, or if the answer is not as required.
+        Raises the first error, or an `InstrumentError` if the answer is not as required.
         """
         try:
             all_done(partial(self._link.send, line) for line in self._commands.safe)
@@ -244,7 +239,7 @@ class ScpiSource:
     def _ask_for_errors(self, query: str) -> None:
         """Empty the queue of errors; raise the first, which may be older than this command."""
         first = found = self._link.ask(query)
-        for _ in range(_MOST_ERRORS):
+        for _ in range(30):  # most errors in the queue of an instrument
             if _NO_ERROR.match(found) is not None:
                 break
             found = self._link.ask(query)

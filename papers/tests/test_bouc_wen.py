@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from minorloop.twins import bouc_wen
-from minorloop.twins._kernels import newmark
+from papers import bouc_wen
+from papers._bouc_wen_kernels import newmark
 
 
 def test_its_displacements_are_those_of_a_general_integrator():

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.twins import _kernels
+from papers import _bouc_wen_kernels as _kernels
 
 RATE = 750.0
 """Samples a second of the records."""
