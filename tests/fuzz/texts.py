@@ -12,12 +12,9 @@ from typing import Any
 import numpy as np
 
 from fuzz.readers import Reader, _expect, cells_of, printable
-from minorloop import Preisach, modelfile
-from minorloop.errors import MinorloopError
+from minorloop import Channel, MinorloopError, Preisach, Record, modelfile
 from minorloop.fleet.manifest import read_manifest
-from minorloop.lab.actuator import Channel
 from minorloop.lab.logs import read_log
-from minorloop.lab.records import Record
 from minorloop_head.console import messages
 from minorloop_head.reconstruction.findings import Finding, finding_table
 

@@ -14,14 +14,11 @@ import pytest
 import compiled
 from benchmarks import _board, _cortex
 from console_rig import Pilot, ScriptedCamera
-from minorloop.errors import InstrumentError, ParameterError
-from minorloop.lab.actuator import Channel
+from minorloop import Channel, InstrumentError, ParameterError, Preisach, RelayModel
 from minorloop.lab.drivers import link
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 from minorloop.lab.drivers.serial_board import SerialBoard
 from minorloop.lab.drivers.serial_line import parse, write
-from minorloop.operators.preisach import Preisach
-from minorloop.operators.relays import RelayModel
 from minorloop_head.board import HEAD_LINES, BoardAxis, board_source
 from minorloop_head.console.plant import open_plant
 from minorloop_head.console.session import Session

@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from minorloop import connect, load, save
-from minorloop.errors import ModelFileError, ParameterError
-from minorloop.lab.actuator import Actuator
+from minorloop import Actuator, ModelFileError, ParameterError, Preisach, connect, load, save
 from minorloop.lab.noise import RepeatedReadings
 from minorloop.lab.run import Restorable
 from minorloop.lab.wrapped_actuator import single_channel
 from minorloop.modelfile import read
-from minorloop.operators.preisach import Preisach
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import SimulatedFault

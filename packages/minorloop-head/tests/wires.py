@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from minorloop.identification import excitation
-from minorloop.operators.preisach import Preisach
+from minorloop import Preisach, excitation
 from minorloop_head.control.heating import identify_heating, moving_levels
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head

@@ -6,10 +6,9 @@ import shlex
 import numpy as np
 import pytest
 
-from minorloop import modelfile
+from minorloop import Preisach, modelfile
 from minorloop.cli import main
 from minorloop.cli._compilation import COMPILES
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1, 1, 9)
 MODEL = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(size=(8, 8))), 0.4)

@@ -1,8 +1,7 @@
 """`identify` with which nothing is compared, for tests of a single fit."""
 
-from minorloop import identification
+from minorloop import Record, identification
 from minorloop.identification import pipeline
-from minorloop.lab.records import Record
 
 FIXED = {"diagonal": "uniform", "slope": False, "lag": 0}
 

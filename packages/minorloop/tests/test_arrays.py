@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from minorloop import ParameterError, Preisach, SignalError
 from minorloop.arrays import (
     as_finite,
     as_levels,
@@ -14,8 +15,6 @@ from minorloop.arrays import (
     as_whole,
     uniform_levels,
 )
-from minorloop.errors import ParameterError, SignalError
-from minorloop.operators.preisach import Preisach
 
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e6), st.integers(1, 300))

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from board_process import EXAMPLES
-from minorloop.connect import connect
-from minorloop.errors import InstrumentError, LimitError, ParameterError
-from minorloop.lab.actuator import Actuator
+from minorloop import Actuator, InstrumentError, LimitError, ParameterError, connect
 
 TWINS = ("ipmc", "ipmc-laser", "fibre")
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop import files
-from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop import OutputError, ParameterError, RecordError, files
 from minorloop.files import (
     check_name,
     check_writable,

@@ -3,20 +3,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minorloop import modelfile
-from minorloop.errors import ParameterError, StoreError
-from minorloop.lab.store import Store
-from minorloop.measurement import (
-    AdaptivePlan,
+from minorloop import (
     Apparatus,
-    Approach,
-    HoldEnds,
-    _doubts,
+    ParameterError,
+    Preisach,
+    Store,
+    StoreError,
     drive_to,
     measure,
+    modelfile,
     resume,
 )
-from minorloop.operators.preisach import Preisach
+from minorloop.measurement import AdaptivePlan, Approach, HoldEnds, _doubts
 
 STRIP = Apparatus("twin:ipmc,specimen=1001,noise=0.02,seed=4")
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
-from minorloop.operators.polynomial import Polynomial
+from minorloop import ParameterError, Polynomial
 from minorloop.positioning import ExperimentProtocol, run_positioning
 from minorloop.twins.ipmc_laser import NOISE
 

@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import minorloop as ml
-from minorloop.dynamics.linear import Linear
-from minorloop.lab.records import Quantity, Record
+from minorloop import BoucWen, Linear, Record, score
+from minorloop.lab.records import Quantity
 from minorloop.modelfile import ModelFile, Provenance
-from minorloop.operators.differential import BoucWen
-from minorloop.scoring import score, simulate
+from minorloop.scoring import simulate
 
 CHANCE = np.random.default_rng(1000)
 PLANE = ml.Preisach(np.linspace(-1, 1, 6), np.tril(CHANCE.uniform(size=(5, 5))), 0.3)

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from minorloop import ParameterError, Store, connect
 from minorloop.cli import main
-from minorloop.connect import addresses, connect
-from minorloop.errors import ParameterError
-from minorloop.lab.store import Store
+from minorloop.connect import addresses
 
 ROOT = Path(__file__).parents[3]
 

@@ -1,8 +1,7 @@
 import numpy as np
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from minorloop import identify
-from minorloop.identification import Plane
+from minorloop import Plane, identify
 from minorloop.threads import one_thread
 
 

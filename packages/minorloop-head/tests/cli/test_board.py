@@ -4,9 +4,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from minorloop import modelfile
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
+from minorloop import PrandtlIshlinskii, Preisach, modelfile
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.procedures.head_file import HeadFile, IdentifiedWires, save_head

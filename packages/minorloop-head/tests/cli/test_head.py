@@ -12,13 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from minorloop import Channel, InstrumentError, Plan, Record, SafetyError, Setup, Store, StoreError
 from minorloop.cli._compilation import COMPILES
 from minorloop.cli._run_progress import carry_out_levels
-from minorloop.errors import InstrumentError, SafetyError, StoreError
-from minorloop.lab.actuator import Channel
-from minorloop.lab.plan import Plan
-from minorloop.lab.records import Record
-from minorloop.lab.store import Setup, Store
 from minorloop_head.cli._camera_angles import kept_view, seen_head, swept_view
 from minorloop_head.control.head import head_control
 from minorloop_head.control.limits import WireLimits

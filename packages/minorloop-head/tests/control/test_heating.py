@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import Smooth
+from minorloop import ParameterError, SignalError, Smooth
 from minorloop_head.control.heating import (
     Transient,
     check_lag,

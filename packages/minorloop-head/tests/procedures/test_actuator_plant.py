@@ -5,10 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, ParameterError
-from minorloop.lab.actuator import Channel
+from minorloop import Channel, InstrumentError, ParameterError, run
 from minorloop.lab.drivers.bench import Bench
-from minorloop.lab.run import run
 from minorloop.twins.fibre import Fibre
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.connect import connect
-from minorloop.errors import InstrumentError, SignalError, StoreError
-from minorloop.lab.run import run
+from minorloop import InstrumentError, SignalError, StoreError, connect, run
 from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement
 
 QUICK = HeadExcitation(bands=2, hold=12.0)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from console_rig import control
-from minorloop.errors import InstrumentError, ModelFileError, SafetyError
-from minorloop.lab.actuator import Channel
+from minorloop import Channel, InstrumentError, ModelFileError, SafetyError
 from minorloop.lab.drivers.bench import Bench
 from minorloop_head.control.head import HeadState
 from minorloop_head.geometry import wall_point

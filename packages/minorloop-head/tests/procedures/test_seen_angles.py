@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, ParameterError
-from minorloop.lab.actuator import Channel
-from minorloop.lab.plan import Plan
-from minorloop.lab.run import run
-from minorloop.lab.store import Setup, Store
+from minorloop import Channel, InstrumentError, ParameterError, Plan, Setup, Store, run
 from minorloop.lab.wrapped_actuator import single_channel
 from minorloop.twins.fibre import Fibre
 from minorloop_head.console.plant import open_plant, open_tip

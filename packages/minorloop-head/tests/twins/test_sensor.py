@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Channel
+from minorloop import Channel, ParameterError
 from minorloop_head.twins.sensor import Sensor, SimulatedFault
 
 TWO = (Channel("pan", "deg"), Channel("tilt", "deg"))

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import LimitError, ParameterError, SignalError
-from minorloop.lab.actuator import Actuator
+from minorloop import Actuator, LimitError, ParameterError, SignalError
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import SimulatedFault

@@ -4,10 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minorloop import modelfile
-from minorloop.lab.store import Store
-from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.preisach import Preisach
+from minorloop import AfterEffect, Preisach, Store, modelfile
 
 MODEL = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
 TWIN = "--actuator twin:ipmc,specimen=1001,noise=0.02"

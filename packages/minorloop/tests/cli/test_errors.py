@@ -4,9 +4,8 @@ import json
 
 import pytest
 
-from minorloop import modelfile
+from minorloop import OutputError, SafetyError, modelfile
 from minorloop.cli import _common
-from minorloop.errors import OutputError, SafetyError
 
 
 @pytest.fixture

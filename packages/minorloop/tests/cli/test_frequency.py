@@ -4,13 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minorloop import modelfile
-from minorloop.connect import connect
+from minorloop import Plan, Preisach, Setup, Store, connect, modelfile
 from minorloop.lab import sines
-from minorloop.lab.plan import Plan
 from minorloop.lab.run import run as carry_out
-from minorloop.lab.store import Setup, Store
-from minorloop.operators.preisach import Preisach
 
 PLAN = "plan sines:samples=40,frequencies=0.2,1,amplitudes=0.7,1,preamble=-1.2"
 RUN = "run --actuator twin:ipmc,specimen=1001 --plan sines.csv --store s.sqlite"

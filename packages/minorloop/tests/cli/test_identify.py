@@ -9,12 +9,10 @@ import pytest
 
 import minorloop.identification
 import minorloop.report
-from minorloop import __version__, modelfile
+from minorloop import Preisach, Record, __version__, modelfile
 from minorloop.identification import plane_result
 from minorloop.identification.pipeline import Options
-from minorloop.lab.records import Record
 from minorloop.operators.densities import LorentzianDensity
-from minorloop.operators.preisach import Preisach
 
 IDENTIFY = "identify good.csv --input voltage --output length --law levels=8"
 

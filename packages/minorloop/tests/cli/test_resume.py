@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minorloop.modelfile import save
-from minorloop.operators.preisach import Preisach
+from minorloop import Preisach, save
 from offspring import started
 
 KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "3"))

@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 from command_line import MODEL, write
-from minorloop import modelfile
-from minorloop.dynamics.cascade import Cascade
+from minorloop import AfterEffect, BoucWen, Cascade, Linear, Oscillator, Preisach, modelfile
 from minorloop.dynamics.creep import Creep
-from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.oscillator import Oscillator
 from minorloop.lab.records import Quantity
-from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.differential import BoucWen
-from minorloop.operators.preisach import Preisach
 
 UNITS = {"input": "voltage [V]", "output": "length [um]"}
 COLUMNS = "time [s],voltage [V],length [um]"

@@ -1,8 +1,6 @@
 import numpy as np
 
-from minorloop.figures import plot
-from minorloop.identification import Viscosity, identify
-from minorloop.lab.records import Record
+from minorloop import Record, Viscosity, identify, plot
 
 
 def test_an_identification_is_drawn_with_its_laws():

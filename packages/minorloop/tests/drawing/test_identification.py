@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
+from minorloop import Gaussian, Preisach, Record, Smooth
 from minorloop.drawing import identification
-from minorloop.identification import Gaussian, Smooth
-from minorloop.lab.records import Record
-from minorloop.operators.preisach import Preisach
 
 TRUTH = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
 U = np.array([-1.0, 0.6, -0.4, 1.0, -1.0, 0.1, -0.7, 0.9, -1.0])

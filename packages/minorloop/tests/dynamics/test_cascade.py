@@ -4,13 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from later import Later
-from minorloop.dynamics.cascade import Cascade
+from minorloop import Cascade, Linear, Polynomial, PrandtlIshlinskii, Preisach, UnreachableError
 from minorloop.dynamics.creep import Creep
-from minorloop.dynamics.linear import Linear
-from minorloop.errors import UnreachableError
-from minorloop.operators.polynomial import Polynomial
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
 
 signal = Later("scipy.signal")
 

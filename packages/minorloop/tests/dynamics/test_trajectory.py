@@ -2,10 +2,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.dynamics.linear import Linear
+from minorloop import Linear, Polynomial, Preisach
 from minorloop.dynamics.trajectory import Trajectory
-from minorloop.operators.polynomial import Polynomial
-from minorloop.operators.preisach import Preisach
 
 UP, DOWN = Linear.lags(3.0, 1.0), Linear.lags(8.0)
 PLANE = Preisach(np.linspace(-1, 1, 5), np.tril(np.arange(1.0, 17).reshape(4, 4)))

@@ -3,12 +3,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from minorloop.dynamics.cascade import Cascade
-from minorloop.dynamics.linear import Linear
-from minorloop.errors import OutputError, ParameterError
+from minorloop import Cascade, Linear, OutputError, ParameterError, PrandtlIshlinskii, Preisach
 from minorloop.export.fmu import export_fmu
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
 
 fmpy = pytest.importorskip("fmpy", reason="needs fmpy, which minorloop[fmi] brings")
 validation = pytest.importorskip("fmpy.validation")

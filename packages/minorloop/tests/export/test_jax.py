@@ -7,8 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from minorloop import PrandtlIshlinskii, Preisach
-from minorloop.errors import MissingExtraError, ParameterError
+from minorloop import MissingExtraError, ParameterError, PrandtlIshlinskii, Preisach
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
 
 if find_spec("jax") is None:

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 
 from later import Later
-from minorloop.errors import MissingExtraError, ParameterError
-from minorloop.identification import Smooth
-from minorloop.operators.preisach import Preisach
+from minorloop import MissingExtraError, ParameterError, Preisach, Smooth
 
 REASON = "needs scikit-learn: minorloop[sklearn]"
 base, selection, checks = (

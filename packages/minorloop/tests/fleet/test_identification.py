@@ -9,8 +9,7 @@ import pytest
 from scipy.io import savemat
 
 from fleet_records import OPTIONS, write_fleet, write_record
-from minorloop import load
-from minorloop.errors import MissingExtraError, OutputError, ParameterError
+from minorloop import MissingExtraError, OutputError, ParameterError, load
 from minorloop.fleet import identification
 from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.identification import identify_fleet

@@ -3,12 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError, SignalError
+from minorloop import Memory, ParameterError, PrandtlIshlinskii, Preisach, SignalError
 from minorloop.export.python_control import bounded
 from minorloop.fleet.simulation import FleetState, simulate_fleet
-from minorloop.operators.memory import Memory
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
 
 RNG = np.random.default_rng(0)
 

@@ -4,11 +4,9 @@ import pytest
 import minorloop as ml
 from fault_records import INPUTS, record, sine
 from fixed_options import Options, Plane, identify
-from minorloop.identification import Smooth, excitation
+from minorloop import Preisach, Record, Smooth, excitation
 from minorloop.lab.columns import read_columns
-from minorloop.lab.records import Record
 from minorloop.operators.densities import GaussianDensity
-from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
 

@@ -1,15 +1,11 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import SignalError
-from minorloop.identification import Viscosity, identify
+from minorloop import AfterEffect, Preisach, Record, SignalError, Viscosity, identify
 from minorloop.identification.after_effect import Constants, Design, TimedRecord
 from minorloop.identification.after_effect_result import along
 from minorloop.identification.curves import as_curves
 from minorloop.identification.design_matrix import PlaneSpec, pack
-from minorloop.lab.records import Record
-from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.preisach import Preisach
 
 BANDS = 5
 LEVELS = np.linspace(-1, 1, BANDS + 1)

@@ -2,10 +2,9 @@ import numpy as np
 
 import minorloop as ml
 from fixed_options import Plane, identify
-from minorloop.identification import Smooth
+from minorloop import Record, Smooth
 from minorloop.identification.alternation import alternate, earlier, without
 from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
-from minorloop.lab.records import Record
 
 T = 0.01 * np.arange(800)
 U = np.repeat(np.random.default_rng(1000).uniform(0, 1, 40), 20)

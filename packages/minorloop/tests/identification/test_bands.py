@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop.errors import ParameterError
+from minorloop import ParameterError, Preisach
 from minorloop.identification import prior_fit
 from minorloop.identification.bands import Prediction
-from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
 U = np.random.default_rng(0).uniform(0, 1, 25)

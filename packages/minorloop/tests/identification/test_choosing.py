@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.identification import Smooth, choosing
+from minorloop import PrandtlIshlinskii, Preisach, Record, Smooth
+from minorloop.identification import choosing
 from minorloop.lab.columns import read_columns
-from minorloop.lab.records import Record
 from minorloop.operators.densities import GaussianDensity
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
 AUTO = dict.fromkeys(("levels", "diagonal", "slope", "lag"), "auto")

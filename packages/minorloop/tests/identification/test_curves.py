@@ -2,11 +2,8 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import Smooth
+from minorloop import Memory, ParameterError, Record, SignalError, Smooth
 from minorloop.identification.curves import Curves
-from minorloop.lab.records import Record
-from minorloop.operators.memory import Memory
 from plane_records import LEVELS, a_plane
 
 STARTS = ["negative", "positive", "demagnetised", Memory([-1.2, 0.5, 0.1])]

@@ -2,16 +2,11 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop.errors import ParameterError
-from minorloop.identification import Gaussian
-from minorloop.identification.design import design, next_input
+from minorloop import Gaussian, Memory, ParameterError, Preisach, Record, design, next_input
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.likelihood import regressors
 from minorloop.identification.prior import Hyperparameters
 from minorloop.identification.prior_fit import posterior_after
-from minorloop.lab.records import Record
-from minorloop.operators.memory import Memory
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(0, 1, 11)
 MODEL = Preisach(LEVELS, np.tril(np.exp(-np.subtract.outer(LEVELS[1:], LEVELS[1:]))))

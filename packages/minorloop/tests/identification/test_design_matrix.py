@@ -6,10 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from minorloop.errors import ParameterError
+from minorloop import ParameterError, Preisach
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack, unpack
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.array([-1.0, -0.6, -0.1, 0.0, 0.4, 1.0])
 inputs = st.lists(st.floats(-1.3, 1.3), min_size=3, max_size=30).map(np.array)

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
+from minorloop import Preisach, Record
 from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
-from minorloop.lab.records import Record
-from minorloop.operators.preisach import Preisach
 
 PLANE = Preisach(np.linspace(0, 1, 5), np.tril(np.ones((4, 4))))
 STEP = 1 / 128  # exact, so that a dead time of whole samples is exact

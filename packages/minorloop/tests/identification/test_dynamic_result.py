@@ -5,9 +5,8 @@ import pytest
 
 import minorloop as ml
 from fixed_options import Plane, identify
-from minorloop.dynamics.cascade import Cascade
+from minorloop import Cascade, Linear
 from minorloop.dynamics.creep import Creep
-from minorloop.dynamics.linear import Linear
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 
 T = 0.01 * np.arange(200)

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.identification import Gaussian
-from minorloop.lab.records import Record
+from minorloop import Gaussian, Preisach, Record
 from minorloop.operators.densities import GaussianDensity
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1, 1, 25)
 MAGNET = Preisach.from_density(LEVELS, GaussianDensity(0.3, 0.25, 0.2))

@@ -2,9 +2,7 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.identification import Smooth, excitation
-from minorloop.lab.records import Record
-from minorloop.operators.preisach import Preisach
+from minorloop import Preisach, Record, Smooth, excitation
 from plane_records import LEVELS, a_plane, a_record
 
 

@@ -2,15 +2,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.dynamics.cascade import Cascade
-from minorloop.dynamics.linear import Linear
+from minorloop import Cascade, Linear, Polynomial, PrandtlIshlinskii, Preisach, Record, RelayModel
 from minorloop.identification.frequency import describing_function, fundamental
 from minorloop.identification.sine_response import Preamble, frequency_response
-from minorloop.lab.records import Record
-from minorloop.operators.polynomial import Polynomial
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach
-from minorloop.operators.relays import RelayModel
 
 G = Linear.from_poles([-20.0, -1.5], [-1.0])
 PLANE = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(0, 1, (8, 8))))

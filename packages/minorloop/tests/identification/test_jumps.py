@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop.identification import Smooth
+from minorloop import RelayModel, Smooth
 from minorloop.identification.curves import Curves
 from minorloop.identification.jumps import find_jumps
-from minorloop.operators.relays import RelayModel
 from plane_records import a_plane
 
 LEVELS = np.linspace(-1.2, 1.2, 26)

@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError
+from minorloop import Linear, ParameterError
 from minorloop.identification import arx as identification_arx
 from minorloop.identification.arx import arx, step_response
 from minorloop.identification.linear_fit import StepResponse

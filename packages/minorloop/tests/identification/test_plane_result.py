@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop.identification import Smooth
-from minorloop.operators.preisach import Preisach
+from minorloop import Preisach, Smooth
 from plane_records import a_record
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))

@@ -9,11 +9,9 @@ from scipy.signal import lfilter
 
 import minorloop as ml
 from benchmarks import one_model
-from minorloop import modelfile
-from minorloop.errors import ParameterError, RecordError, SignalError
+from minorloop import ParameterError, Record, RecordError, SignalError, modelfile
 from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.manifest import Specimen
-from minorloop.lab.records import Record
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 

@@ -4,25 +4,22 @@ import pytest
 import fixed_options
 import plane_records
 from long_branches import a_record_with_long_branches
-from minorloop.connect import connect
-from minorloop.errors import ParameterError
-from minorloop.identification import (
+from minorloop import (
     Gaussian,
+    ParameterError,
     Plane,
+    Preisach,
+    Record,
     Smooth,
-    condensing,
+    connect,
     excitation,
-    fitting,
     identify,
-    posterior,
-    prior_fit,
 )
+from minorloop.identification import condensing, fitting, posterior, prior_fit
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.pipeline import Options
 from minorloop.identification.posterior import DensePosterior, SparsePosterior
-from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1.2, 1.2, 21)
 SEQUENCE = -1.2 + 2.4 * np.array([0, 0.85, 0.3, 0.5, 0.95, 0.55, 0.1, 0.35, 0.65, 0.5, 1, 0.75])

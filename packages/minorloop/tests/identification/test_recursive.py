@@ -3,10 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.identification import excitation
+from minorloop import Preisach, excitation
 from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.recursive import Recursive
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1.2, 1.2, 11)
 NOISE = 0.006

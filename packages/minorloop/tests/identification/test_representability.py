@@ -1,8 +1,7 @@
 import numpy as np
 
-from minorloop.identification import Smooth, excitation
+from minorloop import Preisach, Smooth, excitation
 from minorloop.identification.representability import representability
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1, 1, 9)
 INPUTS = np.concatenate(

@@ -5,9 +5,8 @@ import pytest
 
 import minorloop as ml
 from fixed_options import Plane, identify
-from minorloop.identification import Smooth
+from minorloop import Record, Smooth
 from minorloop.identification.result import ScoreRow
-from minorloop.lab.records import Record
 from minorloop.report import Report
 
 

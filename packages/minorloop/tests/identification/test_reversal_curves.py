@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop.errors import SignalError
-from minorloop.identification import excitation
+from minorloop import Record, SignalError, excitation
 from minorloop.identification.reversal_curves import identify_reversal_curves
-from minorloop.lab.records import Record
 from plane_records import LEVELS, a_plane
 
 

@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop.errors import SignalError
-from minorloop.identification import Gaussian
+from minorloop import Gaussian, Preisach, SignalError
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.ridge import KINDS, Ridge, fit_ridge
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-2, 2, 17)
 U = np.concatenate([np.linspace(-2, 2, 40), np.linspace(2, -2, 40)])

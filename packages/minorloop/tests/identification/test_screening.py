@@ -3,8 +3,7 @@ import pytest
 
 from fault_records import INPUTS, kinds, record
 from fixed_options import Plane, identify
-from minorloop.errors import SignalError
-from minorloop.identification import excitation
+from minorloop import SignalError, excitation
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 

@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop.dynamics.cascade import Cascade
-from minorloop.dynamics.linear import Linear
-from minorloop.errors import SignalError
+from minorloop import Cascade, Linear, Preisach, SignalError
 from minorloop.identification.sine_response import (
     SinePeriods,
     logged_periods,
@@ -12,7 +10,6 @@ from minorloop.identification.sine_response import (
     unsaturated,
 )
 from minorloop.lab.sines import MeasuredSine, grid
-from minorloop.operators.preisach import Preisach
 
 G = Linear.from_poles([-20.0, -1.5], [-1.0])
 PLANE = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(0, 1, (8, 8))))

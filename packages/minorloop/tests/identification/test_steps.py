@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop.dynamics.linear import Linear
-from minorloop.errors import SignalError
+from minorloop import Linear, SignalError
 from minorloop.identification.steps import as_sampled, steps_in
 
 VALUES = (0.2, 0.7, 0.7, 0.4)

@@ -4,11 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fixed_options import Plane, identify
+from minorloop import Preisach, Record
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.lab.gaps import bridged, known_memory, with_lost_rows
-from minorloop.lab.records import Record
 from minorloop.lab.timebase import check_times
-from minorloop.operators.preisach import Preisach
 
 SEEDS = st.integers(0, 2**32 - 1)
 T = 0.01 * np.arange(1000)

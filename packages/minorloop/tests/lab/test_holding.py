@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Channel
+from minorloop import Channel, ParameterError, Plan, Record, Setup, Store, run
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.holding import Hold
-from minorloop.lab.plan import Plan
-from minorloop.lab.records import Record, Timing
-from minorloop.lab.run import check_plan, run
-from minorloop.lab.store import Setup, Store
+from minorloop.lab.records import Timing
+from minorloop.lab.run import check_plan
 
 SETUP = Setup("bench", "voltage [V]", "tip [mm]")
 LEVELS = [0.5, -0.25, -0.25, 0.75, 0.0]

@@ -2,13 +2,10 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.errors import ParameterError, RecordError
-from minorloop.identification import Smooth
+from minorloop import ParameterError, Preisach, Record, RecordError, Smooth
 from minorloop.lab.columns import read_headers
 from minorloop.lab.logs import read_log
-from minorloop.lab.records import Record
 from minorloop.lab.timebase import time_column
-from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(-1, 1, 7), np.tril(np.ones((6, 6))))
 T = 0.01 * np.arange(2000)

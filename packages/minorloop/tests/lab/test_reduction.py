@@ -6,14 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fixed_options import Plane, identify
+from minorloop import OutputError, ParameterError, Record, RecordError, SignalError, reduce
 from minorloop.arrays import uniform_levels
-from minorloop.errors import OutputError, ParameterError, RecordError, SignalError
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.lab.conversion import LaserCurvature, linear
 from minorloop.lab.curvature import displacement_from_curvature
 from minorloop.lab.logs import read_log
-from minorloop.lab.records import SAMPLE, Record
-from minorloop.lab.reduction import reduce
+from minorloop.lab.records import SAMPLE
 from minorloop.twins.ipmc import Ipmc
 
 LASER = LaserCurvature(20.0, 15.0, 0.02, 0.05)

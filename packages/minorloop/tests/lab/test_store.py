@@ -14,12 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import OutputError, ParameterError, RecordError, StoreError
+from minorloop import OutputError, ParameterError, Plan, RecordError, Setup, Store, StoreError
 from minorloop.files import lock_path
 from minorloop.lab import _store_file as store_file
 from minorloop.lab._store_file import is_store
-from minorloop.lab.plan import Plan
-from minorloop.lab.store import Point, Setup, Store
+from minorloop.lab.store import Point
 
 LEVELS = [0.0, 0.5, -0.25, np.nan, 1.0]
 PLAN = Plan(LEVELS, 40.0, input="voltage [V]")

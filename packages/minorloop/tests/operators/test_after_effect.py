@@ -4,10 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate
 
-from minorloop.errors import NotInvertibleError, UnreachableError
-from minorloop.operators.after_effect import AfterEffect, intervals
-from minorloop.operators.memory import Memory
-from minorloop.operators.preisach import Preisach
+from minorloop import AfterEffect, Memory, NotInvertibleError, Preisach, UnreachableError
+from minorloop.operators.after_effect import intervals
 
 LEVELS = np.array([-1.0, -0.75, -0.2, 0.0, 0.05, 0.6, 1.0])
 BANDS = LEVELS.size - 1

@@ -3,11 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.operators.generalised_prandtl_ishlinskii import (
-    DeadZones,
-    GeneralisedPrandtlIshlinskii,
-)
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop import GeneralisedPrandtlIshlinskii, PrandtlIshlinskii
+from minorloop.operators.generalised_prandtl_ishlinskii import DeadZones
 
 signals = st.lists(st.floats(-10, 10), min_size=1, max_size=60).map(np.array)
 MODEL = GeneralisedPrandtlIshlinskii(

@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.operators.memory import Memory
-from minorloop.operators.preisach import Preisach
+from minorloop import Memory, Preisach
 
 values = st.lists(st.floats(-1.5, 1.5), max_size=40)
 

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import NotInvertibleError
-from minorloop.operators.polynomial import Polynomial
+from minorloop import NotInvertibleError, Polynomial
 
 QUADRATIC = Polynomial([0.34, 8.2, -0.35], -1.2, 1.2)
 inputs = st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=40).map(np.array)

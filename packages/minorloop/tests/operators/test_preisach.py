@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 import oracles
+from minorloop import Memory, Preisach
 from minorloop.operators import _kernels
-from minorloop.operators.memory import Memory
 from minorloop.operators.plane import cell_areas
-from minorloop.operators.preisach import Preisach
 
 LEVELS = np.array([-1.0, -0.75, -0.2, 0.0, 0.05, 0.6, 1.0])
 STARTS = ("negative", "positive", "demagnetised")

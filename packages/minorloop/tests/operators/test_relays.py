@@ -4,10 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from minorloop.errors import ParameterError
-from minorloop.identification import excitation
-from minorloop.operators.preisach import Preisach
-from minorloop.operators.relays import RelayModel
+from minorloop import ParameterError, Preisach, RelayModel, excitation
 
 LEVELS = np.linspace(0.2, 0.8, 7)
 picks = st.lists(st.integers(0, 6), min_size=1, max_size=60)

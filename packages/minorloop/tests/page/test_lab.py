@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from starlette.requests import Request
 
-from minorloop import modelfile
-from minorloop.operators.preisach import Preisach
+from minorloop import Preisach, modelfile
 from minorloop.page import lab as lab_page
 from minorloop.page.auth import Authentication
 from minorloop.page.lab import LabPage, _name, application

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError, SignalError
-from minorloop.lab.actuator import Actuator
+from minorloop import Actuator, ParameterError, SignalError
 from minorloop.twins.fibre import Fibre
 from minorloop.twins.ipmc import Ipmc
 from minorloop.twins.ipmc_laser import IpmcLaser

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from minorloop.connect import connect
-from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
+from minorloop import InstrumentError, LimitError, ParameterError, SafetyError, connect
 from minorloop.lab.drivers import bench_file
 from minorloop.lab.drivers.bench_file import open_bench, read_description, relevant
 from minorloop.lab.wrapped_actuator import single_channel

@@ -5,14 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from minorloop import Channel, InstrumentError, Plan, Store
 from minorloop.cli import main
-from minorloop.errors import InstrumentError
-from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.drivers.visa import ScpiSource
-from minorloop.lab.plan import Plan
-from minorloop.lab.store import Store
 from simulated_clock import Clock
 
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from board_process import commands, simulated_board
-from minorloop.connect import connect
-from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
+from minorloop import InstrumentError, LimitError, ParameterError, SafetyError, connect
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 from minorloop.lab.drivers.scripted import Script
 from minorloop.lab.drivers.serial_board import SerialBoard

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 import compiled
-from minorloop.errors import InstrumentError
+from minorloop import Channel, InstrumentError, Preisach
 from minorloop.export.c99 import source
-from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers import serial_board
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.bench_file import open_bench
 from minorloop.lab.drivers.scripted import SILENCE, Script
 from minorloop.lab.drivers.serial_line import Board, parse, write
-from minorloop.operators.preisach import Preisach
 
 
 def ok(sequence, *words):

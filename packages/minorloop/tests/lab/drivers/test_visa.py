@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from minorloop.connect import connect
-from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
+from minorloop import InstrumentError, MissingExtraError, ParameterError, connect
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 from minorloop.lab.drivers.link import VisaLink, _short, number
 from minorloop.lab.drivers.scripted import SILENCE, Script
