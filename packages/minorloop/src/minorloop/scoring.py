@@ -146,8 +146,9 @@ def simulate(
                 f"{known.kind!r}; leave it out"
             )
     if known.has_time and not log.timed:
+        why = log.origin.why_untimed
         raise RecordError(
-            "the model has dynamics and needs times; name the column of time (--time)"
+            why or "the model has dynamics and needs times; name the column of time (--time)"
         )
     if parts.begins.size > 1:
         log = log.with_memory_reset()

@@ -141,7 +141,7 @@ SECONDS = "give a positive number of seconds"
         (f"{MOVED} --law vibration:between=flat", "between is 'flat'"),
         (f"{MOVED.replace('moved', 'mm')} --law vibration", "displacement is in mm"),
         ("simulate cut.json good.csv", "cut.json is damaged, or is not JSON"),
-        ("simulate late.json good.csv", "good.csv has no column 'time', it has"),
+        ("simulate late.json good.csv", "needs times; name the column of time (--time)"),
         (f"simulate unstable.json {FORCES}", "grows without bound"),
         (
             "simulate rough.json moved.csv --input force --time time --record start=positive",
@@ -156,7 +156,7 @@ SECONDS = "give a positive number of seconds"
         (f"{SCORE} --record between=band", "is for oscillators"),
         (f"{SCORE} --report good.csv", "good.csv is an input"),
         ("score model.json empty.csv", "no row is left to be scored"),
-        ("score late.json good.csv", "good.csv has no column 'time', it has"),
+        ("score late.json good.csv", "needs times; name the column of time (--time)"),
         ("invert rough.json moved.csv --target displacement", "an oscillator, whose output"),
         ("invert falling.json targets.csv --target length --clip", "not monotone"),
         ("invert relays.json targets.csv --target length", "no exact inverse; identify a"),

@@ -1,5 +1,6 @@
 import asyncio
 import logging
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
@@ -105,7 +106,8 @@ def test_a_request_that_the_end_of_the_server_cuts_off_is_no_error():
 
 def test_few_messages_are_logged_in_a_time(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("minorloop.page.serving.time.monotonic", lambda: now[0])
+    clock = SimpleNamespace(monotonic=lambda: now[0])  # the server beside goes on by the true one
+    monkeypatch.setattr("minorloop.page.serving.time", clock)
     seldom = RateLimitedLog(most=2, seconds=10.0)
 
     def record():

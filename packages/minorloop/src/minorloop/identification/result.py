@@ -390,7 +390,13 @@ class Fit(Scored, Generic[M]):
         modelfile.save(self.saved, path, force=force, **given)
 
     def plot(self, **options: Any) -> Any:
-        """Draw it, with the names and units of the record: see `minorloop.plot`."""
+        """Draw it, with the names and units of the record.
+
+        Parameters
+        ----------
+        **options
+            Those of `minorloop.plot`.
+        """
         return super().plot(**(self.drawn_labels | options))
 
     @property
