@@ -266,8 +266,9 @@ class PlanePrior:
         bulk, reversible = self.deviations(h)
         loose = self.nugget_variances(h) + bulk**2 * (1.0 - field.bulk_kept)
         loose[self.diagonal] += reversible**2 * (1.0 - field.reversible_kept)
-        # Least prior standard deviation of a weight, in ranges of the output
-        given = variance / np.maximum(loose, 1e-7**2)
+        # Least prior standard deviation of a weight, in ranges of the output: below it, pivots of
+        # the sparse factor are lost in rounding
+        given = variance / np.maximum(loose, 1e-6**2)
         factor = np.append(bulk[:, None] * mesh.share, reversible[:, None] * mesh.part)
         shape = self.spec.cells, mesh.unknowns
         factors = csr_array((factor, (mesh.cell, mesh.value)), shape=shape)
