@@ -15,8 +15,9 @@ def _study(name: str) -> Any:
     return command(f"{name} --specimens 3 --seed 1000 --json", main)
 
 
-_BANDS = {"head": {"*": 0.02}, "inspection": {"*": 0.02}}
-"""Pictures steer the head: they turn the last digits of a model into other decisions."""
+_BANDS = {name: {"*": 0.02} for name in ("head", "inspection", "stage")}
+"""The last digits of a model become other decisions where pictures steer the head, and end the
+search for the dynamics of a stage elsewhere."""
 CASES = tuple(
     Case(
         f"study_{name}",
