@@ -223,8 +223,13 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
     Raises a `RecordError` as for ``read_log``.
     """
     with opened(path) as table:
-        header = with_unit(time, table.find(time))
-        return _checked(table.read([time], dates=[time])[time], header)
+        return _times(table, time)
+
+
+def _times(table: OpenTable, time: str) -> tuple[Quantity, TimeCheck]:
+    """Return what `read_times` does, of a table that is open."""
+    header = with_unit(time, table.find(time))
+    return _checked(table.read([time], dates=[time])[time], header)
 
 
 def with_times(
@@ -247,19 +252,19 @@ def with_times(
     """
     with opened(path) as table:
         found, why = _sought(table, time, (input,))
-    try:
-        if found is not None:
-            clock, check = read_times(path, found)
-            origin = Origin(with_lost_rows(check, np.asarray(record.u)), found)
-            timed = record.replace(t=check.t, time=clock, origin=origin)
-            timed = timed.with_memory_reset() if reset else timed
-            if timed.check is not None:
-                check_order(path, found, timed.check, strictly=strictly)
-            record = timed
-    except RecordError as error:
-        if time != AUTO:
-            raise
-        found, why = None, str(error)
+        try:
+            if found is not None:
+                clock, check = _times(table, found)
+                origin = Origin(with_lost_rows(check, np.asarray(record.u)), found)
+                timed = record.replace(t=check.t, time=clock, origin=origin)
+                timed = timed.with_memory_reset() if reset else timed
+                if timed.check is not None:
+                    check_order(path, found, timed.check, strictly=strictly)
+                record = timed
+        except RecordError as error:
+            if time != AUTO:
+                raise
+            found, why = None, str(error)
     return record.with_origin(chosen=_chosen(time, found, why), why_untimed=why)
 
 

@@ -187,7 +187,9 @@ class RepeatedReadings:
         if values.size > 1 or not np.array_equal(values, self.readings, equal_nan=True):
             latest = (*self.latest, known)[-_LATEST:]
             extremes = _widened(self.extremes, known)
-            clear = max(_CLEAR * _resolution(latest), _SHARE * float(np.ptp(extremes)))
+            clear = max(
+                _CLEAR * _resolution(np.concatenate(latest)), _SHARE * float(np.ptp(extremes))
+            )
             return RepeatedReadings(
                 range=reach,
                 readings=values,
@@ -215,10 +217,11 @@ class RepeatedReadings:
         change, whole = np.ptp(self.inputs), np.ptp(self.range)
         if not change or change < share * whole:
             return False
-        step = _resolution(self.latest)
+        before = np.concatenate(self.latest)
+        step = _resolution(before)
         if not step:
             return bool(share < _ACROSS or change == whole)
-        return bool(np.ptp(np.concatenate(self.latest)) >= _STEPS * step)
+        return bool(np.ptp(before) >= _STEPS * step)
 
     def _is_frozen(self) -> bool:
         before = np.concatenate(self.latest)
@@ -229,9 +232,9 @@ class RepeatedReadings:
         return bool(inside and runs and runs[-1][1] == values.size and np.ptp(self.inputs))
 
 
-def _resolution(readings: tuple[FloatArray, ...]) -> float:
-    """Return the resolution of readings of holds, in their unit; 0 where no two differ."""
-    steps = np.abs(np.diff(np.concatenate(readings)))
+def _resolution(readings: FloatArray) -> float:
+    """Return the resolution of readings (N,), in their unit; 0 where no two differ."""
+    steps = np.abs(np.diff(readings))
     steps = steps[steps > 0]
     return float(np.quantile(steps, _FINE)) if steps.size else 0.0
 
@@ -253,5 +256,4 @@ def noise_above_resolution(values: FloatArray) -> float:
     if np.mean(ways[1:] * ways[:-1] < 0) < 0.5:
         return 0.0
     sd = noise_of(bends, 2)
-    steps = np.abs(np.diff(values))
-    return sd if sd >= np.quantile(steps[steps > 0], _FINE) else 0.0
+    return sd if sd >= _resolution(values) else 0.0
