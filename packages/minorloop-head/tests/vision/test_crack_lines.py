@@ -1,4 +1,4 @@
-"""Heights of dark lines under several lights."""
+"""Heights of lines under several lights."""
 
 import numpy as np
 
@@ -16,19 +16,18 @@ def dark(off, width=1.2):
     return -np.exp(-0.5 * (off / width) ** 2)
 
 
-def test_a_line_that_is_dark_under_every_light_is_high_whatever_its_direction():
+def test_a_line_is_as_high_as_lights_show_it_in_the_mean_whatever_its_direction_and_sign():
     for turn in np.linspace(0, np.pi, 7):
         off = (ROWS - 45) * np.cos(turn) - (COLUMNS - 60) * np.sin(turn)
-        heights, middle = line_heights(stack(dark(off), 0.5 * dark(off)), SEEN)
-        assert heights[45, 60] > 0.25
+        heights, middle = line_heights(stack(dark(off), -0.5 * dark(off), 0 * off), SEEN)
+        alone, _ = line_heights(stack(dark(off)), SEEN)
+        np.testing.assert_allclose(heights[45, 60], 0.5 * alone[45, 60], rtol=1e-3)
         assert middle[44:47, 59:62].any()
-        assert np.median(heights[np.abs(off) > 12]) < 0.02
+        assert np.median(heights[np.abs(off) > 12]) < 0.05
 
 
-def test_a_line_that_one_light_does_not_show_an_edge_and_a_spot_are_low():
+def test_an_edge_and_a_spot_are_low():
     off = ROWS - 45
-    lit, _ = line_heights(stack(dark(off), 0 * off), SEEN)
-    assert lit.max() < 0.05
     edge, _ = line_heights(stack(np.where(off > 0, -0.5, 0.0)), SEEN)
     spot, _ = line_heights(stack(dark(np.hypot(off, COLUMNS - 60))), SEEN)
     line, _ = line_heights(stack(dark(off)), SEEN)

@@ -7,6 +7,7 @@ import pytest
 from scipy import ndimage
 
 from minorloop.errors import ParameterError, SignalError
+from minorloop_head.vision import _line_kernels as kernels
 from minorloop_head.vision.calibrated_camera import Window
 from minorloop_head.vision.cracks import TracedCrack, trace_cracks
 
@@ -96,7 +97,7 @@ def test_a_map_that_is_not_that_of_its_window_or_pipe_is_refused():
             trace_cracks(level, WINDOW, radius)
 
 
-def test_a_groove_with_a_bright_flank_and_a_wide_soft_line_are_no_cracks():
+def test_a_straight_groove_with_a_bright_flank_and_a_wide_soft_line_are_no_cracks():
     points = [(40, 60), (200, 150)]
     off = distance(points)
     side = np.sign((ROWS - 60) * 160 - (COLUMNS - 40) * 90)
@@ -108,6 +109,35 @@ def test_a_groove_with_a_bright_flank_and_a_wide_soft_line_are_no_cracks():
     levels = np.stack([bare(seed) + line(points, 2.0) for seed in range(3)]).astype(np.float32)
     (crack,) = trace_cracks(levels, WINDOW, RADIUS)
     assert crack.width == pytest.approx(2.0 * STEP, rel=0.15)
+
+
+def test_a_wandering_groove_whose_flanks_return_light_is_a_crack():
+    points = [(40, 60), (80, 85), (110, 78), (150, 120), (200, 130)]
+    off = distance(points)
+    above = np.sign(ROWS - np.interp(COLUMNS, *np.transpose(points)))
+    flanks = np.clip(2.5 - off, 0, 1)
+    for lit, level in (((0.5, -0.2, 0.3), 0.5), ((0.5, -0.2, 0.3), 0.2), ((0.0, 0.0, 0.0), 0.5)):
+        marks = [flanks * (level + turned * above) for turned in lit]
+        levels = [bare(n) + ndimage.gaussian_filter(mark, 0.7) for n, mark in enumerate(marks)]
+        (crack,) = trace_cracks(np.float32(levels), WINDOW, RADIUS)
+        assert crack.length == pytest.approx(190 * STEP, rel=0.15)
+        assert crack.width == pytest.approx(4 * STEP, rel=0.3)
+
+
+def test_odds_of_places_are_those_of_the_classifier_they_were_taken_from():
+    from sklearn.ensemble import HistGradientBoostingClassifier
+
+    from benchmarks.cracks import odds_of
+
+    rng = np.random.default_rng(4)
+    rows = rng.normal(size=(600, 5))
+    right = rows[:, 0] * rows[:, 1] + 0.3 * rng.normal(size=600) > 0
+    model = HistGradientBoostingClassifier(max_iter=20, max_depth=4).fit(rows, right)
+    odds = odds_of(model)
+    each = odds.base + kernels.sum_of_trees(
+        rows, odds.first, odds.feature, odds.threshold, odds.branches, odds.value
+    )
+    np.testing.assert_allclose(each, model.decision_function(rows), atol=1e-5)
 
 
 def test_of_two_faint_lines_the_bent_one_is_surer_a_crack():

@@ -1,4 +1,4 @@
-"""Compiled loops for dark lines: arrays in, arrays out."""
+"""Compiled loops for lines on the wall: arrays in, arrays out."""
 
 from __future__ import annotations
 
@@ -22,27 +22,29 @@ def keep_highest(smooth, step, side, heights, sides):
     """Keep the height of a line through each texel, and its side, where it is the highest yet.
 
     ``smooth`` (K, R, C) are maps smoothed along the line, one a light, and longer than ``heights``
-    (rows, columns): the padding is beyond either edge. The height is the lower of two texels a
-    ``step`` (2,) to both sides, less the middle, under the light with the least. ``side`` (2,) goes
-    into ``sides`` (2, rows, columns).
+    (rows, columns): the padding is beyond either edge. Under each light a line is below the lower
+    of two texels a ``step`` (2,) to both sides, or above the higher; the height is the mean over
+    the lights. ``side`` (2,) goes into ``sides`` (2, rows, columns).
     """
     rows, columns = heights.shape
     most, turned = smooth.shape[1], smooth.shape[2]
     i, j = step
-    least = np.empty(columns, smooth.dtype)
+    share = heights.dtype.type(1.0 / smooth.shape[0])
+    zero = heights.dtype.type(0.0)
+    total = np.empty(columns, smooth.dtype)
     for v in range(rows):
-        least[:] = np.inf
+        total[:] = 0.0
         for k in range(smooth.shape[0]):
             one, other, middle = smooth[k, (v - i) % most], smooth[k, (v + i) % most], smooth[k, v]
             for u in range(abs(j)):
-                height = min(one[(u - j) % turned], other[(u + j) % turned]) - middle[u]
-                least[u] = min(least[u], height)
+                a, b = one[(u - j) % turned], other[(u + j) % turned]
+                total[u] += max(min(a, b) - middle[u], middle[u] - max(a, b), zero)
             for u in range(abs(j), columns):  # without a turn the compiler makes it one of vectors
-                height = min(one[u - j], other[u + j]) - middle[u]
-                least[u] = min(least[u], height)
+                a, b = one[u - j], other[u + j]
+                total[u] += max(min(a, b) - middle[u], middle[u] - max(a, b), zero)
         for u in range(columns):
-            if least[u] > heights[v, u]:
-                heights[v, u] = least[u]
+            if share * total[u] > heights[v, u]:
+                heights[v, u] = share * total[u]
                 sides[0, v, u], sides[1, v, u] = side[0], side[1]
 
 
@@ -89,3 +91,20 @@ def follow(heights, known, seen, owner, own, start, way, least, out):
         if owner[i, j] != 0 and owner[i, j] != own:
             return n + 1
     return out.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def sum_of_trees(rows, first, feature, threshold, branches, value):
+    """Return the sum (N,) of what each tree gives to each of the rows (N, F) of features.
+
+    ``first`` are the first nodes of the trees; a leaf has the ``feature`` -1.
+    """
+    total = np.zeros(len(rows))
+    for n in range(len(rows)):
+        for start in first:
+            node = start
+            while feature[node] >= 0:
+                upper = 1 if rows[n, feature[node]] > threshold[node] else 0
+                node = start + branches[node, upper]
+            total[n] += value[node]
+    return total

@@ -1,34 +1,33 @@
-"""Evidence that a dark line on the wall is a crack, from profiles across its course.
+"""Evidence that a line on the wall is a crack, from profiles across its course.
 
-A crack takes the same share of every light, and nothing beside it is brighter than the wall. A
-groove has a bright flank beside a dark one, a stain another brightness on its other side, and the
-share that a flank takes depends on the light.
+A crack is a thin line that wanders. Under each light it is darker or brighter than the wall on both
+of its sides, and its flanks answer differently to lights from different sides. A scratch is
+straight, the rim of a bead or a stain has another brightness on its other side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
+from minorloop_head.vision import _line_kernels as kernels
+from minorloop_head.vision.crack_widths import measured_widths
 from minorloop_head.vision.imaging import Image32
 
-LEAST_EVIDENCE = -0.25
-"""Evidence above which a line counts as a crack: 0.03 false findings an acquisition of the scenes
-of the fit, and as many cracks as with less."""
-ALONG = (9.41, -5.22, 9.38, -11.63, 1.02)
-WHOLE = (0.88, 2.97, 1.22)
-"""Constant and weights of the features of places along a line, and of a whole line, by logistic
-regression on scenes 5000 to 5199 of `papers.catheter.crack_scenes`, each with and without a
-crack; by ``python -m benchmarks.cracks fit --first 5000 --count 200``."""
-_DARK = 0.93
-"""Share of the light of the wall that a crack takes."""
-_SIDE, _CORE = 14, 9
+LEAST_EVIDENCE = 0.5
+"""Evidence above which a line counts as a crack: with less, scratches on bare walls are found."""
+WEIGHTS = Path(__file__).with_name("crack_weights.npz")
+"""Trees for places and weights for whole lines, written by ``python -m benchmarks.cracks fit``."""
+_SIDE, _CORE = 24, 9
 """Half texels to either side of a course, and those of them that may belong to the line; beyond
-them is the wall: 0.23 mm contain half a crack of 0.3 mm with its blur."""
+them is the wall: 0.23 mm contain half a crack of 0.3 mm with its blur, and 0.6 mm show the inside
+of a stain at whose edge a line is."""
 _SMOOTH = 2.0
 """Standard deviation in texels by which a course of whole texels is smoothed, by trial."""
 _EVEN = 4.0
@@ -45,15 +44,14 @@ class Profiles:
     taken: FloatArray
     """Shape (K, N, M). Share taken under each light, every half texel across; negative where it is
     brighter than the wall."""
+    step: FloatArray
+    """Shape (K, N). Logarithm of the brightness on one side over that on the other."""
     length: float
     """In texels."""
 
-    @property
-    def widths(self) -> FloatArray:
-        """Widths (N,) in texels of a black line that takes as much light."""
-        net = self.taken[..., _core()].sum(axis=-1).mean(axis=0) * 0.5 / _DARK
-        even: FloatArray = ndimage.median_filter(net, 5, mode="nearest")
-        return np.maximum(even, 0.0)
+    def widths(self) -> tuple[FloatArray, FloatArray]:
+        """Return widths (N,) in texels along the course, and their standard deviations."""
+        return measured_widths(self.taken, _SIDE, _CORE, _EVEN)
 
 
 def _core() -> slice:
@@ -83,7 +81,7 @@ def profiles_of(course: FloatArray, levels: Image32) -> Profiles:
         if not last:
             smooth = smooth + _off(taken, off)[:, None] * normal
     steps = np.hypot(*np.diff(smooth, axis=0).T)
-    return Profiles(smooth, taken, float(steps.sum()))
+    return Profiles(smooth, taken, left - right, float(steps.sum()))
 
 
 def smoothed(course: FloatArray, sd: float) -> FloatArray:
@@ -96,52 +94,150 @@ def smoothed(course: FloatArray, sd: float) -> FloatArray:
 
 def _off(taken: FloatArray, off: FloatArray) -> FloatArray:
     """Return how far (N,) in texels the middle of the line is from its course."""
-    dark = np.maximum(ndimage.gaussian_filter1d(taken.mean(axis=0), 1.5, axis=0), 0.0)
-    dark = dark * np.exp(-0.5 * (off / 1.5) ** 2)  # the neighbour of the line is not part of it
-    middle = (dark * off).sum(axis=1) / np.maximum(dark.sum(axis=1), 1e-6)
+    share = np.abs(ndimage.gaussian_filter1d(taken, 1.5, axis=1)).mean(axis=0)
+    share = share * np.exp(-0.5 * (off / 1.5) ** 2)  # the neighbour of the line is not part of it
+    middle = (share * off).sum(axis=1) / np.maximum(share.sum(axis=1), 1e-6)
     shifted: FloatArray = ndimage.gaussian_filter1d(np.clip(middle, -1.5, 1.5), 1.0)
     return shifted
 
 
-_LEAST, _MOST, _FINEST = -1.0, 3.0, 0.2
-"""Evidence of a place above which it counts for its line, and most of it, so that no short part
-decides alone; and texels of a course below which its bends are noise; by trial."""
-FEATURES = ("net", "peak", "bright", "bent")
+FEATURES = (
+    "height",
+    "amount",
+    "height over texture",
+    "height over wall",
+    "height over noise",
+    "alike",
+    "change over amount",
+    "beyond",
+    "breadth",
+    "odd",
+    "sign",
+    "uneven",
+    "bent near",
+    "bent far",
+    "straight",
+    "step",
+    "beside",
+    "change",
+    "closed",
+)
+_NEARBY = (10, 20, 30)
+"""Texels over which a course is compared with its smooth self, and to either side over which it is
+called straight."""
 _LIKELY, _POSSIBLE, _FEWEST = -0.5, -2.0, 8
 """Evidence of a texel that may be of a crack, that of a part which goes on from such texels, and
 fewest of them in a part; by trial. With less evidence scratches are joined to cracks, with more
 faint parts are lost."""
 _BRIDGED = 8
 """Texels of little evidence that are bridged within a course, by trial."""
+_LEAST, _MOST, _FINEST = -1.0, 3.0, 0.2
+"""Evidence of a place above which it counts for its line, and most of it, so that no short part
+decides alone; and texels of a course below which its bends are noise; by trial."""
 
 
-def features_of(found: Profiles) -> FloatArray:
-    """Return the features (N, F) of a line along its course; names are those of ``FEATURES``."""
-    taken = ndimage.gaussian_filter1d(found.taken, _EVEN, axis=1, mode="nearest")
-    core = taken[..., _core()]
-    net = 0.5 * core.sum(axis=-1)
-    whole = core.mean(axis=0)
-    peak = np.maximum(whole[:, _CORE - 1 : _CORE + 2].mean(axis=-1), 0.02)
-    dark = np.maximum(np.maximum(whole, 0).sum(axis=-1), 0.1)
-    bright = np.maximum(-whole, 0).sum(axis=-1)
-    typical = np.maximum(net.mean(axis=0), 0.05)
-    near, far = (
-        ndimage.gaussian_filter1d(found.course, size, axis=0, mode="nearest") for size in (1.5, 10)
+def features_of(found: Profiles, texture: float) -> FloatArray:
+    """Return the features (N, F) of a line along its course; names are those of ``FEATURES``.
+
+    ``texture`` is the median height of lines on the wall. ``height`` is the largest share taken,
+    ``amount`` the sum of shares across; ``wall`` and ``noise`` what varies beside the line, along
+    and between texels; ``alike`` the part that all lights have in common, ``change`` what differs
+    between them; ``beyond`` how far the line leaves the brightness of both sides, ``breadth``
+    amount over height, ``odd`` the part that has two signs across, ``sign`` 1 for dark and -1 for
+    bright; ``uneven`` the change of height along; ``step`` the difference of both sides and
+    ``beside`` their level farther off, over the height; ``closed`` small where the ends meet.
+    """
+    even = _smoothed(found.taken, _EVEN, 1)
+    off = np.abs(np.arange(-_SIDE, _SIDE + 1))
+    core, wall = even[..., off <= _CORE], even[..., off > _CORE]
+    rough = (found.taken - even)[..., off > _CORE]
+    sizes = np.abs(core)
+    each = sizes.max(axis=-1).mean(axis=0)
+    height = np.maximum(each, 0.01)
+    amount = np.maximum(0.5 * sizes.sum(axis=-1).mean(axis=0), 0.03)
+    noise = np.sqrt(_smoothed((rough**2).mean(axis=(0, 2)), 6.0))
+    change = 0.5 * core.std(axis=0).sum(axis=-1)
+    middle = np.abs(core[..., _CORE - 2 : _CORE + 3].mean(axis=-1))
+    odd = 0.5 * np.abs(core - core[..., ::-1]).sum(axis=-1).mean(axis=0)
+    ripple = _smoothed(each, 1.0)
+    ripple = np.sqrt(_smoothed((ripple - _smoothed(ripple, 8.0)) ** 2, 8.0))
+    near = _smoothed(found.course, 1.5, 0)
+    bent = [
+        np.sqrt(_smoothed(((near - _smoothed(found.course, size, 0)) ** 2).sum(axis=1), size))
+        for size in _NEARBY[:2]
+    ]
+    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(found.course, axis=0).T)))
+    places = np.arange(len(way))
+    low, high = (np.clip(places + n, 0, len(way) - 1) for n in (-_NEARBY[2], _NEARBY[2]))
+    chord = np.hypot(*(found.course[high] - found.course[low]).T)
+    ends = float(np.hypot(*(found.course[-1] - found.course[0])))
+    return np.stack(
+        [
+            height,
+            amount,
+            height / texture,
+            height / (np.sqrt((wall**2).mean(axis=(0, 2))) + 0.01),
+            height / (noise + 0.01),
+            0.5 * np.abs(core.mean(axis=0)).sum(axis=-1) / amount,
+            change / amount,
+            (middle - 0.5 * np.abs(found.step)).mean(axis=0) / height,
+            amount / height,
+            0.5 * odd / amount,
+            0.5 * core.sum(axis=-1).mean(axis=0) / amount,
+            ripple / height,
+            *bent,
+            chord / np.maximum(way[high] - way[low], 1e-6),
+            np.abs(found.step).mean(axis=0) / height,
+            np.abs(even[..., off > 16].mean(axis=-1)).mean(axis=0) / height,
+            change,
+            np.full(len(way), ends / max(way[-1], 1e-6)),
+        ],
+        axis=1,
     )
-    bent = np.sqrt(ndimage.gaussian_filter1d(((near - far) ** 2).sum(axis=1), 10, mode="nearest"))
-    return np.stack([np.log(typical), np.log(peak), bright / dark, np.log(_FINEST + bent)], axis=1)
 
 
-def _evidence_along(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
-    """Return the evidence (N,) of each place of a line, linear in its features."""
-    each = weights[0] + features_of(found) @ np.array(weights[1:])
-    even: FloatArray = ndimage.gaussian_filter1d(each, _EVEN, mode="nearest")
+def _smoothed(values: FloatArray, size: float, axis: int = 0) -> FloatArray:
+    even: FloatArray = ndimage.gaussian_filter1d(values, size, axis=axis, mode="nearest")
     return even
 
 
-def likely_parts(found: Profiles, weights: Sequence[float] = ALONG) -> list[FloatArray]:
+@dataclass(frozen=True, eq=False)
+class CrackOdds:
+    """Logarithms of odds: of places by boosted trees, of whole lines linear in their features."""
+
+    base: float
+    """Of a place before any tree."""
+    first: npt.NDArray[np.int32]
+    """Shape (T,). First node of each tree."""
+    feature: npt.NDArray[np.int8]
+    """Shape (nodes,). Feature that is compared; -1 at a leaf."""
+    threshold: FloatArray
+    """Shape (nodes,). Up to it the lower branch is taken."""
+    branches: npt.NDArray[np.int16]
+    """Shape (nodes, 2). Lower and upper branch, counted from the first node of the tree."""
+    value: FloatArray
+    """Shape (nodes,). What a leaf adds."""
+    whole: FloatArray
+    """Constant and weights of `whole_features`."""
+
+    def along(self, features: FloatArray) -> FloatArray:
+        """Return the evidence (N,) of each place of a line with features (N, F)."""
+        each = kernels.sum_of_trees(
+            features, self.first, self.feature, self.threshold, self.branches, self.value
+        )
+        return _smoothed(self.base + each, _EVEN)
+
+    def of_line(self, found: Profiles, along: FloatArray) -> float:
+        """Return the evidence of a whole line from that along it."""
+        return float(self.whole[0] + whole_features(found, along) @ self.whole[1:])
+
+    def save(self, path: Path) -> None:
+        """Write the odds to a file of NumPy."""
+        np.savez_compressed(path, **vars(self))
+
+
+def likely_parts(found: Profiles, along: FloatArray) -> list[FloatArray]:
     """Return the parts (N, 2) of a course that may be those of a crack."""
-    along = _evidence_along(found, weights)
     possible = np.pad(along > _POSSIBLE, _BRIDGED)
     possible = ndimage.binary_closing(possible, np.ones(_BRIDGED + 1, dtype=bool))
     labels, _ = ndimage.label(possible[_BRIDGED:-_BRIDGED])
@@ -149,22 +245,34 @@ def likely_parts(found: Profiles, weights: Sequence[float] = ALONG) -> list[Floa
     return [found.course[part] for part in parts if (along[part] > _LIKELY).sum() >= _FEWEST]
 
 
-def whole_features(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
-    """Return the features (2,) of a whole line: how it is bent, and its evidence for a crack.
+def whole_features(found: Profiles, along: FloatArray) -> FloatArray:
+    """Return the features (5,) of a whole line from the evidence (N,) along it.
 
-    A scratch is drawn by one motion, so that a parabola fits its course; grains turn a crack.
-    Places count by their evidence: what crosses a crack does not count against it, and what noise
-    bends does not count for it.
+    How it is bent, its evidence where it is likely, its mean evidence, its length, and how near its
+    ends are. A scratch is drawn by one motion, so that a parabola fits its course; grains turn a
+    crack. Places count by their evidence: what crosses a crack does not count against it, and what
+    noise bends does not count for it.
     """
-    along = np.clip(_evidence_along(found, weights), _LEAST, _MOST) - _LEAST
-    share = (along + 1e-6) / (along + 1e-6).sum()
+    counted = np.clip(along, _LEAST, _MOST) - _LEAST
+    share = (counted + 1e-6) / (counted + 1e-6).sum()
     _, axes = np.linalg.eigh(np.cov(found.course.T))
     across, length = (found.course @ axes).T
     bent = across - np.polynomial.Polynomial.fit(length, across, 2, w=np.sqrt(share))(length)
     spread = float(np.sqrt((share * bent**2).sum()))
-    return np.array([np.log(_FINEST + spread), (share * along).sum()])
+    ends = float(np.hypot(*(found.course[-1] - found.course[0])))
+    return np.array(
+        [
+            np.log(_FINEST + spread),
+            (share * counted).sum(),
+            np.clip(along, -_MOST, _MOST).mean(),
+            np.log(found.length),
+            ends / found.length,
+        ]
+    )
 
 
-def crack_evidence(found: Profiles) -> float:
-    """Return the logarithm of the odds that a line is a crack, linear in its features."""
-    return float(WHOLE[0] + whole_features(found) @ np.array(WHOLE[1:]))
+@cache
+def crack_odds() -> CrackOdds:
+    """Return the odds in use."""
+    with np.load(WEIGHTS) as kept:
+        return CrackOdds(**{name: kept[name] for name in kept.files})

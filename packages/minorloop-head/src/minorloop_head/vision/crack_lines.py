@@ -1,7 +1,7 @@
-"""Height of thin dark lines on maps of the wall, under all lights together.
+"""Height of thin lines on maps of the wall, averaged over all lights.
 
-A line is darker than the wall on both of its sides, along some length, and under every light. An
-edge has one darker side, a bright flank moves with the light, and a spot has no length.
+Under each light a line is darker or brighter than the wall on both of its sides, along some length.
+An edge has one such side only, and a spot has no length.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MARGIN = 24
 def line_heights(
     stack: Image32, seen: npt.NDArray[np.bool_]
 ) -> tuple[Image32, npt.NDArray[np.bool_]]:
-    """Return how much darker than both sides a line through each texel is, and where it is.
+    """Return how much a line through each texel differs from both sides, and where it is.
 
     ``stack`` (K, rows, columns): logarithm of the reflectance under each of K lights; ``seen``
     (rows, columns): where all of them are known.
@@ -38,8 +38,8 @@ def line_heights(
     Returns
     -------
     heights : (rows, columns) array of float32
-        In the logarithm of the reflectance, averaged along and across the filter, under the light
-        with the least; 0 or less where there is no dark line.
+        In the logarithm of the reflectance, averaged along and across the filter and over the
+        lights; 0 where there is no line.
     middle : (rows, columns) array of bool
         Where no texel beside the line is higher.
     """

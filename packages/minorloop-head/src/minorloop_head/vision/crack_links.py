@@ -119,7 +119,7 @@ def followed(
     """
     known = seen & ~margin
     heights = ndimage.maximum_filter(heights, 3)  # a line is between texels
-    whole = [course[_CORNER : len(course) - _CORNER] for course in courses]
+    whole = [_clear(course[_CORNER : len(course) - _CORNER], heights) for course in courses]
     owner = np.zeros(heights.shape, dtype=np.int32)
     longest = sorted(range(len(whole)), key=lambda n: -len(whole[n]))
     for n in longest:
@@ -130,6 +130,14 @@ def followed(
             _claim(owner, more, n + 1)
             whole[n] = np.concatenate([whole[n], more])[::-1]
     return whole
+
+
+def _clear(course: FloatArray, heights: Image32) -> FloatArray:
+    """Return a course without the ends where its line has less than half of its height nearby."""
+    i, j = np.clip(np.rint(course).astype(int), 0, np.array(heights.shape) - 1).T
+    ends = heights[i, j][:_NEAR], heights[i, j][::-1][:_NEAR]
+    first, last = (int(np.argmax(end > 0.5 * np.median(end))) for end in ends)
+    return course[first : len(course) - last]
 
 
 def _claim(owner: npt.NDArray[np.int32], course: FloatArray, own: int) -> None:

@@ -1,8 +1,8 @@
-"""Trace cracks: thin dark lines that stay dark whichever light is on.
+"""Trace cracks: thin lines on the wall, dark or bright, that no scratch or rim explains.
 
-Heights of dark lines under all lights mark the pieces. A threshold with hysteresis keeps pieces
-that contain a strong part, and short gaps are bridged. The course of a piece is the cheapest path
-between its ends, where the cost is low on a line; what the path leaves out is traced as a branch.
+Heights of lines, averaged over all lights, mark the pieces. A threshold with hysteresis keeps
+pieces that contain a strong part, and short gaps are bridged. The course of a piece is the cheapest
+path between its ends, where the cost is low on a line; what the path leaves out is a branch.
 The profiles across a course decide whether it is a crack.
 """
 
@@ -23,8 +23,10 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop_head.vision.calibrated_camera import Window
 from minorloop_head.vision.crack_evidence import (
     LEAST_EVIDENCE,
+    CrackOdds,
     Profiles,
-    crack_evidence,
+    crack_odds,
+    features_of,
     likely_parts,
     profiles_of,
 )
@@ -32,9 +34,9 @@ from minorloop_head.vision.crack_lines import line_heights
 from minorloop_head.vision.crack_links import FEWEST, cut_at_crossings, followed, joined
 from minorloop_head.vision.imaging import Image32
 
-_HIGH, _LOW = 0.16, 0.1
-"""Heights that a piece reaches and stays above: half of the texels of a crack of 50 um are above
-0.25, one in two hundred of a wall without a crack above 0.2."""
+_HIGH, _LOW, _LEAST = 3.5, 2.2, 0.02
+"""Heights that a piece reaches and stays above, as multiples of the median height of the map, and
+the least value of that: walls differ by a factor of five in their texture. By trial."""
 _EDGE = 4
 """Texels at the edge of what is seen, where a line has no second side."""
 _SHORTEST = 0.8e-3
@@ -60,13 +62,15 @@ class TracedCrack:
     places: FloatArray
     """Shape (N, 2). Phi and z along it."""
     widths: FloatArray
-    """Shape (N,). In metres: the width of a black line that takes as much light."""
+    """Shape (N,). In metres."""
     length: float
     """In metres, along the wall."""
     contrast: float
     """Median height of its line, in the logarithm of the image."""
     evidence: float = np.inf
-    """Logarithm of the odds that it is a crack, among dark lines on the wall."""
+    """Logarithm of the odds that it is a crack, among lines on the wall."""
+    unsure: float = 0.0
+    """Standard deviation in metres of its widths in common, by the unknown light of its flanks."""
 
     @property
     def middle(self) -> FloatArray:
@@ -83,7 +87,7 @@ class TracedCrack:
         """Standard deviation of the median width in metres."""
         spread = 1.4826 * float(np.median(np.abs(self.widths - self.width)))
         along = spread / math.sqrt(max(self.length / _PART, 1.0))
-        return math.hypot(_GROUND, _TAKEN * self.width, along)
+        return math.hypot(_GROUND, _TAKEN * self.width, along, self.unsure)
 
 
 def trace_cracks(
@@ -127,32 +131,31 @@ def trace_cracks(
         raise ParameterError(f"a pipe of radius {radius} m; give a length > 0 in m")
     found = [
         crack
-        for crack in _lines(levels, window, radius, apart)
+        for crack in traced_lines(lined_wall(levels, window, radius, apart), window, radius)
         if crack.length >= shortest and crack.evidence >= least
     ]
     return tuple(sorted(found, key=lambda crack: -crack.length))
 
 
-def _lines(
-    levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]]
+def traced_lines(
+    wall: LinedWall | None, window: Window, radius: float, odds: CrackOdds | None = None
 ) -> list[TracedCrack]:
-    """Return all dark lines with parts that look like a crack."""
-    wall = dark_wall(levels, window, radius, apart)
+    """Return all lines with parts that look like a crack."""
     if wall is None:
         return []
-    parts = [
-        part for course in wall.courses for part in likely_parts(profiles_of(course, wall.levels))
-    ]
-    found = [
-        _measured(profiles_of(course, wall.levels), wall, window, radius)
-        for course in whole_courses(parts, wall)
-    ]
+    odds = odds or crack_odds()
+    parts = []
+    for course in wall.courses:
+        line = profiles_of(course, wall.levels)
+        parts += likely_parts(line, odds.along(features_of(line, wall.texture)))
+    lines = [profiles_of(course, wall.levels) for course in whole_courses(parts, wall)]
+    found = [_measured(line, wall, window, radius, odds) for line in lines]
     return [crack for crack in found if crack is not None]
 
 
 @dataclass(frozen=True, eq=False)
-class DarkWall:
-    """Dark lines of a wall before they are judged."""
+class LinedWall:
+    """Lines of a wall before they are judged."""
 
     levels: Image32
     """Shape (K, rows, columns). Logarithm of the reflectance; what is not seen has the value of the
@@ -165,12 +168,14 @@ class DarkWall:
     """Shape (rows, columns). Texels that are seen but too near to the edge for a height."""
     courses: tuple[FloatArray, ...]
     """Rows and columns of the lines."""
+    texture: float
+    """Median of the heights."""
 
 
-def dark_wall(
+def lined_wall(
     levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]] = ()
-) -> DarkWall | None:
-    """Return the dark lines on maps (K, rows, columns); None if nearly nothing is seen."""
+) -> LinedWall | None:
+    """Return the lines on maps (K, rows, columns); None if nearly nothing is seen."""
     seen = np.asarray(np.isfinite(levels).all(axis=0))
     if seen.sum() < 100:
         return None
@@ -179,26 +184,29 @@ def dark_wall(
     heights, middle = line_heights(levels, seen)
     margin = seen & ~ndimage.binary_erosion(seen, iterations=_EDGE)
     heights[~seen | margin] = 0
+    texture = max(float(np.median(heights[seen & ~margin])), _LEAST)
     _mask_out(heights, window, radius, apart)
     heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
-    courses = [course.astype(float) for course in _courses(heights, _SHORTEST / window.step)]
-    return DarkWall(
-        levels[:, near[0], near[1]], heights, seen, margin, tuple(cut_at_crossings(courses))
-    )
+    least = _SHORTEST / window.step
+    courses = [course.astype(float) for course in _courses(heights, texture, least)]
+    return LinedWall(
+        levels[:, near[0], near[1]], heights, seen, margin, tuple(cut_at_crossings(courses)),
+        texture,
+    )  # fmt: skip
 
 
-def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
+def whole_courses(parts: Sequence[FloatArray], wall: LinedWall) -> list[FloatArray]:
     """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
     whole = joined([part for part in parts if len(part) >= FEWEST])
-    return joined(followed(whole, wall.heights, _LOW, wall.seen, wall.margin))
+    return joined(followed(whole, wall.heights, _LOW * wall.texture, wall.seen, wall.margin))
 
 
-def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
+def _courses(heights: Image32, texture: float, least: float) -> list[npt.NDArray[np.int64]]:
     """Return the courses (N, 2) of all pieces and of their branches, in rows and columns."""
     courses = []
     left = heights.copy()
     for _ in range(_BRANCHES + 1):
-        found = [_course(left, piece) for piece in _pieces(left, least)]
+        found = [_course(left, piece) for piece in _pieces(left, texture, least)]
         found = [course for course in found if len(course) >= FEWEST]
         if not found:
             break
@@ -221,15 +229,15 @@ def _mask_out(
 
 
 def _pieces(
-    heights: Image32, least: float
+    heights: Image32, texture: float, least: float
 ) -> list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]]:
     """Return rows and columns of the texels of each piece, short gaps filled."""
-    labels, _ = ndimage.label(heights > _LOW, np.ones((3, 3)))
+    labels, _ = ndimage.label(heights > _LOW * texture, np.ones((3, 3)))
     pieces = []
     for n, box in enumerate(ndimage.find_objects(labels), start=1):
         inside = labels[box] == n
         reach = np.hypot(*inside.shape)
-        if reach < least or (heights[box][inside] > _HIGH).sum() < 0.5 * least:
+        if reach < least or (heights[box][inside] > _HIGH * texture).sum() < 0.5 * least:
             continue
         i, j = np.nonzero(inside)
         pieces.append((i + box[0].start, j + box[1].start))
@@ -273,12 +281,17 @@ def _reached(graph: Any, start: int) -> FloatArray:
     return np.where(np.isfinite(far), far, -1.0)
 
 
-def _measured(line: Profiles, wall: DarkWall, window: Window, radius: float) -> TracedCrack | None:
+def _measured(
+    line: Profiles, wall: LinedWall, window: Window, radius: float, odds: CrackOdds
+) -> TracedCrack | None:
     """Measure length and widths of a line; None if it is not slender."""
-    widths, length = line.widths * window.step, line.length * window.step
+    widths, deviations = (window.step * each for each in line.widths())
+    length = line.length * window.step
     if length < max(_SLENDER * float(np.median(widths)), _SHORTEST):
         return None
     y, x = np.clip(np.rint(line.course).astype(int), 0, np.array(wall.heights.shape) - 1).T
     contrast = float(np.median(wall.heights[y, x]))
     places = window.place(line.course[:, 1], line.course[:, 0], radius)
-    return TracedCrack(places, widths, length, contrast, crack_evidence(line))
+    evidence = odds.of_line(line, odds.along(features_of(line, wall.texture)))
+    unsure = float(np.median(deviations))
+    return TracedCrack(places, widths, length, contrast, evidence, unsure)
