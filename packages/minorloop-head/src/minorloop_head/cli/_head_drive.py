@@ -83,12 +83,15 @@ def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
     _common.write_csv(path, table, force=force)
 
 
-def show_drive(result: SteeredHead, as_json: bool) -> None:
-    """Print the angles at the end of each hold, and their error where readings were used."""
+def finish_drive(result: SteeredHead, save: Path | None, force: bool, as_json: bool) -> None:
+    """Save a drive, print the angles at the end of each hold, and warn of what was wrong."""
+    if save is not None:
+        save_drive(result, save, force)
     if as_json:
         _common.print_json(_numbers(result))
     else:
         _show(result, _MEANS)
+    show_warnings(result)
 
 
 def show_warnings(result: SteeredHead) -> None:

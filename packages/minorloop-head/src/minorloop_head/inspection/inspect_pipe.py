@@ -74,6 +74,8 @@ _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measu
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and what the camera cannot do."""
 _MOST_WALL = 0.1  # m, as of a calibration
+_FARTHEST = 10.0
+"""Longest advance in m: a catheter is some metres long."""
 
 
 _Value = TypeVar("_Value")
@@ -138,6 +140,16 @@ def inspect(
         If a device fails, or the head did not confirm that it is safe (`SafetyError`).
     """
     folder = Path(out)
+    for place in advances:
+        if not 0.0 <= place <= _FARTHEST:
+            raise ParameterError(
+                f"--advances has {1e3 * place:g}; give 0 to {1e3 * _FARTHEST:g} mm"
+            )
+    if len(set(advances)) < len(advances):
+        raise ParameterError(
+            f"--advances is {', '.join(f'{1e3 * each:g}' for each in advances)}; give each place "
+            "once, since what two views show counts more"
+        )
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
     if least_wall is not None and not 0.0 < least_wall <= _MOST_WALL:
         raise ParameterError(
