@@ -311,16 +311,20 @@ class Ultrasound(Mounted):
         axis: FloatArray,
         water: float,
     ) -> _Spectrum:
-        """Return the echo of the floor of a pit with a plane mouth (3,), if the beam is near."""
+        """Return the echo of the floor of a pit with a plane mouth (3,), if the beam is near.
+
+        A pit is full of water if most of its mouth is under water.
+        """
         radius = self._pipe.radius
         spot_phi, spot_z, _ = meet_wall(origin, axis, radius)
         far = np.hypot(radius * float(wrapped(spot_phi - pit.phi)), spot_z - pit.z)
-        if far > self._reach + pit.diameter / 2 or radius * np.sin(pit.phi) < water:
+        x, y = basis.places.T
+        dry = radius * np.sin(pit.phi + x / radius) < water
+        if far > self._reach + pit.diameter / 2 or basis.weights @ dry > basis.weights @ ~dry:
             return np.zeros(len(self._k), dtype=np.complex128)
         normal = np.array([np.cos(pit.phi), np.sin(pit.phi), 0.0])
         around = np.array([-normal[1], normal[0], 0.0])
         centre = wall_point(pit.phi, pit.z, radius)
-        x, y = basis.places.T
         sunk = mouth[0] + mouth[1] * x + mouth[2] * y
         flat = x[:, None] * around + y[:, None] * np.array([0.0, 0.0, 1.0])
         points = centre + flat + sunk[:, None] * normal
