@@ -24,14 +24,8 @@ _MEANS = "degrees, means of the last fifth of each hold"
 class UnfinishedDrive:
     """Keeps what a drive measured before an error or a signal ended it, and shows it.
 
-    Parameters
-    ----------
-    save : Path, optional
-        File to be written.
-    force : bool
-        Whether it may be replaced.
-    as_json : bool
-        Whether it is shown as an object beside that of the error.
+    ``save``: file to be written; ``force``: whether it may be replaced; ``as_json``: whether it is
+    shown as an object beside that of the error.
     """
 
     def __init__(self, save: Path | None, force: bool, as_json: bool = False) -> None:

@@ -256,20 +256,10 @@ def _restored(before: Before, calibration: HeadCalibration | None) -> Kept:
 class _Folder(Kept):
     """What an inspection has, kept in a folder: a journal, the findings so far, and pictures.
 
-    Parameters
-    ----------
-    folder : path
-        Existing, and empty but for an inspection that was cut off.
-    begun : dict
-        What is inspected, and by what.
-    before : Before
-        Journal of an inspection that was cut off.
-    rig : InspectionRig
-        The head: its clock is that of the journal.
-    known : Kept
-        What the inspection that was cut off has, and need not be measured again.
-    probe : bool
-        Whether the head has a probe.
+    ``folder``: existing, and empty but for an inspection that was cut off; ``begun``: what is
+    inspected, and by what; ``before``: journal of an inspection that was cut off; ``rig``: the
+    head: its clock is that of the journal; ``known``: what the inspection that was cut off has, and
+    need not be measured again; ``probe``: whether the head has a probe.
     """
 
     def __init__(

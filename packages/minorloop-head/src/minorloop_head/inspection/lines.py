@@ -174,14 +174,9 @@ def visit_row(
     None is not tried. Without an echo of the wall a place is not scanned, and whether it is within
     reach not known.
 
-    Parameters
-    ----------
-    view : InspectedView
-    thickness : float
-        Of the wall, in metres: ``wall`` is what is left of it.
-    least_wall : float, optional
-        That is accepted, in mm: the lower end of the 90 % band of what is left is compared. Of a
-        depth that is not measured, such as that of an uneven floor, it is not known.
+    ``thickness``: of the wall, in metres: ``wall`` is what is left of it. ``least_wall``: that is
+    accepted, in mm: the lower end of the 90 % band of what is left is compared. Of a depth that is
+    not measured, such as that of an uneven floor, it is not known.
     """
     assert view.finding is not None
     left = thickness - view.finding.depth

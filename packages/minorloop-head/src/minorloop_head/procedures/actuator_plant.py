@@ -57,14 +57,10 @@ class ActuatorPlant:
 
     Raises a `ParameterError` if the actuator has other channels, or as `check_axes`.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        Two currents in A, two angles in degrees; with a catheter also advance in mm/s and mm and
-        roll in deg/s and deg. Without one, advance and roll stay 0. Two currents alone are a head
-        without sensors: its angles are NaN, and have to be seen by its camera.
-    clock : Clock, optional
-        Keeps the ticks: an exchange begins a tick after the one before. Without it the caller does.
+    ``actuator``: two currents in A, two angles in degrees; with a catheter also advance in mm/s and
+    mm and roll in deg/s and deg. Without one, advance and roll stay 0. Two currents alone are a
+    head without sensors: its angles are NaN, and have to be seen by its camera. ``clock``: keeps
+    the ticks: an exchange begins a tick after the one before. Without it the caller does.
     """
 
     def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:

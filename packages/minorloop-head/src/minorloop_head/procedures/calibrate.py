@@ -262,19 +262,11 @@ def calibrate_mount(
     Raises a `RecordError` if angles are missing or in another unit, or the pictures do not
     determine the mount.
 
-    Parameters
-    ----------
-    pictures : TargetPictures
-    lens : Pinhole
-    angles : path, optional
-        Table with columns ``picture``, ``pan [deg]`` and ``tilt [deg]``; without it, the names of
-        the pictures have the angles.
-    corner_sd, angle_sd : float
-        Standard deviations of a corner in pixels and of an angle in degrees.
-    on_axis : bool
-        Whether the target is square to the pipe with its middle on the axis.
-    centre_sd : (float, float)
-        Standard deviations of the principal point, in pixels.
+    ``angles``: table with columns ``picture``, ``pan [deg]`` and ``tilt [deg]``; without it, the
+    names of the pictures have the angles. ``corner_sd``, ``angle_sd``: standard deviations of a
+    corner in pixels and of an angle in degrees. ``on_axis``: whether the target is square to the
+    pipe with its middle on the axis. ``centre_sd``: standard deviations of the principal point, in
+    pixels.
     """
     target = pictures.target
     if not target.oriented:
@@ -314,16 +306,10 @@ def calibrate_hand_eye(
 ) -> HandEyeFit:
     """Fit the pose of the camera on the flange of a robot to pictures of a target at rest.
 
-    Parameters
-    ----------
-    pictures : TargetPictures
-    lens : Pinhole
-    robot : path
-        Table with columns ``picture``, ``x``, ``y`` and ``z`` in mm or m, and a rotation vector
-        ``rx``, ``ry`` and ``rz`` in deg or rad, or a quaternion ``qw``, ``qx``, ``qy`` and ``qz``:
-        poses of the flange in the base.
-    corner_sd : float
-        Standard deviation of a corner, in pixels.
+    ``robot``: table with columns ``picture``, ``x``, ``y`` and ``z`` in mm or m, and a rotation
+    vector ``rx``, ``ry`` and ``rz`` in deg or rad, or a quaternion ``qw``, ``qx``, ``qy`` and
+    ``qz``: poses of the flange in the base; ``corner_sd``: standard deviation of a corner, in
+    pixels.
 
     Raises
     ------

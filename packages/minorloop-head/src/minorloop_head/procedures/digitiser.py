@@ -77,15 +77,8 @@ class DigitiserSettings(LinkSettings, kw_only=True):
 class Digitiser:
     """An `EchoSource` of instruments.
 
-    Parameters
-    ----------
-    settings : DigitiserSettings
-    link : Link
-        To the digitiser.
-    pulser : (PulserSettings, Link), optional
-        Without it, arming the digitiser fires.
-    clock : callable
-        Gives the time of a shot, in seconds.
+    ``link``: to the digitiser; ``pulser``: without it, arming the digitiser fires; ``clock``: gives
+    the time of a shot, in seconds.
 
     Raises
     ------

@@ -285,11 +285,7 @@ def check_head(plant: Actuator, seen: str = "") -> None:
     Raises a `ParameterError` if it has not two currents in A and two angles in degrees, or as
     `check_axes`.
 
-    Parameters
-    ----------
-    plant : Actuator
-    seen : str
-        End of the sentence on a head without sensors: what else can give its angles.
+    ``seen``: end of the sentence on a head without sensors: what else can give its angles.
     """
     units = [channel.unit for channel in (*plant.inputs, *plant.outputs)]
     if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:

@@ -74,16 +74,9 @@ def meter(
 ) -> Procedure[None]:
     """Let the gain follow the brightness, and the focus the wall ahead.
 
-    Parameters
-    ----------
-    calibration : HeadCalibration
-    light : Light
-        Its gain is set; what it is set for may change meanwhile.
-    seconds : float
-        Duration; infinite for a loop that meters all the time. In 1 s the error of the gain
-        falls below the noise, and the focus arrives.
-    last : Request
-        What else is requested with the last setting.
+    ``light``: its gain is set; what it is set for may change meanwhile. ``seconds``: duration;
+    infinite for a loop that meters all the time. In 1 s the error of the gain falls below the
+    noise, and the focus arrives. ``last``: what else is requested with the last setting.
     """
     metered = focused = -math.inf
     now = yield NOW

@@ -67,18 +67,10 @@ def scan(
 ) -> ScannedRaster:
     """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
 
-    Parameters
-    ----------
-    rig : InspectionRig
-        The water flows until `drain`.
-    place : (float, float)
-        Phi and z in the middle of the raster.
-    shift : float
-        Displacement of the raster in pitches, in both directions.
-    before : ScannedRaster, optional
-        The part of the same scan that was made before it was cut off; the rest is made.
-    told : callable, optional
-        Is given the scan so far when it begins and after each point.
+    ``rig``: the water flows until `drain`. ``place``: phi and z in the middle of the raster.
+    ``shift``: displacement of the raster in pitches, in both directions. ``before``: the part of
+    the same scan that was made before it was cut off; the rest is made. ``told``: is given the scan
+    so far when it begins and after each point.
     """
     scanning = RasterScan(calibration=rig.calibration)
     if refused := scanning.out_of_reach(rig.control):

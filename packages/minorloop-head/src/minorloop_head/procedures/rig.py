@@ -396,19 +396,10 @@ def rig_at(
 
     The first picture is taken before the wires are heated.
 
-    Parameters
-    ----------
-    address : str
-        Of the plant, as in `minorloop.connect`.
-    camera : str
-        As in `minorloop_head.vision.video`.
-    file : str or path
-        Of the head, with wires and calibration.
-    told : callable, optional
-        As in `InspectionRig`.
-    probe : str or path, optional
-        File of its pulser and digitiser, as of `open_digitiser`; without it a procedure that fires
-        raises an `InstrumentError`.
+    ``address``: of the plant, as in `minorloop.connect`. ``camera``: as in
+    `minorloop_head.vision.video`. ``file``: of the head, with wires and calibration. ``told``: as
+    in `InspectionRig`. ``probe``: file of its pulser and digitiser, as of `open_digitiser`; without
+    it a procedure that fires raises an `InstrumentError`.
 
     Raises
     ------

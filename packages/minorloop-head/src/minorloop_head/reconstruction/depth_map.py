@@ -128,16 +128,9 @@ def camera_map(
 ) -> DepthMap:
     """Return the map of a camera: depth 0 where the wall is seen, unknown where there is a defect.
 
-    Parameters
-    ----------
-    patch : Patch
-        The texels of the map.
-    seen : (rows, columns) array of bool
-        Where the camera has seen the wall.
-    defect : (rows, columns) array_like
-        Probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
-    sd : float
-        Standard deviation of the radius of the pipe, in metres.
+    ``patch``: the texels of the map. ``seen`` (rows, columns): where the camera has seen the wall.
+    ``defect`` (rows, columns): probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
+    ``sd``: standard deviation of the radius of the pipe, in metres.
     """
     open_to = seen & (np.asarray(defect, dtype=np.float64) < 0.5)
     depth = np.where(open_to, 0.0, np.nan)

@@ -48,16 +48,10 @@ _Stance: TypeAlias = tuple[float, float, float, float, float, float]
 class Rig:
     """A head and the catheter that carries it, on one clock.
 
-    Parameters
-    ----------
-    head : Head, optional
-        Nominal, with 0.05 degrees of noise and a delay of one tick, without it.
-    catheter : Catheter, optional
-        Nominal, with a noise of 0.02 mm and degrees, without it.
-    sway : Sway, optional
-        Of the base of the head while the pipe is not flooded; none without it.
-    flooded : Filling, optional
-        Of the pipe after ``flood``; without it, that changes nothing.
+    ``head``: nominal, with 0.05 degrees of noise and a delay of one tick, without it. ``catheter``:
+    nominal, with a noise of 0.02 mm and degrees, without it. ``sway``: of the base of the head
+    while the pipe is not flooded; none without it. ``flooded``: of the pipe after ``flood``;
+    without it, that changes nothing.
     """
 
     def __init__(
@@ -283,15 +277,9 @@ class SimulatedTip:
 class _MicroTool(Mounted):
     """A pen beside the lens.
 
-    Parameters
-    ----------
-    pipe : Pipe
-    mount : Mount, optional
-        Place of the head in the pipe; on the axis without it.
-    tool : Tool, optional
-        As designed.
-    specimen : int, optional
-        Seed of a specimen, which differs from the design and is calibrated; the design without it.
+    ``mount``: place of the head in the pipe; on the axis without it. ``tool``: as designed.
+    ``specimen``: seed of a specimen, which differs from the design and is calibrated; the design
+    without it.
     """
 
     def __init__(

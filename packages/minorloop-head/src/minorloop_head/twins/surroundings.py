@@ -174,10 +174,7 @@ class Surroundings:
     def loads(self, axes: int) -> FloatArray:
         """Return the load of each axis for the compiled loops, (axes, 6).
 
-        Parameters
-        ----------
-        axes : int
-            Number of wires.
+        ``axes``: number of wires.
 
         Raises
         ------

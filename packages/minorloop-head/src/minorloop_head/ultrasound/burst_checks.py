@@ -67,18 +67,9 @@ def coverage_fault(
 ) -> str:
     """Return why usable bursts do not cover a mouth, or an empty string.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        Usable ones.
-    probe : CalibratedProbe
-        The probe and what is known of the pipe.
-    centre : (float, float)
-        Phi and z of the mouth.
-    diameter : float
-        Of the mouth, in metres.
-    whole : bool
-        Whether these are all that were planned.
+    ``bursts``: usable ones; ``probe``: the probe and what is known of the pipe; ``centre``: phi and
+    z of the mouth; ``diameter``: of the mouth, in metres; ``whole``: whether these are all that
+    were planned.
     """
     if not long_enough(bursts, probe):
         return SHORT

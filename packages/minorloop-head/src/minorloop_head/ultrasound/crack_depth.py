@@ -72,16 +72,9 @@ def crack_depth(
 
     Raises a `SignalError` if fewer than two places are given, or the width is not positive.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        As ``average`` made them.
-    probe : CalibratedProbe
-        The probe and what is known of the pipe.
-    places : (N, 2) array_like
-        Phi and z along the crack as the camera traced it.
-    width : float
-        Width of the crack in the image, in metres.
+    ``bursts``: as ``average`` made them; ``probe``: the probe and what is known of the pipe;
+    ``places`` (N, 2): phi and z along the crack as the camera traced it; ``width``: width of the
+    crack in the image, in metres.
 
     Notes
     -----
@@ -113,18 +106,9 @@ def crack_finding(
 ) -> Finding:
     """Return a traced crack as a finding; width and length are those along its course.
 
-    Parameters
-    ----------
-    places : (N, 2) array_like
-        Phi and z along it.
-    width : float
-        The median along it, in metres.
-    found : CrackDepth
-        Its depth by ultrasound.
-    radius : float
-        Of the pipe, in metres.
-    width_sd : float
-        Standard deviation of the width.
+    ``places`` (N, 2): phi and z along it; ``width``: the median along it, in metres; ``found``: its
+    depth by ultrasound; ``radius``: of the pipe, in metres; ``width_sd``: standard deviation of the
+    width.
     """
     course = np.asarray(places, dtype=np.float64)
     length = float(wall_lengths(course, radius)[-1])
@@ -150,19 +134,10 @@ def crack_map(
 ) -> DepthMap:
     """Return the depth map of the wall with a crack, as deep as measured under the raster.
 
-    Parameters
-    ----------
-    places : (N, 2) array_like
-        Phi and z along it.
-    width : float
-        In metres.
-    found : CrackDepth
-        Its depth by ultrasound.
-    middle : (float, float)
-        Phi and z in the middle of the raster. Farther than half its side from there the depth of
-        the crack is unknown, and everywhere if none was measured.
-    patch : Patch
-        The texels of the map.
+    ``places`` (N, 2): phi and z along it. ``width``: in metres. ``found``: its depth by ultrasound.
+    ``middle``: phi and z in the middle of the raster. Farther than half its side from there the
+    depth of the crack is unknown, and everywhere if none was measured. ``patch``: the texels of the
+    map.
     """
     course = _dense(np.asarray(places, dtype=np.float64), patch.radius)
     inside = _cover(patch, course, width) >= 0.5

@@ -217,14 +217,8 @@ def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
     It is ``NO_ECHO`` if there is none, the trace is faulty, or distance or speed is not a positive
     number.
 
-    Parameters
-    ----------
-    shot : Shot
-        As fired.
-    distance : float
-        Of the wall along the beam, in metres.
-    speed : float
-        Of sound in the water, in m/s.
+    ``shot``: as fired; ``distance``: of the wall along the beam, in metres; ``speed``: of sound in
+    the water, in m/s.
     """
     if trace_fault(shot) in ("not a trace", "dropout"):
         return NO_ECHO
@@ -238,14 +232,8 @@ def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
 def has_wall_echo(shots: Sequence[Shot], distance: float, speed: float) -> bool:
     """Return whether more than half of the shots have an echo of the wall; in air, none has.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        At one place; more shots are more certain.
-    distance : float
-        Of the wall along the beam, in metres.
-    speed : float
-        Of sound in water, in m/s.
+    ``shots``: at one place; more shots are more certain. ``distance``: of the wall along the beam,
+    in metres. ``speed``: of sound in water, in m/s.
     """
     echoes = [front_echo(shot, distance, speed) for shot in shots]
     count = sum(echo.amplitude >= _LEAST_ECHO and echo.snr >= _LEAST_SNR for echo in echoes)
@@ -276,17 +264,10 @@ def average(
 ) -> Burst:
     """Average the usable shots of one burst.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        Fired within some 16 ms, in which the head hardly moves.
-    angles : (N, 2) array_like
-        Pan and tilt of the head at each shot as measured, in radians.
-    off : (N,) array_like
-        Distance of the spot of each shot from its target as tracked, in metres; NaN if it was not
-        tracked.
-    most_off : float
-        Shots farther away are left out.
+    ``shots``: fired within some 16 ms, in which the head hardly moves. ``angles`` (N, 2): pan and
+    tilt of the head at each shot as measured, in radians. ``off`` (N,): distance of the spot of
+    each shot from its target as tracked, in metres; NaN if it was not tracked. ``most_off``: shots
+    farther away are left out.
 
     Returns
     -------

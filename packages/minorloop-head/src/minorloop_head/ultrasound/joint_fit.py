@@ -169,14 +169,8 @@ class JointFit:
     ) -> JointSolution:
         """Minimise the cost from a start by damped Gauss-Newton steps with Cauchy weights.
 
-        Parameters
-        ----------
-        start : (8,) array
-            Unknowns in the order of ``pit_model.NAMES``.
-        centre, prior : (8,) arrays
-            Means and standard deviations before the scan.
-        rounds : int
-            Largest number of steps.
+        ``start`` (8,): unknowns in the order of ``pit_model.NAMES``; ``centre``, ``prior`` (8,):
+        means and standard deviations before the scan; ``rounds``: largest number of steps.
         """
         theta, damping = start.copy(), 1e-3
         model = self.model.echo(theta)

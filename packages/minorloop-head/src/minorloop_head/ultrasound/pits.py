@@ -151,16 +151,8 @@ def raster(
 ) -> FloatArray:
     """Return pan and tilt (points^2, 2) of a serpentine raster about a place, in radians.
 
-    Parameters
-    ----------
-    probe : CalibratedProbe
-        The probe and how it is mounted.
-    centre : (float, float)
-        Phi and z.
-    points : int
-        Points in a row.
-    pitch : float
-        Between points, in metres.
+    ``probe``: the probe and how it is mounted; ``centre``: phi and z; ``points``: points in a row;
+    ``pitch``: between points, in metres.
     """
     steps = (np.arange(points) - (points - 1) / 2) * pitch
     aims = []
@@ -185,18 +177,10 @@ def measure_pit(
     Raises a `ParameterError` if the diameter is not positive, the centre is not finite, or fewer
     bursts were planned than are given.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        As ``average`` returns them; those with a verdict are left out.
-    probe : CalibratedProbe
-        The probe and what is known of the pipe.
-    centre : (float, float)
-        Phi and z of the mouth in the image.
-    diameter : float
-        Of the mouth in the image, in metres.
-    planned : int, optional
-        Bursts of the whole raster if the scan was interrupted; without it, those given.
+    ``bursts``: as ``average`` returns them; those with a verdict are left out. ``probe``: the probe
+    and what is known of the pipe. ``centre``: phi and z of the mouth in the image. ``diameter``: of
+    the mouth in the image, in metres. ``planned``: bursts of the whole raster if the scan was
+    interrupted; without it, those given.
 
     Returns
     -------
@@ -345,14 +329,8 @@ def last_window_end(thickness: float) -> float:
 def detect_deep_floor(fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burst]) -> str:
     """Look for a floor between the greatest measured depth and the thickness of the wall.
 
-    Parameters
-    ----------
-    fit : JointFit
-        Of the same bursts.
-    unknowns : (8,) array
-        Of its solution; only the outline is used.
-    bursts : sequence of Burst
-        Usable ones.
+    ``fit``: of the same bursts. ``unknowns`` (8,): of its solution; only the outline is used.
+    ``bursts``: usable ones.
 
     Returns
     -------

@@ -64,11 +64,7 @@ def pulse_length(scan: RecordedScan) -> float:
 def find_surfaces(scan: RecordedScan, field: Field | None = None) -> Surfaces:
     """Return the surfaces of a scan, at most one for each of its speeds.
 
-    Parameters
-    ----------
-    scan : RecordedScan
-    field : Field, optional
-        Of the scan, if it is known already.
+    ``field``: of the scan, if it is known already.
 
     Notes
     -----

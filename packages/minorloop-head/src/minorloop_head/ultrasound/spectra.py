@@ -51,16 +51,9 @@ def spectra_of(
 ) -> Spectra | None:
     """Return the spectra of bursts; None if there is no echo of the wall around the place.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        As ``usable_bursts`` returns them.
-    probe : CalibratedProbe
-        The probe and what is known of the pipe.
-    centre : (float, float)
-        Phi and z.
-    after : float
-        Delay of the window, in seconds; phases count from the wall all the same.
+    ``bursts``: as ``usable_bursts`` returns them. ``probe``: the probe and what is known of the
+    pipe. ``centre``: phi and z. ``after``: delay of the window, in seconds; phases count from the
+    wall all the same.
 
     Notes
     -----

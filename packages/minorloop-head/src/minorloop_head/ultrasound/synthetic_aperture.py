@@ -42,12 +42,7 @@ class Field:
     def down(self, speed: float, depth: float) -> Field:
         """Return the field deeper in a layer.
 
-        Parameters
-        ----------
-        speed : float
-            Of sound, in m/s.
-        depth : float
-            In metres; negative is up.
+        ``speed``: of sound, in m/s. ``depth``: in metres; negative is up.
         """
         wave = self._vertical(speed)
         spread = self._spread(wave) * np.exp(1j * depth * wave)

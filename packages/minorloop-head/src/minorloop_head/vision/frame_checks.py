@@ -93,16 +93,10 @@ def check_frame(
 ) -> str:
     """Return ``good``, or what is wrong with a frame.
 
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-        The frame; any other object has the wrong size.
-    lens : Pinhole
-        The lens, which has the size of a frame.
-    before : (height, width) array of uint8, optional
-        The frame before; an equal frame is frozen, since noise never repeats itself.
-    lit : bool
-        Whether a light was on; a frame without light may be black.
+    ``image`` (height, width): the frame; any other object has the wrong size. ``lens``: the lens,
+    which has the size of a frame. ``before`` (height, width): the frame before; an equal frame is
+    frozen, since noise never repeats itself. ``lit``: whether a light was on; a frame without light
+    may be black.
 
     Returns
     -------

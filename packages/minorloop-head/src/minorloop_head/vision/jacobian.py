@@ -51,18 +51,10 @@ def pan_tilt_jacobian(
 
     Raises a `ParameterError` if the depth is not positive.
 
-    Parameters
-    ----------
-    point : (2,) array_like
-        Normalised coordinates.
-    tilt : float
-        Of the head, in radians.
-    lever : float
-        From the pivot to the lens along the optical axis, in metres.
-    depth : float
-        Of the point along the optical axis, in metres; without it, the lever does not matter.
-    camera : (3, 3) array, optional
-        Rotation from the camera to the joints, see `Mount.camera`; none without it.
+    ``point`` (2,): normalised coordinates. ``tilt``: of the head, in radians. ``lever``: from the
+    pivot to the lens along the optical axis, in metres. ``depth``: of the point along the optical
+    axis, in metres; without it, the lever does not matter. ``camera`` (3, 3): rotation from the
+    camera to the joints, see `Mount.camera`; none without it.
     """
     # The velocity of the lens is the angular velocity crossed with the lever along z.
     carried = lever * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])

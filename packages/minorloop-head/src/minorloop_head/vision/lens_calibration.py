@@ -580,15 +580,8 @@ def fit_led(
 
     Raises a `RecordError` if there are too few, or they are not of one LED.
 
-    Parameters
-    ----------
-    lens : Pinhole
-    poses : sequence of N TargetPose
-        Of the glossy target.
-    pixels : (N, 2) array
-        Where the reflection was.
-    name : str
-        Of the LED, for messages.
+    ``poses``: of the glossy target; ``pixels`` (N, 2): where the reflection was; ``name``: of the
+    LED, for messages.
 
     Returns
     -------

@@ -59,15 +59,9 @@ def outline_about(
 
     It is None if nothing round is there.
 
-    Parameters
-    ----------
-    frames : sequence of LitFrame
-        Of one place; under several lights, reflections and shadows leave no edge. Frames without
-        light are left out.
-    camera : CalibratedCamera
-    pixel : (2,) array_like
-    reach : float
-        Largest distance of the middle of the outline from the pixel, in metres along the wall.
+    ``frames``: of one place; under several lights, reflections and shadows leave no edge. Frames
+    without light are left out. ``pixel`` (2,). ``reach``: largest distance of the middle of the
+    outline from the pixel, in metres along the wall.
     """
     frames = aligned(frames, camera)
     last = frames[-1]

@@ -169,14 +169,8 @@ def lay_flat(
 
     It is None if no part of the wall is seen by all of them with enough resolution.
 
-    Parameters
-    ----------
-    frames : sequence of LitFrame
-        At least one with light.
-    camera : CalibratedCamera
-        The camera.
-    scale : float
-        Of the holes that are searched, over 1 mm: of the texels, and of the least resolution.
+    ``frames``: at least one with light; ``camera``: the camera; ``scale``: of the holes that are
+    searched, over 1 mm: of the texels, and of the least resolution.
     """
     middle = frames[len(frames) // 2]
     step, least = scale * STEP, LEAST_SEEN / scale

@@ -27,16 +27,8 @@ def sighted_angles(
 
     It is None if no angles near the guess show it there, or a number is not finite.
 
-    Parameters
-    ----------
-    camera : CalibratedCamera
-        The camera.
-    place : (2,) array_like
-        Phi and z.
-    pixel : (2,) array_like
-        Column and row.
-    guess : (2,) array_like
-        Pan and tilt to begin from, in radians, such as those of the frame before.
+    ``camera``: the camera; ``place`` (2,): phi and z; ``pixel`` (2,): column and row; ``guess``
+    (2,): pan and tilt to begin from, in radians, such as those of the frame before.
 
     Notes
     -----
