@@ -41,7 +41,6 @@ ELSEWHERE = {
     "minorloop_head/inspection/heads.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/inspection/identification.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/inspection/inspect_pictures.py": "minorloop_head/cli/test_inspect.py",
-    "minorloop_head/inspection/opening.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/procedures/calibrate.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/procedures/inspected_view.py": "minorloop_head/procedures/test_inspection.py",
     "minorloop_head/procedures/ring.py": "papers/catheter/test_inspection_parts.py",

@@ -18,8 +18,8 @@ from minorloop.cli._run_progress import carry_out_levels
 from minorloop_head.control.head import head_control
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.geometry import Pinhole
+from minorloop_head.inspection.heads import opened_head
 from minorloop_head.inspection.identification import kept_view, swept_view
-from minorloop_head.inspection.opening import opened_head
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import (
     CheckedAxis,
@@ -257,7 +257,7 @@ def test_a_head_of_another_file_or_folder_is_refused_before_it_waits(run, monkey
 
 @pytest.mark.usefixtures("targets")
 def test_head_drive_checks_its_arguments_before_it_opens_a_device(run, monkeypatch):
-    opened = "minorloop_head.inspection.opening.opened"
+    opened = "minorloop_head.inspection.heads.opened"
     monkeypatch.setattr(opened, lambda *_, **__: pytest.fail("opened"))
     Path("far.csv").write_text("pan [deg],tilt [deg]\n80,25\n")
     drive = "--head head.json --actuator bench:head.toml"
@@ -330,7 +330,7 @@ def test_a_camera_beside_sensors_says_that_they_are_not_used(monkeypatch, sensor
 
     camera = SimpleNamespace(frame=None, close=lambda: None)
     said = []
-    monkeypatch.setattr("minorloop_head.inspection.opening.opened", opened)
+    monkeypatch.setattr("minorloop_head.inspection.heads.opened", opened)
     monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", lambda *_: camera)
     monkeypatch.setattr("minorloop_head.procedures.seen_angles.SeenHead", lambda *_, **__: None)
     with opened_head("bench:head.toml", "camera:0", VIEW, told=said.append):
@@ -679,7 +679,7 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
     def wait_for_the_cold_head(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("minorloop_head.inspection.opening._in_pipe", wait_for_the_cold_head)
+    monkeypatch.setattr("minorloop_head.inspection.heads._in_pipe", wait_for_the_cold_head)
     monkeypatch.setattr(HeadMeasurement, "left", lambda self: {})
     Path("runs").mkdir()
     if kept is not None:

@@ -14,7 +14,6 @@ from minorloop_head.reconstruction.fusion import mean_depths
 from minorloop_head.sources import Shot
 from minorloop_head.twins.pipe import Bore, Dent, Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
-from minorloop_head.ultrasound.burst_checks import usable_bursts
 from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.joint_fit import solve_without_floor
@@ -28,7 +27,7 @@ from minorloop_head.ultrasound.pits import (
     measure_pit,
     raster,
 )
-from minorloop_head.ultrasound.spectra import LEAD, WINDOW
+from minorloop_head.ultrasound.spectra import LEAD, WINDOW, usable_bursts
 from papers.catheter.scan_trials import draw_trial
 from papers.catheter.scan_trials import scan as sweep
 

@@ -33,9 +33,8 @@ from minorloop_head.console.supervisor import ProcessHandle
 from minorloop_head.console.units import to_shown
 from minorloop_head.console.watchdog import RemoteWires
 from minorloop_head.geometry import Pinhole
-from minorloop_head.procedures.actuator_plant import BenchTip
+from minorloop_head.procedures.actuator_plant import BenchTip, CameraTip
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.procedures.seen_angles import SeenAngles
 from minorloop_head.procedures.values import Tip
 from minorloop_head.sources import Frame

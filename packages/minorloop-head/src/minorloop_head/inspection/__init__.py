@@ -10,11 +10,17 @@ Inspections and sweeps resume from any line of their journal, an identification 
     found.findings, found.seen, found.report
 """
 
-from minorloop_head.inspection.heads import InspectedHead, Water, inspected_head, swept_head
+from minorloop_head.inspection.heads import (
+    InspectedHead,
+    Water,
+    drive_head,
+    inspected_head,
+    opened_head,
+    swept_head,
+)
 from minorloop_head.inspection.identification import identify_head
 from minorloop_head.inspection.inspect_pictures import inspect_pictures
 from minorloop_head.inspection.inspect_pipe import Inspection, inspect
-from minorloop_head.inspection.opening import drive_head, opened_head
 from minorloop_head.inspection.sweep_wall import SweptWall, sweep
 
 __all__ = [

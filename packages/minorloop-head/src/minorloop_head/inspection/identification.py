@@ -15,7 +15,7 @@ from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.run import run
 from minorloop.values import as_duration
 from minorloop_head.console.settings import is_pipe
-from minorloop_head.inspection.opening import by_camera, opened_head
+from minorloop_head.inspection.heads import by_camera, opened_head
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile, read_head, save_head
 from minorloop_head.procedures.identify import CarryOut, HeadExcitation, HeadMeasurement, Told

@@ -60,8 +60,8 @@ from minorloop_head.procedures.ring import Ring
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.steps import REFUSED
 from minorloop_head.procedures.values import LogEntry
+from minorloop_head.reconstruction.depth_map import save_mesh
 from minorloop_head.reconstruction.findings import finding_table
-from minorloop_head.reconstruction.mesh import save_mesh
 from minorloop_head.vision.frame_checks import GOOD
 from minorloop_head.vision.imaging import opencv
 

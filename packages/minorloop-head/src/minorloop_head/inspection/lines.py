@@ -45,8 +45,7 @@ from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import DEAD_TIME
 from minorloop_head.ultrasound.echoes import Burst as MeanBurst
 from minorloop_head.ultrasound.pits import MEASURED, PitDepth
-from minorloop_head.ultrasound.profile import Profile
-from minorloop_head.ultrasound.wall_echoes import SweptBurst
+from minorloop_head.ultrasound.wall_echoes import Profile, SweptBurst
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
 

@@ -37,7 +37,7 @@ from minorloop_head.procedures.values import (
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.new_mark import new_mark
 from minorloop_head.vision.recentre import FOUND, outline_about
-from minorloop_head.vision.sighting import sighted_angles
+from minorloop_head.vision.servo import sighted_angles
 from minorloop_head.vision.tracking import TRACKED, Track, TrackState
 
 APPROACH = 0.6

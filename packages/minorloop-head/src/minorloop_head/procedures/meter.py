@@ -12,7 +12,7 @@ from minorloop.errors import ParameterError
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, passed
 from minorloop_head.vision.calibrated_camera import Image
-from minorloop_head.vision.jacobian import wall_depth
+from minorloop_head.vision.servo import wall_depth
 
 _EVERY, _REFOCUS = 0.24, 0.2
 """Seconds between metered frames, and between settings of the focus."""

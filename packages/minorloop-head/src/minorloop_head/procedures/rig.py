@@ -29,9 +29,8 @@ from minorloop.lab.drivers.bench import WallClock
 from minorloop.lab.run import left_safe
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import AXES
-from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
+from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip, CameraTip
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.procedures.digitiser import open_digitiser
 from minorloop_head.procedures.head_file import read_head
 from minorloop_head.procedures.meter import Light

@@ -13,13 +13,12 @@ from minorloop.errors import SignalError
 from minorloop.threads import one_thread
 from minorloop_head.geometry import wall_point
 from minorloop_head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, DepthMap, Patch
-from minorloop_head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe, as_complex
 from minorloop_head.ultrasound.joint_fit import DEPTHS, JointFit
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.pits import PitDepth
-from minorloop_head.ultrasound.spectra import spectra_of
+from minorloop_head.ultrasound.spectra import long_enough, spectra_of, usable_bursts
 
 _SHARE_ERROR = 0.08
 """Error of a depth from two echoes, without the waves in a pit, as a share of the depth."""

@@ -16,13 +16,12 @@ from minorloop_head.geometry import wall_distance, wall_lengths
 from minorloop_head.reconstruction.depth_map import BOTH, DepthMap, Patch, camera_map
 from minorloop_head.reconstruction.findings import Finding
 from minorloop_head.reconstruction.fusion import footprints_of
-from minorloop_head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.joint_fit import JointFit
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.pits import DEEPER, DEEPEST
-from minorloop_head.ultrasound.spectra import FAR, spectra_of
+from minorloop_head.ultrasound.spectra import FAR, long_enough, spectra_of, usable_bursts
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor echo"
 _FEWEST, _REACH = 12, 2.4e-3

@@ -15,24 +15,36 @@ from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import ParameterError
 from minorloop.threads import one_thread
 from minorloop_head.geometry import wall_point
-from minorloop_head.ultrasound.bent_wall import MOST_UNKNOWN, bent_fit, is_bent, moves, renewed
-from minorloop_head.ultrasound.burst_checks import FEW, coverage_fault, rejections, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import HIGHEST, LOWEST, CalibratedProbe, ComplexArray
 from minorloop_head.ultrasound.joint_fit import (
     CENTRE,
     DEPTHS,
+    MOST_UNKNOWN,
     PRIOR,
     STRANGE,
     JointFit,
     JointSolution,
+    bent_fit,
     best_fit,
     floor_gains_nothing,
+    is_bent,
+    moves,
+    renewed,
     resolve_ambiguity,
     solve_without_floor,
 )
 from minorloop_head.ultrasound.pit_model import PitModel
-from minorloop_head.ultrasound.spectra import LEAD, WINDOW, spectra_of, tapered
+from minorloop_head.ultrasound.spectra import (
+    FEW,
+    LEAD,
+    WINDOW,
+    coverage_fault,
+    rejections,
+    spectra_of,
+    tapered,
+    usable_bursts,
+)
 from minorloop_head.ultrasound.wall_shape import FARTHEST
 
 _TIMES: FloatArray = np.arange(-0.5e-6, 2.3e-6, 0.05e-6)
