@@ -56,10 +56,7 @@ class Water:
     def filling(self) -> Filling:
         """Return it; a dry pipe has no level.
 
-        Raises
-        ------
-        ParameterError
-            If a value is out of its range, or there is no such gas.
+        Raises a `ParameterError` if a value is out of its range, or there is no such gas.
         """
         for name, (low, high, unit) in _RANGES.items():
             value = getattr(self, name)

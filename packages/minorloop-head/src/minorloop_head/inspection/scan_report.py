@@ -133,10 +133,7 @@ def scan_summary(content: dict[str, Any]) -> str:
 def keep_scan(found: ScanFlaws, out: PathLike, source: str) -> dict[str, Any]:
     """Write findings and report into a new or empty folder, and return the findings.
 
-    Raises
-    ------
-    OutputError
-        If the folder is not empty, or cannot be written.
+    Raises an `OutputError` if the folder is not empty, or cannot be written.
     """
     content = scan_content(found, source)
     with new_folder(out) as folder:

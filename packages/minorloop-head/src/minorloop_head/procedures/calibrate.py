@@ -306,15 +306,13 @@ def calibrate_hand_eye(
 ) -> HandEyeFit:
     """Fit the pose of the camera on the flange of a robot to pictures of a target at rest.
 
+    Raises a `RecordError` if the table or a row is missing, or the pictures do not determine the
+    pose.
+
     ``robot``: table with columns ``picture``, ``x``, ``y`` and ``z`` in mm or m, and a rotation
     vector ``rx``, ``ry`` and ``rz`` in deg or rad, or a quaternion ``qw``, ``qx``, ``qy`` and
     ``qz``: poses of the flange in the base; ``corner_sd``: standard deviation of a corner, in
     pixels.
-
-    Raises
-    ------
-    RecordError
-        If the table or a row is missing, or the pictures do not determine the pose.
     """
     _check_size(pictures, lens)
     if not pictures.target.oriented:
@@ -447,6 +445,9 @@ def calibrate_head(
 ) -> CalibratedHead:
     """Calibrate lens, mount and LEDs of a head from folders of pictures of a flat target.
 
+    Raises a `ParameterError` if there is nothing to calibrate, or the lens is not known; a
+    `RecordError` if pictures or tables do not determine what they are for.
+
     Parameters
     ----------
     before : HeadFile
@@ -468,13 +469,6 @@ def calibrate_head(
         Of the pipe and its wall, in metres.
     told : callable
         Is given a text on the progress.
-
-    Raises
-    ------
-    ParameterError
-        If there is nothing to calibrate, or the lens is not known.
-    RecordError
-        If pictures or tables do not determine what they are for.
     """
     if not (pictures or mount or led_pictures or leds is not None):
         raise ParameterError("there is nothing to calibrate; give --pictures, --mount or --leds")

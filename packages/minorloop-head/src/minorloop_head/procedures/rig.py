@@ -395,22 +395,16 @@ def rig_at(
 
     The first picture is taken before the wires are heated.
 
+    Raises a `ParameterError` if an address is not valid, or the plant is no head; a
+    `ModelFileError` if the file is not valid, is of another head, lacks wires or calibration, has
+    wires that are older than the calibration, or another number of LEDs than the plant; an
+    `InstrumentError` if a device is missing, busy, or does not answer, or the camera gives no good
+    picture; a `SafetyError` if the head did not confirm at the end that it is safe.
+
     ``address``: of the plant, as in `minorloop.connect`. ``camera``: as in
     `minorloop_head.vision.video`. ``file``: of the head, with wires and calibration. ``told``: as
     in `InspectionRig`. ``probe``: file of its pulser and digitiser, as of `open_digitiser`; without
     it a procedure that fires raises an `InstrumentError`.
-
-    Raises
-    ------
-    ParameterError
-        If an address is not valid, or the plant is no head.
-    ModelFileError
-        If the file is not valid, is of another head, lacks wires or calibration, has wires that
-        are older than the calibration, or another number of LEDs than the plant.
-    InstrumentError
-        If a device is missing, busy, or does not answer, or the camera gives no good picture.
-    SafetyError
-        If the head did not confirm at the end that it is safe.
     """
     known = read_head(file)
     view = known.calibration

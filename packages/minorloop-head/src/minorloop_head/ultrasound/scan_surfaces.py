@@ -185,10 +185,8 @@ def _plateau(stack: FloatArray, top: int) -> tuple[int, int]:
 def contradictions(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     """Return sentences on thicknesses that differ from those by the echoes and the speeds.
 
-    Raises
-    ------
-    RecordError
-        If a layer that another one follows differs by a fifth or more: depths would be wrong.
+    Raises a `RecordError` if a layer that another one follows differs by a fifth or more: depths
+    would be wrong.
     """
     said = []
     before = 0.0

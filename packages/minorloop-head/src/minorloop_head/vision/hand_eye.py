@@ -46,14 +46,11 @@ class HandEyeFit:
 def fit_hand_eye(poses: Sequence[TargetPose], flange: FloatArray) -> HandEyeFit:
     """Fit the pose of a camera on the flange of a robot.
 
+    Raises a `RecordError` if there are too few poses, the robot turned about one axis only, or the
+    poses do not belong to the pictures.
+
     ``poses``: of a target that stands still; ``flange`` (N, 4, 4): poses of the flange in the base
     of the robot, in metres.
-
-    Raises
-    ------
-    RecordError
-        If there are too few poses, the robot turned about one axis only, or the poses do not
-        belong to the pictures.
 
     References
     ----------

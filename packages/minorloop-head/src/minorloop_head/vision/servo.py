@@ -9,11 +9,11 @@ A servo is frozen configuration; each step takes a state and returns the next on
         head.aim(step.angles)
 
 A head without joint sensors still has its camera: a fixed patch of the wall shows, frame by frame,
-how it has turned since the patch was picked (`sighted_angles`). In the interaction matrix of pan and tilt
-(Chaumette and Hutchinson, Visual servo control I, 2006, equation 11), points are in normalised
-coordinates (X, Y), without distortion, x right, y down, z ahead, and velocities are those of the
-camera in its own frame. A head that pans about an axis of the base also turns about its own optical
-axis, and its lens moves with it, so that all six columns are needed.
+how it has turned since the patch was picked (`sighted_angles`). In the interaction matrix of pan
+and tilt (Chaumette and Hutchinson, Visual servo control I, 2006, equation 11), points are in
+normalised coordinates (X, Y), without distortion, x right, y down, z ahead, and velocities are
+those of the camera in its own frame. A head that pans about an axis of the base also turns about
+its own optical axis, and its lens moves with it, so that all six columns are needed.
 """
 
 from __future__ import annotations

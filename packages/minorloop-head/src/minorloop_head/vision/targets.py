@@ -118,10 +118,7 @@ class Target:
     def cells(self) -> npt.NDArray[np.bool_]:
         """Return which cells are white, with `CELLS` along the side of a square.
 
-        Raises
-        ------
-        ParameterError
-            If it cannot be drawn so.
+        Raises a `ParameterError` if it cannot be drawn so.
         """
         if self.kind == "charuco" and self.marker == MARKER:
             size = (CELLS * self.columns, CELLS * self.rows)
