@@ -18,7 +18,7 @@ from minorloop.report import Picture, Report, Table
 from minorloop_head.inspection.report import with_sd, written
 from minorloop_head.reconstruction.findings import rounded
 from minorloop_head.ultrasound.scan_flaws import ScanFlaw, ScanFlaws
-from minorloop_head.ultrasound.synthetic_aperture import Field, envelope, recorded_field
+from minorloop_head.ultrasound.scan_surfaces import Field, envelope, recorded_field
 
 COLUMNS = (
     "no.",

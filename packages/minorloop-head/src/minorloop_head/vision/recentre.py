@@ -11,8 +11,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop_head.vision import _outline_kernels as kernels
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Window, unroll
-from minorloop_head.vision.frame_alignment import aligned
-from minorloop_head.vision.reflectance_map import LitFrame
+from minorloop_head.vision.reflectance_map import LitFrame, aligned
 
 _TEXEL = 0.05e-3
 _AROUND = 1.7e-3
