@@ -482,16 +482,13 @@ class Pinhole:
 def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -> FloatArray:
     """Intersect rays from inside a pipe with its wall.
 
+    Returns phi in (-pi, pi], z in metres, and the length along the ray in units of the direction
+    (..., 3); infinite along the axis.
+
     Raises a `ParameterError` if the origin is not inside the pipe.
 
     ``origin`` (3,): start of the rays, inside the pipe; ``directions`` (..., 3): in the pipe, of
     any length; ``radius``: of the pipe, in metres.
-
-    Returns
-    -------
-    (..., 3) array
-        Phi in (-pi, pi], z in metres, and the length along the ray in units of the direction;
-        infinite along the axis.
 
     Notes
     -----

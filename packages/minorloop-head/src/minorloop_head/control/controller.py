@@ -40,14 +40,10 @@ class Controller(Protocol):
     def step(self, state: Any, reference: float, measurement: float) -> tuple[float, Any]:
         """Return the current for the next interval and the next state; nothing changes in place.
 
+        The current is in A, within the limits.
+
         ``reference``: wanted angle, in degrees. ``measurement``: newest reading in degrees; NaN
         where there is none.
-
-        Returns
-        -------
-        current : float
-            In A, within the limits.
-        state
         """
 
 

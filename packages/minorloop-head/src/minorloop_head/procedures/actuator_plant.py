@@ -135,14 +135,11 @@ class ActuatorPlant:
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 
+        Returns pan and tilt of the joints, advance and roll (4,), in rad and m; NaN for angles
+        without a sensor.
+
         Raises a `LimitError` if an input is beyond its limits, and nothing is applied then; an
         `InstrumentError` if a device fails, and the head is safe then.
-
-        Returns
-        -------
-        (4,) array
-            Pan and tilt of the joints, advance and roll, in rad and m; NaN for angles without a
-            sensor.
         """
         self._wait()
         count, read = self._count, np.zeros(4)

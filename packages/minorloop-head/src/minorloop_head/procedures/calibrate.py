@@ -363,13 +363,9 @@ def calibrate_leds(
 ) -> tuple[FloatArray, tuple[Measured, ...]]:
     """Fit the positions of LEDs to their reflections, one folder for each LED.
 
-    Raises a `RecordError` if a folder has too few reflections, or of several LEDs.
+    Returns positions (N, 3) in the camera, in metres, and the results with standard deviations.
 
-    Returns
-    -------
-    positions : (N, 3) array
-        In the camera, in metres.
-    measured : tuple of Measured
+    Raises a `RecordError` if a folder has too few reflections, or of several LEDs.
     """
     positions, measured = [], []
     for number, pictures in enumerate(folders, 1):

@@ -41,8 +41,6 @@ from minorloop_head.vision.frame_checks import GOOD
 from minorloop_head.vision.imaging import Image32
 from minorloop_head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_flat
 
-__all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
-
 _EDGE = 0.6e-3
 """Metres beside the edge of a picture in which a hole is cut, and not found."""
 _AROUND = 3e-3

@@ -65,8 +65,6 @@ from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, Hole, strongest
 from minorloop_head.vision.frame_checks import GOOD
 
-__all__ = ["inspect_wall", "unvisited", "views_of"]
-
 NO_ECHO = "a line that one view on the way round showed, and no echo of its depth"
 """Why a line that was traced again is no finding."""
 ONE_PLACE = "not centred, and shown by pictures from one place only, without an echo of a defect"

@@ -106,12 +106,9 @@ def scanned_pit(
 ) -> tuple[PitDepth, ScannedRaster]:
     """Scan a hole or a pit, once more if the echoes depend on the points, and return its depth.
 
-    ``hole``: by the camera.
+    Returns the scan that gave the depth too.
 
-    Returns
-    -------
-    PitDepth, ScannedRaster
-        The scan is the one that gave the depth.
+    ``hole``: by the camera.
     """
     place = (float(hole.place[0]), float(hole.place[1]))
     first = scan(rig, place, 0.0)

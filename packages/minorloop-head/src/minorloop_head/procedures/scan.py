@@ -134,15 +134,12 @@ class RasterScan:
     ) -> Procedure[ScannedRaster]:
         """Scan about a phi and a z in the drained pipe, which is flooded once the probe is there.
 
+        Returns the scan as made.
+
         ``made``: new, or of the same scan, which was cut off: it goes on with the next point;
         ``centre``: in radians and metres; ``shift``: displacement of the raster in pitches;
         ``light``: of a camera that is exposed for the wall ahead before the pipe is flooded, where
         the loop does not do so all the time.
-
-        Returns
-        -------
-        ScannedRaster
-            As made.
         """
         made.centre, made.shift, made.done = centre, shift, False
         if (yield from self._over(made)):

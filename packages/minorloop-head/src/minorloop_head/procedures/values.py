@@ -163,11 +163,8 @@ class Plant(Protocol):
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 
-        Returns
-        -------
-        (4,) array
-            Pan and tilt of the joints, advance and roll at its end, in rad and m; NaN where a
-            sensor is lost.
+        Returns pan and tilt of the joints, advance and roll (4,) at its end, in rad and m; NaN
+        where a sensor is lost.
         """
 
     def stance(self) -> tuple[float, ...]:

@@ -203,18 +203,15 @@ def fuse(
 ) -> DepthMap:
     """Fuse the measurements of a pit into a depth map.
 
+    It is infinitely deep inside a through-hole. Without an echo, the depth is 0 outside of the
+    outline, where the camera sees the wall, and unknown inside. Without camera and echo it is
+    unknown.
+
     ``pit``: result of the joint fit. ``means``: of the same bursts on the same patch. ``patch``:
     the texels of the map. ``image`` (rows, columns): logarithm of the unrolled image, NaN where the
     wall is not seen; smoothing stops at its edges. Without it, the whole patch counts as seen.
     ``outline`` (rows, columns): probability of a defect by the image, NaN where the wall is not
     seen.
-
-    Returns
-    -------
-    DepthMap
-        Infinitely deep inside a through-hole. Without an echo, the depth is 0 outside of the
-        outline, where the camera sees the wall, and unknown inside. Without camera and echo it is
-        unknown.
 
     Notes
     -----

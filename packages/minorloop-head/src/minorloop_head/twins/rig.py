@@ -71,12 +71,9 @@ class Rig:
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold two currents and the rates of advance and roll for a tick.
 
-        Raises a `LimitError` if an input is beyond its limits.
+        Returns pan, tilt, advance and roll (4,) at its end; NaN where a sensor is lost.
 
-        Returns
-        -------
-        (4,) array
-            Pan, tilt, advance and roll at its end; NaN where a sensor is lost.
+        Raises a `LimitError` if an input is beyond its limits.
         """
         self._before = self._line_of_sight()
         angles = np.asarray(self.head.exchange(u[:2]))

@@ -75,12 +75,9 @@ NO_ECHO = Echo(np.nan, 0.0, 0.0)
 def trace_fault(shot: Shot) -> str:
     """Return what is wrong with a trace, or an empty string.
 
-    Returns
-    -------
-    str
-        ``"not a trace"`` (wrong shape, too short, not real numbers, not finite, or without a
-        positive sample interval), ``"dropout"`` (flat where noise should be), ``"clipped"`` (at
-        full scale, which is 1, after the dead time), or ``""``.
+    It is ``not a trace`` (wrong shape, too short, not real numbers, not finite, or without a
+    positive sample interval), ``dropout`` (flat where noise should be), or ``clipped`` (at full
+    scale, which is 1, after the dead time).
     """
     trace = _numbers(shot.trace)
     if trace is None or not _positive(shot.sample_interval):
@@ -264,15 +261,12 @@ def average(
 ) -> Burst:
     """Average the usable shots of one burst.
 
+    If no shot is usable, the verdict of the burst is the most frequent fault.
+
     ``shots``: fired within some 16 ms, in which the head hardly moves. ``angles`` (N, 2): pan and
     tilt of the head at each shot as measured, in radians. ``off`` (N,): distance of the spot of
     each shot from its target as tracked, in metres; NaN if it was not tracked. ``most_off``: shots
     farther away are left out.
-
-    Returns
-    -------
-    Burst
-        If no shot is usable, its verdict is the most frequent fault.
 
     Notes
     -----

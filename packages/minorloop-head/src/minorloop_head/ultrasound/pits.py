@@ -186,6 +186,8 @@ def measure_pit(
 ) -> PitDepth:
     """Measure the depth of a pit from the bursts of a raster, whole or interrupted.
 
+    There is no depth where the echoes contain none; the verdict says why.
+
     Raises a `ParameterError` if the diameter is not positive, the centre is not finite, or fewer
     bursts were planned than are given.
 
@@ -193,11 +195,6 @@ def measure_pit(
     and what is known of the pipe. ``centre``: phi and z of the mouth in the image. ``diameter``: of
     the mouth in the image, in metres. ``planned``: bursts of the whole raster if the scan was
     interrupted; without it, those given.
-
-    Returns
-    -------
-    PitDepth
-        Without a depth where the echoes contain none; the verdict says why.
     """
     if not as_finite("diameter of a mouth", diameter) > 0:
         raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
@@ -341,14 +338,11 @@ def last_window_end(thickness: float) -> float:
 def detect_deep_floor(fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burst]) -> str:
     """Look for a floor between the greatest measured depth and the thickness of the wall.
 
+    Returns ``detected``; ``absent``; or ``undecided``, where the traces end too early, or noise
+    would hide a floor that returns half of what a flat one does.
+
     ``fit``: of the same bursts. ``unknowns`` (8,): of its solution; only the outline is used.
     ``bursts``: usable ones.
-
-    Returns
-    -------
-    str
-        ``detected``; ``absent``; or ``undecided``, where the traces end too early, or noise would
-        hide a floor that returns half of what a flat one does.
 
     Notes
     -----

@@ -566,15 +566,12 @@ def fit_led(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the position of an LED to its reflections.
 
+    Returns the position (3,) in the camera, in metres, and its standard deviation (3,).
+
     Raises a `RecordError` if there are too few, or they are not of one LED.
 
     ``poses``: of the glossy target; ``pixels`` (N, 2): where the reflection was; ``name``: of the
     LED, for messages.
-
-    Returns
-    -------
-    position, sd : (3,) array
-        In the camera, in metres, and its standard deviation.
 
     Notes
     -----

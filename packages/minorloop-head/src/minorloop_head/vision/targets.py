@@ -134,12 +134,9 @@ class Target:
     def find(self, image: Image, name: str) -> SeenTarget | str:
         """Return the corners in a picture, or why it cannot be used.
 
-        ``image`` (H, W); ``name``: of the picture.
+        That is `NONE` without a target.
 
-        Returns
-        -------
-        SeenTarget or str
-            `NONE` without a target.
+        ``image`` (H, W); ``name``: of the picture.
         """
         circles = self.kind.endswith("circles")
         search = self._circles if circles else getattr(self, f"_{self.kind}")
