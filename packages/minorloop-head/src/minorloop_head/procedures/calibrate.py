@@ -444,27 +444,16 @@ def calibrate_head(
     Raises a `ParameterError` if there is nothing to calibrate, or the lens is not known; a
     `RecordError` if pictures or tables do not determine what they are for.
 
-    Parameters
-    ----------
-    before : HeadFile
-        The head as known so far; what is not measured keeps its value.
-    target : ExpectedTarget
-    pictures, mount : path, optional
-        Folders of pictures everywhere in the image, for the lens, and of a target at rest at
-        several angles of the joints.
-    angles : path, optional
-        Table of the angles of the joints, as of `calibrate_mount`, or of the poses of a flange, as
-        of `calibrate_hand_eye`.
-    angle_sd : float
-        Standard deviation of an angle of the joints, in degrees.
-    leds : (N, 3) array, optional
-        Positions of the LEDs in the camera, in metres.
-    led_pictures : path, optional
-        Instead of them: folder with a folder of pictures for each LED.
-    radius, thickness : float, optional
-        Of the pipe and its wall, in metres.
-    told : callable
-        Is given a text on the progress.
+    ``before``: the head as known so far; what is not measured keeps its value.
+    ``pictures``, ``mount``: folders of pictures everywhere in the image, for the lens, and of a
+    target at rest at several angles of the joints.
+    ``angles``: table of the angles of the joints, as of `calibrate_mount`, or of the poses of a
+    flange, as of `calibrate_hand_eye`.
+    ``angle_sd``: standard deviation of an angle of the joints, in degrees.
+    ``leds`` (N, 3): positions of the LEDs in the camera, in metres.
+    ``led_pictures``: instead of them: folder with a folder of pictures for each LED.
+    ``radius``, ``thickness``: of the pipe and its wall, in metres.
+    ``told``: is given a text on the progress.
     """
     if not (pictures or mount or led_pictures or leds is not None):
         raise ParameterError("there is nothing to calibrate; give --pictures, --mount or --leds")

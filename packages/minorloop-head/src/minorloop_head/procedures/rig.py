@@ -73,26 +73,16 @@ _BY_ITSELF = (
 class InspectionRig:
     """Plant, tip, control and calibration, with a clock and a log.
 
-    Parameters
-    ----------
-    plant : Plant
-    tip : Tip
-    control : HeadControl
-        Of the plant's head.
-    calibration : HeadCalibration
-    base : SeenBase, optional
-        Reads from the pictures that come with bursts by how much the base of the head is turned,
-        counted from the last picture before the pipe is flooded.
-    sensors : bool
-        Whether the joints have sensors. Without them the angles are those of the model of the
-        wires, and control uses the angles that a procedure estimates from the image.
-    seen : SeenAngles, optional
-        Reads the angles of joints without sensors from each picture under all lights; ``begin``
-        comes first then.
-    computing : Executor, optional
-        Runs long computations while the loop goes on; without it, they take no time of the loop.
-    told : callable, optional
-        Is given each entry of the log.
+    ``control``: of the plant's head.
+    ``base``: reads from the pictures that come with bursts by how much the base of the head is
+    turned, counted from the last picture before the pipe is flooded.
+    ``sensors``: whether the joints have sensors. Without them the angles are those of the model of
+    the wires, and control uses the angles that a procedure estimates from the image.
+    ``seen``: reads the angles of joints without sensors from each picture under all lights;
+    ``begin`` comes first then.
+    ``computing``: runs long computations while the loop goes on; without it, they take no time of
+    the loop.
+    ``told``: is given each entry of the log.
 
     Notes
     -----

@@ -196,25 +196,18 @@ class SeenHead(WrappedActuator):
     calibrated; an `InstrumentError` if the head does not come to rest, or its camera does not show
     the wall for 10 s.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        Its first two inputs are the currents of pan and tilt, in A; its outputs are not used.
-    picture : callable
-        Returns the newest picture; it may raise `InstrumentError` where there is none in time.
-    view : HeadCalibration
-        Of the camera.
-    expose : callable, optional
-        Sets exposure time in s and gain of the camera; without it the camera does so itself.
-    every : int
-        Ticks from a picture to the next while a current is held.
-    clock : Clock, optional
-        Keeps the ticks, in which pictures are taken and searched; that of a simulated head, in
-        which this takes no time, without it.
-    cold : (2,) array_like
-        As of `SeenAngles`.
-    waits : callable
-        Called once the first picture has come and has the right size: before it waits.
+    ``actuator``: its first two inputs are the currents of pan and tilt, in A; its outputs are not
+    used.
+    ``picture``: returns the newest picture; it may raise `InstrumentError` where there is none in
+    time.
+    ``view``: of the camera.
+    ``expose``: sets exposure time in s and gain of the camera; without it the camera does so
+    itself.
+    ``every``: ticks from a picture to the next while a current is held.
+    ``clock``: keeps the ticks, in which pictures are taken and searched; that of a simulated head,
+    in which this takes no time, without it.
+    ``cold`` (2,): as of `SeenAngles`.
+    ``waits``: called once the first picture has come and has the right size: before it waits.
 
     Attributes
     ----------

@@ -228,21 +228,13 @@ def find_water(
     It is the middle of the 90 % band of its height; it is not seen if a pipe that is full, or has
     no water at any place, is likelier than a surface anywhere.
 
-    Parameters
-    ----------
-    phi : (K,) array_like
-        Where each beam meets the wall, in radians.
-    detected : (K,) sequence of bool
-        Whether there was an echo.
-    radius : float
-        Of the pipe, in metres.
-    face : float, optional
-        Distance of the face of the probe from the axis, in metres. A probe works only with its
-        face under water: below the axis, the height of the face counts and not that of the wall.
-    offset : float
-        Height of the pivot of the probe, as y, in metres.
-    place_sd : float
-        Standard deviation in metres by which the heights of all places are off together.
+    ``phi`` (K,): where each beam meets the wall, in radians.
+    ``detected`` (K,): whether there was an echo.
+    ``radius``: of the pipe, in metres.
+    ``face``: distance of the face of the probe from the axis, in metres. A probe works only with
+    its face under water: below the axis, the height of the face counts and not that of the wall.
+    ``offset``: height of the pivot of the probe, as y, in metres.
+    ``place_sd``: standard deviation in metres by which the heights of all places are off together.
 
     Notes
     -----

@@ -139,24 +139,14 @@ class RigWires:
 class SimulatedTip:
     """The tip of a rig: a camera with its lights, a micro-tool, and a probe for use in water.
 
-    Parameters
-    ----------
-    pipe : Pipe
-        The dry pipe; images always show it dry.
-    mount : Mount, optional
-        Place of the head in the pipe with the catheter at 0; on the axis without it.
-    specimen : int, optional
-        Seed of the specimens of camera and probe; nominal without it.
-    seed : int
-        Seed of their noise.
-    optics : Pinhole, optional
-        Of the camera; its own without it.
-    flooded : Filling, optional
-        Of the pipe after ``flood``, for the probe; full of water of 20 degrees without it.
-    probe : mapping, optional
-        Further options of `Ultrasound`.
-    flow : callable, optional
-        Called when the pipe is flooded or emptied, with a flag, such as ``flood`` of a `Rig`.
+    ``pipe``: the dry pipe; images always show it dry.
+    ``mount``: place of the head in the pipe with the catheter at 0; on the axis without it.
+    ``specimen``: seed of the specimens of camera and probe; nominal without it.
+    ``seed``: seed of their noise.
+    ``optics``: of the camera; its own without it.
+    ``flooded``: of the pipe after ``flood``, for the probe; full of water of 20 degrees without it.
+    ``probe``: further options of `Ultrasound`.
+    ``flow``: called when the pipe is flooded or emptied, with a flag, such as ``flood`` of a `Rig`.
     """
 
     def __init__(

@@ -54,36 +54,24 @@ class Ultrasound(Mounted):
 
     Raises a `ParameterError` if an option is out of its range.
 
-    Parameters
-    ----------
-    pipe : Pipe
-        The pipe with its defects. Only the wall under water gives echoes, and only while the face
-        of the probe is under water.
-    mount : Mount
-        Place of the head in the pipe.
-    probe : Probe
-        The disc, its lens, and its place on the head.
-    specimen : int, optional
-        Seed of a specimen: frequency, bandwidth, phase of the pulse, focal length, direction of
-        the beam, sound speed of the steel and loss in it are drawn about nominal. Without it,
-        the nominal probe.
-    seed : int
-        Seed of the noise, the roughness and the grains.
-    noise : float
-        Standard deviation of a sample, as a share of the peak of the echo of a plain wall.
-    temperature, pressure : float
-        Of the water, in degrees Celsius and Pa: the speed of sound follows from them.
-    gain : float
-        As in `amplify`.
-    roughness : float
-        Standard deviation of the height of the wall, in metres.
-    grain : float
-        Amplitude of the echoes of grains under the wall, as a share of that of the wall.
-    faults : sequence of SimulatedFault
-        Times in which traces are ``lost`` (flat) or ``stuck`` (the last one), channel ``echo``.
-    settle : float
-        Spectra are computed again only if face or spot have moved farther than this, in metres;
-        0 computes each.
+    ``pipe``: the pipe with its defects. Only the wall under water gives echoes, and only while the
+    face of the probe is under water.
+    ``mount``: place of the head in the pipe.
+    ``probe``: the disc, its lens, and its place on the head.
+    ``specimen``: seed of a specimen: frequency, bandwidth, phase of the pulse, focal length,
+    direction of the beam, sound speed of the steel and loss in it are drawn about nominal. Without
+    it, the nominal probe.
+    ``seed``: seed of the noise, the roughness and the grains.
+    ``noise``: standard deviation of a sample, as a share of the peak of the echo of a plain wall.
+    ``temperature``, ``pressure``: of the water, in degrees Celsius and Pa: the speed of sound
+    follows from them.
+    ``gain``: as in `amplify`.
+    ``roughness``: standard deviation of the height of the wall, in metres.
+    ``grain``: amplitude of the echoes of grains under the wall, as a share of that of the wall.
+    ``faults``: times in which traces are ``lost`` (flat) or ``stuck`` (the last one), channel
+    ``echo``.
+    ``settle``: spectra are computed again only if face or spot have moved farther than this, in
+    metres; 0 computes each.
 
     Notes
     -----

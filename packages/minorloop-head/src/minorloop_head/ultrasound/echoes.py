@@ -139,23 +139,14 @@ def find_echoes(
     It is empty if no peak is above 4 standard deviations of the noise. Raises a `SignalError` if
     the trace is not one-dimensional and finite.
 
-    Parameters
-    ----------
-    trace : (T,) array_like
-        Samples since the pulse.
-    interval : float
-        Between samples, in seconds.
-    pulse : Pulse, optional
-        To match; 10 MHz and 60 % without it.
-    gate : (float, float), optional
-        First and last time of an echo, in seconds; without it, all after the dead time.
-    share : float
-        Least amplitude of an echo, as a share of the loudest one in the gate.
-    most : int
-        How many echoes are returned, the loudest.
-    fine : bool
-        Whether to time the wave rather than its envelope: the scatter is six times smaller, but
-        the time is off by whole waves where noise is loud or the phase of the pulse is unknown.
+    ``trace`` (T,): samples since the pulse.
+    ``interval``: between samples, in seconds.
+    ``pulse``: to match; 10 MHz and 60 % without it.
+    ``gate``: first and last time of an echo, in seconds; without it, all after the dead time.
+    ``share``: least amplitude of an echo, as a share of the loudest one in the gate.
+    ``most``: how many echoes are returned, the loudest.
+    ``fine``: whether to time the wave rather than its envelope: the scatter is six times smaller,
+    but the time is off by whole waves where noise is loud or the phase of the pulse is unknown.
 
     Notes
     -----
