@@ -246,12 +246,8 @@ class Journal:
     off, which is continued; ``clock``: returns the time in seconds, that of the head: a simulated
     one computes slower or faster; ``**kept``: number of views or bursts that are kept of it.
 
-    Attributes
-    ----------
-    began : str
-        When its first line was written.
-    resumed : list of str
-        When it was continued.
+    Its ``began``: when its first line was written.
+    Its ``resumed``: when it was continued.
     """
 
     def __init__(

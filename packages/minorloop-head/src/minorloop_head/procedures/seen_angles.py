@@ -110,14 +110,9 @@ class SeenAngles:
     ``view``: of the camera; ``cold`` (2,): pan and tilt of the cold head in degrees, such as
     `HeadControl.cold`.
 
-    Attributes
-    ----------
-    known : bool
-        Whether the picture of the cold head was found.
-    why : str
-        Why the last picture gave no angles; empty if it did.
-    searched : bool
-        Whether they were looked for in it: not in one that shows nothing.
+    Its ``known``: whether the picture of the cold head was found.
+    Its ``why``: why the last picture gave no angles; empty if it did.
+    Its ``searched``: whether they were looked for in it: not in one that shows nothing.
     """
 
     def __init__(self, view: HeadCalibration, cold: npt.ArrayLike = (0.0, 0.0)) -> None:
@@ -209,15 +204,11 @@ class SeenHead(WrappedActuator):
     ``cold`` (2,): as of `SeenAngles`.
     ``waits``: called once the first picture has come and has the right size: before it waits.
 
-    Attributes
-    ----------
-    age : float
-        Of the newest picture when it was taken over, in seconds, by its time: at least, where that
-        is the time of its arrival.
-    pictures : int
-        Number of those that have come.
-    searched : bool
-        Whether the angles were looked for in the newest one: not if it is old, or shows nothing.
+    Its ``age``: of the newest picture when it was taken over, in seconds, by its time: at least,
+    where that is the time of its arrival.
+    Its ``pictures``: number of those that have come.
+    Its ``searched``: whether the angles were looked for in the newest one: not if it is old, or
+    shows nothing.
     """
 
     def __init__(

@@ -107,12 +107,8 @@ class Running(Generic[Result]):
     ``carry_out``: carries out a request, but for its motion, which is that of the loop; ``safe``:
     is carried out if the procedure is closed before its end, and leaves all safe.
 
-    Attributes
-    ----------
-    done : bool
-        Whether it has ended, or was closed.
-    result
-        Of a procedure that has ended.
+    Its ``done``: whether it has ended, or was closed.
+    Its ``result``: of a procedure that has ended.
     """
 
     result: Result
