@@ -29,8 +29,7 @@ from minorloop_head.geometry import wrapped
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.candidates import FEATURES, KINDS, Candidate, candidates
 from minorloop_head.vision.defects import MODES, SIZED, SIZES, SWITCHED, Hole, scales, strongest
-from minorloop_head.vision.frame_alignment import aligned
-from minorloop_head.vision.reflectance_map import LitFrame, lay_flat
+from minorloop_head.vision.reflectance_map import LitFrame, aligned, lay_flat
 from papers.catheter.detection import FAR, NEAR, misjudged, shots, wilson
 from papers.catheter.scene_view import draw_view
 from papers.catheter.sized_view import DIAMETERS, draw_sized_view

@@ -17,7 +17,7 @@ from benchmarks._layered_scans import drawn_block, matched
 from benchmarks._timing import Row
 from minorloop_head.ultrasound.recorded_scan import RecordedScan, read_scan
 from minorloop_head.ultrasound.scan_flaws import ScanFlaw, ScanFlaws, scan_flaws
-from minorloop_head.ultrasound.synthetic_aperture import envelope, recorded_field
+from minorloop_head.ultrasound.scan_surfaces import envelope, recorded_field
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data" / "real" / "scans"
 STEPS = {1: (20.0, 5.0), 2: (20.0, 6.0), 3: (20.0, 10.0)}

@@ -39,6 +39,7 @@ ELSEWHERE = {
     "minorloop_head/console/scan_echoes.py": "minorloop_head/console/test_depth_work.py",
     "minorloop_head/control/head.py": "minorloop_head/control/test_head_control.py",
     "minorloop_head/inspection/heads.py": "minorloop_head/cli/test_head.py",
+    "minorloop_head/inspection/identification.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/inspection/inspect_pictures.py": "minorloop_head/cli/test_inspect.py",
     "minorloop_head/procedures/calibrate.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/procedures/inspected_view.py": "minorloop_head/procedures/test_inspection.py",

@@ -34,7 +34,7 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import Sway
-from minorloop_head.vision.hold import PointHold
+from minorloop_head.vision.servo import PointHold
 from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
 from papers.catheter.head_static import identify_head

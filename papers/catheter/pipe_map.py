@@ -21,7 +21,7 @@ from minorloop_head.reconstruction.depth_map import (
     unseen_map,
 )
 from minorloop_head.ultrasound.c_scan import CScan
-from minorloop_head.ultrasound.profile import Profile
+from minorloop_head.ultrasound.wall_echoes import Profile
 from minorloop_head.vision.reflectance_map import ReflectanceMap
 
 LENGTH, MARGIN = 9.6e-3, 1e-3

@@ -151,7 +151,7 @@ import uvicorn, websockets
 authentication = Authentication("127.0.0.1")
 app = Console(authentication=authentication, loop=LoopSettings(address="twin:rig")).app()
 assert app.routes
-from minorloop_head.reconstruction.mesh import mesh_of
+from minorloop_head.reconstruction.depth_map import mesh_of
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 patch = Patch(0.0, 0.0, 4, 5, step=0.001)
 flat = np.zeros((patch.rows, patch.columns))

@@ -22,7 +22,7 @@ from minorloop_head.reconstruction.depth_map import WaterLine
 from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.pits import PitDepth
-from minorloop_head.ultrasound.profile import Profile
+from minorloop_head.ultrasound.wall_echoes import Profile
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, Hole
 

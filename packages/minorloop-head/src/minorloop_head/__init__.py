@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from minorloop_head.control.heating import identify_heating, moving_levels, wire_holds
     from minorloop_head.control.limits import WireLimits
     from minorloop_head.heated_wire import HeatedWire
+    from minorloop_head.inspection.heads import drive_head
+    from minorloop_head.inspection.identification import identify_head
     from minorloop_head.twins.sensor import SimulatedFault
     from minorloop_head.twins.surroundings import Course, Surroundings, convection
     from minorloop_head.ultrasound.recorded_scan import RecordedScan, read_scan
@@ -28,7 +30,9 @@ __all__ = [
     "Surroundings",
     "WireLimits",
     "convection",
+    "drive_head",
     "head_control",
+    "identify_head",
     "identify_heating",
     "moving_levels",
     "read_scan",
@@ -38,6 +42,8 @@ __all__ = [
 
 _MODULES = {
     "heated_wire": ("HeatedWire",),
+    "inspection.heads": ("drive_head",),
+    "inspection.identification": ("identify_head",),
     "control.head": ("HeadControl", "head_control"),
     "control.heating": ("identify_heating", "moving_levels", "wire_holds"),
     "control.limits": ("WireLimits",),

@@ -312,15 +312,8 @@ class Tool:
 
         It is None if no angles near the guess reach it.
 
-        Parameters
-        ----------
-        mount : Mount
-        place : (2,) array_like
-            Phi and z.
-        radius : float
-            Of the pipe, in metres.
-        guess : (2,) array_like
-            Pan and tilt to begin from, in radians.
+        ``place`` (2,): phi and z; ``radius``: of the pipe, in metres; ``guess`` (2,): pan and tilt
+        to begin from, in radians.
 
         Notes
         -----
@@ -489,22 +482,13 @@ class Pinhole:
 def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -> FloatArray:
     """Intersect rays from inside a pipe with its wall.
 
+    Returns phi in (-pi, pi], z in metres, and the length along the ray in units of the direction
+    (..., 3); infinite along the axis.
+
     Raises a `ParameterError` if the origin is not inside the pipe.
 
-    Parameters
-    ----------
-    origin : (3,) array_like
-        Start of the rays, inside the pipe.
-    directions : (..., 3) array_like
-        In the pipe, of any length.
-    radius : float
-        Of the pipe, in metres.
-
-    Returns
-    -------
-    (..., 3) array
-        Phi in (-pi, pi], z in metres, and the length along the ray in units of the direction;
-        infinite along the axis.
+    ``origin`` (3,): start of the rays, inside the pipe; ``directions`` (..., 3): in the pipe, of
+    any length; ``radius``: of the pipe, in metres.
 
     Notes
     -----

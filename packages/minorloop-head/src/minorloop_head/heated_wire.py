@@ -188,6 +188,8 @@ class HeatedWire:
     ) -> FloatArray:
         """Return the angles for a sampled current, held from each sample to the next.
 
+        Raises a `SignalError` if shapes differ or times do not increase.
+
         Parameters
         ----------
         t : (T,) array_like
@@ -199,11 +201,6 @@ class HeatedWire:
         Returns
         -------
         (T,) array
-
-        Raises
-        ------
-        SignalError
-            If shapes differ or times do not increase.
         """
         times, currents = as_waveform(t, current, name="current")
         power = currents**2

@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 from minorloop import Channel, InstrumentError, Plan, Record, SafetyError, Setup, Store, StoreError
 from minorloop.cli._compilation import COMPILES
 from minorloop.cli._run_progress import carry_out_levels
-from minorloop_head.cli._camera_angles import kept_view, seen_head, swept_view
 from minorloop_head.control.head import head_control
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.geometry import Pinhole
+from minorloop_head.inspection.heads import opened_head
+from minorloop_head.inspection.identification import kept_view, swept_view
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import (
     CheckedAxis,
@@ -49,20 +50,20 @@ class Swept:
         return HeadCalibration(lens=Pinhole(), leds=np.zeros((3, 3)), lever=highest * 0.02)
 
 
-def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path, capsys):
-    head = Swept()
-    assert swept_view(tmp_path, head, 0.3, "H-07").lever == pytest.approx(0.006)
-    assert "turning both axes slowly up and down for 2.4 min" in capsys.readouterr().err
-    assert swept_view(tmp_path, head, 0.4, "H-07").lever == pytest.approx(0.006)
+def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path):
+    head, said = Swept(), []
+    assert swept_view(tmp_path, head, 0.3, "H-07", said.append).lever == pytest.approx(0.006)
+    assert "turning both axes slowly up and down for 2.4 min" in said[0]
+    assert swept_view(tmp_path, head, 0.4, "H-07", said.append).lever == pytest.approx(0.006)
     assert head.count == 1
     with pytest.raises(StoreError, match=r"is of head 'H-07', and the head here is 'H-08'; give"):
         kept_view(tmp_path, "H-08")
     (tmp_path / "camera.json").write_text('{"lever": 1}')
     with pytest.raises(StoreError, match=r"is no calibration of a camera .* begin anew"):
-        swept_view(tmp_path, head, 0.4, "H-07")
+        swept_view(tmp_path, head, 0.4, "H-07", said.append)
     (tmp_path / "camera.json").rename(tmp_path / "pan-loop.sqlite")
-    assert swept_view(tmp_path, head, 0.4, "H-07") is None
-    assert "the calibration of the camera is not corrected: the runs" in capsys.readouterr().err
+    assert swept_view(tmp_path, head, 0.4, "H-07", said.append) is None
+    assert "the calibration of the camera is not corrected: the runs" in said[1]
 
 
 def test_a_head_is_identified_once_and_driven_by_its_file(run):
@@ -256,7 +257,8 @@ def test_a_head_of_another_file_or_folder_is_refused_before_it_waits(run, monkey
 
 @pytest.mark.usefixtures("targets")
 def test_head_drive_checks_its_arguments_before_it_opens_a_device(run, monkeypatch):
-    monkeypatch.setattr("minorloop.cli._common.connected", lambda *_, **__: pytest.fail("opened"))
+    opened = "minorloop_head.inspection.heads.opened"
+    monkeypatch.setattr(opened, lambda *_, **__: pytest.fail("opened"))
     Path("far.csv").write_text("pan [deg],tilt [deg]\n80,25\n")
     drive = "--head head.json --actuator bench:head.toml"
     for hold in ("0.01", "1e9", "0", "-3"):
@@ -321,20 +323,19 @@ def test_an_unfinished_drive_does_not_call_a_head_safe_that_did_not_confirm_it(r
 
 
 @pytest.mark.parametrize("sensors", [(), (Channel("pan", "deg"), Channel("tilt", "deg"))])
-def test_a_camera_beside_sensors_says_that_they_are_not_used(capsys, monkeypatch, sensors):
+def test_a_camera_beside_sensors_says_that_they_are_not_used(monkeypatch, sensors):
     @contextmanager
-    def connected(address):
+    def opened(address, say):
         yield SimpleNamespace(outputs=sensors)
 
     camera = SimpleNamespace(frame=None, close=lambda: None)
-    monkeypatch.setattr("minorloop.cli._common.connected", connected)
+    said = []
+    monkeypatch.setattr("minorloop_head.inspection.heads.opened", opened)
     monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", lambda *_: camera)
     monkeypatch.setattr("minorloop_head.procedures.seen_angles.SeenHead", lambda *_, **__: None)
-    with seen_head("bench:head.toml", "camera:0", VIEW, specimen=None, seed=0):
-        said = capsys.readouterr().err
-    assert ("the sensors of the actuator, pan [deg], tilt [deg], are not used" in said) == bool(
-        sensors
-    )
+    with opened_head("bench:head.toml", "camera:0", VIEW, told=said.append):
+        told = "the camera gives the angles; the sensors of the actuator, pan [deg], tilt [deg], "
+        assert said == [f"{told}are not used"] * bool(sensors)
 
 
 SMALL = "--target squares=7x5,side=4"
@@ -678,7 +679,7 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
     def wait_for_the_cold_head(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("minorloop_head.cli._camera_angles.seen_head", wait_for_the_cold_head)
+    monkeypatch.setattr("minorloop_head.inspection.heads._in_pipe", wait_for_the_cold_head)
     monkeypatch.setattr(HeadMeasurement, "left", lambda self: {})
     Path("runs").mkdir()
     if kept is not None:

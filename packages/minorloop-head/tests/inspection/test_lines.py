@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from minorloop_head.inspection.journal import converted, plain
 from minorloop_head.inspection.lines import InspectionLine, SweepLine
 from minorloop_head.reconstruction.depth_map import WaterLine
-from minorloop_head.ultrasound.profile import Profile
+from minorloop_head.ultrasound.wall_echoes import Profile
 
 NUMBERS = st.floats(allow_nan=False)
 PROFILES = st.builds(

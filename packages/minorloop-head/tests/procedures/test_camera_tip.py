@@ -5,8 +5,8 @@ import pytest
 
 from minorloop.errors import InstrumentError
 from minorloop_head.geometry import Pinhole
+from minorloop_head.procedures.actuator_plant import CameraTip
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.sources import Frame
 
 VIEW = HeadCalibration(
@@ -65,7 +65,7 @@ def test_the_camera_is_exposed_and_the_lights_are_those_of_the_tip():
 
 
 def test_pictures_of_the_time_before_the_lights_were_switched_are_left_out(monkeypatch):
-    monkeypatch.setattr("minorloop_head.procedures.camera_tip.time.monotonic", lambda: 10.0)
+    monkeypatch.setattr("minorloop_head.procedures.actuator_plant.time.monotonic", lambda: 10.0)
     waiting = [Frame(10.05, SMOOTH), Frame(10.07, SMOOTH + 1)]
     camera = SimpleNamespace(address="camera:0", frame=lambda: waiting.pop(0))
     own = SimpleNamespace(switch=lambda lights: None)

@@ -14,9 +14,8 @@ from minorloop.lab.drivers.bench import Bench
 from minorloop_head.control.head import HeadState
 from minorloop_head.geometry import wall_point
 from minorloop_head.procedures import rig as module
-from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
+from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip, CameraTip
 from minorloop_head.procedures.calibration import STRAIGHT
-from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.procedures.centre import Centred, Centring
 from minorloop_head.procedures.extract import acquisition
 from minorloop_head.procedures.focus import focus

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from minorloop.errors import OutputError, ParameterError
-from minorloop_head.reconstruction.depth_map import ECHOES, DepthMap, Patch
-from minorloop_head.reconstruction.mesh import (
+from minorloop_head.reconstruction.depth_map import (
+    ECHOES,
     SUFFIXES,
+    DepthMap,
+    Patch,
     colours_of,
     faces_of,
     mesh_of,

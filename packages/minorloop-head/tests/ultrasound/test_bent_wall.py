@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.ultrasound.bent_wall import bent_fit, is_bent, moves, renewed
-from minorloop_head.ultrasound.joint_fit import JointFit
+from minorloop_head.ultrasound.joint_fit import JointFit, bent_fit, is_bent, moves, renewed
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.pits import measure_pit
 from minorloop_head.ultrasound.spectra import spectra_of

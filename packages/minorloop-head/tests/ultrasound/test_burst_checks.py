@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.ultrasound.burst_checks import (
+from minorloop_head.ultrasound.echoes import Burst
+from minorloop_head.ultrasound.pits import raster
+from minorloop_head.ultrasound.spectra import (
     coverage_fault,
     long_enough,
     rejections,
     usable_bursts,
 )
-from minorloop_head.ultrasound.echoes import Burst
-from minorloop_head.ultrasound.pits import raster
 
 from .synthetic import CENTRE, PROBE
 

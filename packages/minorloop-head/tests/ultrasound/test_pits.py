@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop_head.geometry import Mount, Probe, wrapped
+from minorloop_head.geometry import Mount, Probe, wall_point, wrapped
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.findings import finding_of
 from minorloop_head.reconstruction.fusion import mean_depths
 from minorloop_head.sources import Shot
 from minorloop_head.twins.pipe import Bore, Dent, Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
-from minorloop_head.ultrasound.burst_checks import usable_bursts
 from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.joint_fit import solve_without_floor
@@ -28,7 +27,7 @@ from minorloop_head.ultrasound.pits import (
     measure_pit,
     raster,
 )
-from minorloop_head.ultrasound.spectra import LEAD, WINDOW
+from minorloop_head.ultrasound.spectra import LEAD, WINDOW, usable_bursts
 from papers.catheter.scan_trials import draw_trial
 from papers.catheter.scan_trials import scan as sweep
 
@@ -117,6 +116,17 @@ def test_a_floor_deeper_than_is_measured_is_no_hole_and_has_no_depth():
     found = measure_pit(scan((deep,), 6), PROBE, CENTRE, 1.1e-3)
     assert found.verdict == "deeper than 1.25 mm"
     assert np.isnan(found.depth)
+
+
+def test_the_floor_of_a_pit_at_the_top_of_a_full_pipe_echoes():
+    def heard(depth):
+        pit = replace(TRUE, phi=0.003 - np.pi / 2, depth=depth)
+        full, mount = Pipe(bores=(pit,), water=-9.999e-3), replace(MOUNT, roll=-np.pi / 2)
+        sonar = Ultrasound(full, mount, seed=1, noise=0.0)
+        sonar.look(*Probe().aim(mount, wall_point(pit.phi, pit.z, full.radius)))
+        return sonar.shot().trace
+
+    assert np.abs(heard(1.5e-3) - heard(np.inf)).max() > 0.02
 
 
 def test_a_mark_that_is_not_a_pit_has_no_depth():

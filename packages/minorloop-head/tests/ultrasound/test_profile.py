@@ -7,7 +7,7 @@ from minorloop_head.twins.pipe import Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.ultrasound.echoes import Burst, average
 from minorloop_head.ultrasound.field import CalibratedProbe
-from minorloop_head.ultrasound.profile import Profile, centred, joined, wall_profile
+from minorloop_head.ultrasound.wall_echoes import Profile, centred, joined, wall_profile
 
 WATER = -1.5e-3
 OFFSET = (0.1e-3, -0.05e-3)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from minorloop_head.ultrasound.echoes import Pulse
 from minorloop_head.ultrasound.recorded_scan import RecordedScan
-from minorloop_head.ultrasound.synthetic_aperture import depth_step, recorded_field
+from minorloop_head.ultrasound.scan_surfaces import depth_step, recorded_field
 
 FREQUENCY, STEP = 2.25e6, 0.8e-3
 PULSE = Pulse(FREQUENCY, 0.7)

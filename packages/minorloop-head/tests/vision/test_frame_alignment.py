@@ -10,8 +10,8 @@ import pytest
 from minorloop_head.procedures.extract import acquire
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import find_holes
-from minorloop_head.vision.frame_alignment import aligned
 from minorloop_head.vision.recentre import outline_about
+from minorloop_head.vision.reflectance_map import aligned
 from papers.catheter.scene_view import draw_view
 
 SD = math.radians(0.15)

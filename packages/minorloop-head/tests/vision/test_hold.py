@@ -4,8 +4,7 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from minorloop_head.vision.hold import PointHold
-from minorloop_head.vision.servo import Cone, Servo
+from minorloop_head.vision.servo import Cone, PointHold, Servo
 
 CAMERA = CalibratedCamera(Pinhole(), Mount(), np.zeros((3, 3)))
 HOLD = PointHold(servo=Servo(CAMERA, cone=Cone(half=np.radians(40))), lead=0.0)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from minorloop_head.vision.jacobian import (
+from minorloop_head.vision.servo import (
     pan_tilt_jacobian,
     rates_for,
     translation_columns,

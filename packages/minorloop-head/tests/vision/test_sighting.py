@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from minorloop_head.geometry import wall_point
-from minorloop_head.vision.sighting import sighted_angles
+from minorloop_head.vision.servo import sighted_angles
 
 from .walls import CAMERA
 

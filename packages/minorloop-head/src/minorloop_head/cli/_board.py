@@ -9,40 +9,42 @@ import typer
 
 from minorloop.cli import _common
 
+_Models = Annotated[
+    list[Path],
+    typer.Argument(help="The file of a head, or one model file for each axis.", show_default=False),
+]
+_Out = Annotated[Path, typer.Option(help="The folder for the C.", show_default=False)]
+_Float32 = Annotated[bool, typer.Option("--float32", help="Compute in single precision.")]
+_Memory = Annotated[
+    int | None,
+    _common.whole_option(
+        "Extrema of the input that the C can remember, at least 6; 32 if not given."
+    ),
+]
+_Interval = Annotated[float, _common.seconds_option("Seconds between steps of the feedforward.")]
+_Rate = Annotated[
+    float | None,
+    _common.number_option(
+        "Fastest change of an input in its unit per second; without it the whole range in one "
+        "interval."
+    ),
+]
+_Patience = Annotated[
+    float,
+    _common.seconds_option(
+        "Seconds without a question after which the board goes to its safe inputs."
+    ),
+]
+
 
 def board(
-    models: Annotated[
-        list[Path],
-        typer.Argument(
-            help="The file of a head, or one model file for each axis.", show_default=False
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="The folder for the C.", show_default=False)],
-    float32: Annotated[
-        bool, typer.Option("--float32", help="Compute in single precision.")
-    ] = False,
-    memory: Annotated[
-        int | None,
-        _common.whole_option(
-            "Extrema of the input that the C can remember, at least 6; 32 if not given."
-        ),
-    ] = None,
-    interval: Annotated[
-        float, _common.seconds_option("Seconds between steps of the feedforward.")
-    ] = 0.04,
-    rate: Annotated[
-        float | None,
-        _common.number_option(
-            "Fastest change of an input in its unit per second; without it the whole range in one "
-            "interval."
-        ),
-    ] = None,
-    patience: Annotated[
-        float,
-        _common.seconds_option(
-            "Seconds without a question after which the board goes to its safe inputs."
-        ),
-    ] = 1.0,
+    models: _Models,
+    out: _Out,
+    float32: _Float32 = False,
+    memory: _Memory = None,
+    interval: _Interval = 0.04,
+    rate: _Rate = None,
+    patience: _Patience = 1.0,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:

@@ -25,29 +25,36 @@ _LAST = 5
 """Readings at the end of a hold whose mean is the angle."""
 
 
+_Camera = Annotated[
+    str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
+]
+_Pictures = Annotated[
+    Path, typer.Option(show_default=False, help="New or empty folder for the pictures.")
+]
+_Turned = Annotated[
+    str | None,
+    typer.Option(help="Head to turn between pictures, such as bench:head.toml; none by hand."),
+]
+_Plan = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=VALUE,...",
+        help="With a head: highest: largest current in A, 0.35 if not given; steps: levels of "
+        "each current, 4; hold: time at each level in s, 40. By hand: count of pictures, 16; "
+        "every: time for each in s, 4.",
+    ),
+]
+_Exposure = Annotated[
+    float | None, _common.number_option("Exposure in ms, where the camera offers it.")
+]
+
+
 def photograph(
-    camera: Annotated[
-        str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
-    ],
-    out: Annotated[
-        Path, typer.Option(show_default=False, help="New or empty folder for the pictures.")
-    ],
-    actuator: Annotated[
-        str | None,
-        typer.Option(help="Head to turn between pictures, such as bench:head.toml; none by hand."),
-    ] = None,
-    plan: Annotated[
-        str,
-        typer.Option(
-            metavar="KEY=VALUE,...",
-            help="With a head: highest: largest current in A, 0.35 if not given; steps: levels of "
-            "each current, 4; hold: time at each level in s, 40. By hand: count of pictures, 16; "
-            "every: time for each in s, 4.",
-        ),
-    ] = "",
-    exposure: Annotated[
-        float | None, _common.number_option("Exposure in ms, where the camera offers it.")
-    ] = None,
+    camera: _Camera,
+    out: _Pictures,
+    actuator: _Turned = None,
+    plan: _Plan = "",
+    exposure: _Exposure = None,
     as_json: _common.Json = False,
 ) -> None:
     """Take pictures for head calibrate, by hand or at several angles of the joints."""
@@ -89,75 +96,86 @@ def photograph(
     typer.echo(f"{taken} pictures in {folder}; next: minorloop head calibrate")
 
 
+_Head = Annotated[
+    Path | None,
+    typer.Option(
+        help="File of the head to write. If it exists, what is not measured is kept, and "
+        "a calibration is replaced with --force."
+    ),
+]
+_OfLens = Annotated[
+    Path | None,
+    typer.Option(help="Folder of pictures of the target everywhere in the image, for the lens."),
+]
+_OfMount = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder of pictures of the target at rest, at several angles of the joints, named "
+        "such as pan12.5_tilt-3.png."
+    ),
+]
+_Angles = Annotated[
+    Path | None,
+    typer.Option(
+        help="Instead of angles in the names: table with a row for each picture of --mount, "
+        "its name in the column picture, and pan and tilt in deg; or, of a camera on a robot, "
+        "the pose of its flange: x, y, z in mm, and rx, ry, rz in deg (rotation vector) or qw, "
+        "qx, qy, qz."
+    ),
+]
+_AngleSd = Annotated[
+    float, _common.number_option("Standard deviation of the angles of the joints, in deg.")
+]
+_Leds = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z;...",
+        help="Places of the LEDs in mm: right of the lens, below it, before it. Or a folder "
+        "with a folder for each LED: dark pictures of its reflection in a glossy target.",
+    ),
+]
+_Target = Annotated[
+    str,
+    typer.Option(
+        metavar="KIND,KEY=VALUE,...",
+        help="Kind of the target: charuco, chessboard, circles or asymmetric-circles; auto "
+        "finds out which the pictures show. squares=COLUMNSxROWS, or circles, found out too; "
+        "side=MM of a square as measured, or distance of circles. on-axis=yes: in the pictures "
+        "of --mount it is square to the pipe, upright, with its middle on the axis, so that "
+        "the place of the head in the pipe is measured too.",
+    ),
+]
+_Pipe = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=VALUE,...",
+        help="radius of the pipe and thickness of its wall in mm; 10 and 2 if never given.",
+    ),
+]
+_Serial = Annotated[
+    str | None, typer.Option(help="Serial number of the head; needed for a new file.")
+]
+_PrintTarget = Annotated[
+    Path | None,
+    typer.Option(help="Only write the target to this PDF, SVG or PNG file, to print at scale."),
+]
+_Report = Annotated[
+    Path | None, typer.Option(help="Write a report with pictures of coverage and residuals.")
+]
+
+
 def calibrate(
-    head: Annotated[
-        Path | None,
-        typer.Option(
-            help="File of the head to write. If it exists, what is not measured is kept, and "
-            "a calibration is replaced with --force."
-        ),
-    ] = None,
-    pictures: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of pictures of the target everywhere in the image, for the lens."
-        ),
-    ] = None,
-    mount: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of pictures of the target at rest, at several angles of the joints, named "
-            "such as pan12.5_tilt-3.png."
-        ),
-    ] = None,
-    angles: Annotated[
-        Path | None,
-        typer.Option(
-            help="Instead of angles in the names: table with a row for each picture of --mount, "
-            "its name in the column picture, and pan and tilt in deg; or, of a camera on a robot, "
-            "the pose of its flange: x, y, z in mm, and rx, ry, rz in deg (rotation vector) or qw, "
-            "qx, qy, qz."
-        ),
-    ] = None,
-    angle_sd: Annotated[
-        float, _common.number_option("Standard deviation of the angles of the joints, in deg.")
-    ] = 0.1,
-    leds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z;...",
-            help="Places of the LEDs in mm: right of the lens, below it, before it. Or a folder "
-            "with a folder for each LED: dark pictures of its reflection in a glossy target.",
-        ),
-    ] = None,
-    target: Annotated[
-        str,
-        typer.Option(
-            metavar="KIND,KEY=VALUE,...",
-            help="Kind of the target: charuco, chessboard, circles or asymmetric-circles; auto "
-            "finds out which the pictures show. squares=COLUMNSxROWS, or circles, found out too; "
-            "side=MM of a square as measured, or distance of circles. on-axis=yes: in the pictures "
-            "of --mount it is square to the pipe, upright, with its middle on the axis, so that "
-            "the place of the head in the pipe is measured too.",
-        ),
-    ] = "auto,side=3",
-    pipe: Annotated[
-        str,
-        typer.Option(
-            metavar="KEY=VALUE,...",
-            help="radius of the pipe and thickness of its wall in mm; 10 and 2 if never given.",
-        ),
-    ] = "",
-    serial: Annotated[
-        str | None, typer.Option(help="Serial number of the head; needed for a new file.")
-    ] = None,
-    print_target: Annotated[
-        Path | None,
-        typer.Option(help="Only write the target to this PDF, SVG or PNG file, to print at scale."),
-    ] = None,
-    report: Annotated[
-        Path | None, typer.Option(help="Write a report with pictures of coverage and residuals.")
-    ] = None,
+    head: _Head = None,
+    pictures: _OfLens = None,
+    mount: _OfMount = None,
+    angles: _Angles = None,
+    angle_sd: _AngleSd = 0.1,
+    leds: _Leds = None,
+    target: _Target = "auto,side=3",
+    pipe: _Pipe = "",
+    serial: _Serial = None,
+    print_target: _PrintTarget = None,
+    report: _Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:

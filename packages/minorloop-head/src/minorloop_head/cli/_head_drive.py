@@ -24,14 +24,8 @@ _MEANS = "degrees, means of the last fifth of each hold"
 class UnfinishedDrive:
     """Keeps what a drive measured before an error or a signal ended it, and shows it.
 
-    Parameters
-    ----------
-    save : Path, optional
-        File to be written.
-    force : bool
-        Whether it may be replaced.
-    as_json : bool
-        Whether it is shown as an object beside that of the error.
+    ``save``: file to be written; ``force``: whether it may be replaced; ``as_json``: whether it is
+    shown as an object beside that of the error.
     """
 
     def __init__(self, save: Path | None, force: bool, as_json: bool = False) -> None:
@@ -83,12 +77,15 @@ def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
     _common.write_csv(path, table, force=force)
 
 
-def show_drive(result: SteeredHead, as_json: bool) -> None:
-    """Print the angles at the end of each hold, and their error where readings were used."""
+def finish_drive(result: SteeredHead, save: Path | None, force: bool, as_json: bool) -> None:
+    """Save a drive, print the angles at the end of each hold, and warn of what was wrong."""
+    if save is not None:
+        save_drive(result, save, force)
     if as_json:
         _common.print_json(_numbers(result))
     else:
         _show(result, _MEANS)
+    show_warnings(result)
 
 
 def show_warnings(result: SteeredHead) -> None:

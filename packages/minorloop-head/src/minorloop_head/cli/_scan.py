@@ -23,46 +23,54 @@ _UNITS = {
 """Keys of ``--given``: the field of a scan, and its unit in SI."""
 
 
+_Scan = Annotated[
+    Path,
+    typer.Argument(
+        show_default=False, help="A-scans: a MATLAB, HDF5, NDE, NPZ or CSV file, of any origin."
+    ),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="New or empty folder for findings.csv, findings.json and report.html, with the "
+        "B-scan before and after focusing."
+    ),
+]
+_Speeds = Annotated[
+    str | None,
+    typer.Option(metavar="M/S,...", help="Speeds of sound in the layers from the probe on."),
+]
+_Thicknesses = Annotated[
+    str | None,
+    typer.Option(metavar="MM,...", help="Thicknesses of the layers, to be compared."),
+]
+_Given = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=VALUE,...",
+        help="What replaces the values of the file: sampling rate in MHz; start, the time of "
+        "the first sample in us, the pulse being at 0; step between A-scans along x, and "
+        "y-step, in mm; low and high, the ends of the band of the pulse in MHz; disc, the "
+        "diameter of the probe in mm.",
+    ),
+]
+_Field = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="FIELD=NAME",
+        help="How the file calls a field whose name is not known, such as traces=rf or "
+        "rate=f_ADC; may be repeated.",
+    ),
+]
+
+
 def scan(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            show_default=False, help="A-scans: a MATLAB, HDF5, NDE, NPZ or CSV file, of any origin."
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New or empty folder for findings.csv, findings.json and report.html, with the "
-            "B-scan before and after focusing."
-        ),
-    ] = None,
-    speeds: Annotated[
-        str | None,
-        typer.Option(metavar="M/S,...", help="Speeds of sound in the layers from the probe on."),
-    ] = None,
-    thicknesses: Annotated[
-        str | None,
-        typer.Option(metavar="MM,...", help="Thicknesses of the layers, to be compared."),
-    ] = None,
-    given: Annotated[
-        str,
-        typer.Option(
-            metavar="KEY=VALUE,...",
-            help="What replaces the values of the file: sampling rate in MHz; start, the time of "
-            "the first sample in us, the pulse being at 0; step between A-scans along x, and "
-            "y-step, in mm; low and high, the ends of the band of the pulse in MHz; disc, the "
-            "diameter of the probe in mm.",
-        ),
-    ] = "",
-    field: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FIELD=NAME",
-            help="How the file calls a field whose name is not known, such as traces=rf or "
-            "rate=f_ADC; may be repeated.",
-        ),
-    ] = None,
+    file: _Scan,
+    out: _Out = None,
+    speeds: _Speeds = None,
+    thicknesses: _Thicknesses = None,
+    given: _Given = "",
+    field: _Field = None,
     as_json: _common.Json = False,
 ) -> None:
     """Find surfaces and flaws in a scan that somebody else recorded, line or raster.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +13,6 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._run_progress import carry_out_levels
-from minorloop.errors import OutputError, ParameterError
 from minorloop.values import called, parsed
 from minorloop_head.cli import _water
 from minorloop_head.cli._board import board
@@ -22,7 +20,6 @@ from minorloop_head.cli._head_calibration import calibrate, photograph
 from minorloop_head.cli._scan import scan
 
 if TYPE_CHECKING:
-    from minorloop.lab.actuator import Actuator
     from minorloop_head.procedures.head_file import HeadFile
 
 NAME = "head"
@@ -31,9 +28,7 @@ app = typer.Typer(help=_HELP)
 
 _AGAIN = "the runs before this one are kept whole; the same command continues it"
 _MM = 1e-3
-_CAMERA_HELPS = "; for a head whose angles a camera gives, name it with --camera"
-_FARTHEST = 10_000.0
-"""Longest advance in mm: a catheter is some metres long."""
+_said = partial(typer.echo, err=True)
 _Address = Annotated[
     str,
     typer.Option(
@@ -75,6 +70,86 @@ _Resume = Annotated[
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
 ]
+_Store = Annotated[
+    Path, typer.Option(show_default=False, help="Folder of the runs; they are continued.")
+]
+_Written = Annotated[
+    Path,
+    typer.Option(
+        show_default=False,
+        help="File to write. If it exists, it keeps its calibration, and its wires are "
+        "replaced with --force.",
+    ),
+]
+_Serial = Annotated[
+    str | None,
+    typer.Option(help="Serial number of the head; only if the actuator does not know it."),
+]
+_Inputs = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=VALUE,...",
+        show_default=False,
+        help="highest: largest current in A, 0.4 if not given; bands of the model of each "
+        "wire, 12; hold: longest hold of a current in s, 40; minor-loops=yes: measure a "
+        "decaying staircase too, for inputs that turn back often: almost twice the holds of "
+        "the curves, and somewhat less error in wide loops; may be added later, with --force.",
+    ),
+]
+_Inspected = Annotated[
+    Path,
+    typer.Option(
+        show_default=False,
+        help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
+        "findings.json, report.html, pictures, and 3-D models of what was scanned.",
+    ),
+]
+_Advances = Annotated[
+    str,
+    typer.Option(
+        metavar="MM,...",
+        help="Advances of the catheter in mm from which it looks round; 0 without a catheter.",
+    ),
+]
+_Looking = Annotated[
+    str | None, typer.Option(help="Address, such as camera:/dev/video2. twin:pipe has its own.")
+]
+_Known = Annotated[
+    Path | None,
+    typer.Option(
+        help="File of the head, as head identify writes it. twin:pipe is identified without."
+    ),
+]
+_Probe = Annotated[
+    Path | None,
+    typer.Option(
+        help="TOML file of the pulser and the digitiser of a head of devices, which then also "
+        "scans what the camera finds; the pump must be a line of the bench."
+    ),
+]
+_Pipe = Annotated[
+    str | None, typer.Option(help="Identity of the pipe, for the report.", show_default=False)
+]
+_LeastWall = Annotated[
+    float | None,
+    _common.number_option("Wall in mm that must be left for a finding to be accepted."),
+]
+_Probed = Annotated[
+    str,
+    typer.Option(show_default=False, help="Its address: twin:pipe, the only head with a probe."),
+]
+_Swept = Annotated[
+    Path,
+    typer.Option(
+        show_default=False,
+        help="New or empty folder for journal.jsonl, findings.csv, findings.json and report.html.",
+    ),
+]
+_Around = Annotated[
+    str,
+    typer.Option(metavar="DEG,DEG", help="First and last angle around the pipe, 90 at the bottom."),
+]
+_Along = Annotated[str, typer.Option(metavar="MM,MM", help="First and last place along the pipe.")]
 
 
 @app.command(
@@ -83,32 +158,10 @@ _File = Annotated[
 )
 def identify(
     actuator: _Address,
-    store: Annotated[
-        Path, typer.Option(show_default=False, help="Folder of the runs; they are continued.")
-    ],
-    head: Annotated[
-        Path,
-        typer.Option(
-            show_default=False,
-            help="File to write. If it exists, it keeps its calibration, and its wires are "
-            "replaced with --force.",
-        ),
-    ],
-    serial: Annotated[
-        str | None,
-        typer.Option(help="Serial number of the head; only if the actuator does not know it."),
-    ] = None,
-    inputs: Annotated[
-        str,
-        typer.Option(
-            metavar="KEY=VALUE,...",
-            show_default=False,
-            help="highest: largest current in A, 0.4 if not given; bands of the model of each "
-            "wire, 12; hold: longest hold of a current in s, 40; minor-loops=yes: measure a "
-            "decaying staircase too, for inputs that turn back often: almost twice the holds of "
-            "the curves, and somewhat less error in wide loops; may be added later, with --force.",
-        ),
-    ] = "",
+    store: _Store,
+    head: _Written,
+    serial: _Serial = None,
+    inputs: _Inputs = "",
     camera: _Seeing = None,
     specimen: _Specimen = None,
     noise: _Noise = 0.0,
@@ -120,88 +173,26 @@ def identify(
 
     The exit status is 1 if a model is off by more than 5 % of the range of its wire in the check.
     """
-    from minorloop.connect import is_simulated
-    from minorloop_head.cli._camera_angles import kept_in, kept_view, seen_head, swept_view
-    from minorloop_head.cli._head_runs import RunsLeft
-    from minorloop_head.console.settings import is_pipe
-    from minorloop_head.procedures.head_file import HeadFile, read_head, save_head
-    from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
+    from minorloop_head.inspection import identify_head
+    from minorloop_head.procedures.identify import HeadExcitation
 
-    if store.exists() and not store.is_dir():
-        raise OutputError(f"--store is {store}, a file; give the name of a folder")
-    before = read_head(head) if head.exists() else None
-    if serial is not None:
-        replace(before or HeadFile(serial=serial), identified=None).check_fits(serial, head)
-    replaces = before is not None and before.identified is not None
-    if replaces and not force:
-        raise OutputError(
-            f"{head} has wires already; --force replaces them and keeps the calibration of the "
-            "camera"
-        )
-    _common.check_outputs([head], force=True)
-    how = called(HeadExcitation, "--inputs", parsed(inputs).options)
-    opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
-    pipe = is_pipe(actuator)
-    seen = _seen(actuator, camera, noise)
-    view = None if before is None or pipe else before.calibration
-
-    def checked(plant: Actuator) -> str:
-        number = _serial(plant, serial)
-        if before is not None:
-            replace(before, identified=None).check_fits(number, head)
-        if seen:
-            kept_view(store, number)
-        return number
-
-    if seen:
-        opened = partial(seen_head, actuator, camera, view, specimen=specimen, check=checked)
-    measurement = HeadMeasurement(
+    found = identify_head(
+        actuator,
         store,
-        {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
-        how,
-        lambda seed: opened(seed=seed),
-        lambda plant, opened: carry_out_levels(plant, opened, None, again=_AGAIN)[0],
-        pipe or is_simulated(actuator),
+        head,
+        called(HeadExcitation, "--inputs", parsed(inputs).options),
+        serial=serial,
+        camera=camera,
+        specimen=specimen,
+        noise=noise,
+        seed=seed,
+        force=force,
+        told=_said,
+        carry_out=lambda plant, store: carry_out_levels(plant, store, None, again=_AGAIN)[0],
     )
-    left = measurement.left()
-    with _common.interruptible(lambda: kept_in(store, seen=seen)), opened(seed=seed) as plant:
-        check_head(plant, seen=_CAMERA_HELPS)
-        number = checked(plant)
-        measurement = replace(measurement, told=RunsLeft(left, how.hold).told)
-        store.mkdir(parents=True, exist_ok=True)
-        if seen:
-            view = swept_view(store, plant, how.highest, number) or view
-            opened = partial(seen_head, actuator, camera, view, specimen=specimen)
-    found = replace(before or HeadFile(serial=number), identified=measurement.identified())
-    if found.calibration is not None and not pipe:
-        found = replace(found, calibration=view)
-    found.check_fits(number, head)  # old runs may be older than the calibration
-    save_head(found, head, force=True)
     _show(found, head, as_json)
     if found.identified is not None and found.identified.untrusted:
         raise typer.Exit(1)
-
-
-def _seen(actuator: str, camera: str | None, noise: float) -> bool:
-    """Return whether a camera gives the angles, which then have no noise of sensors."""
-    from minorloop_head.console.settings import is_pipe
-
-    seen = camera is not None or is_pipe(actuator)
-    if seen and noise:
-        raise ParameterError(
-            f"--noise is {noise:g}, and the angles are those of pictures; leave it out"
-        )
-    return seen
-
-
-def _serial(plant: Actuator, given: str | None) -> str:
-    """Return the serial number of a head, by the actuator or as given."""
-    known: str | None = getattr(plant, "serial", None)
-    if known is None and given is None:
-        raise ParameterError("the actuator has no serial number; give one with --serial")
-    if known is not None and given is not None and known != given:
-        raise ParameterError(f"--serial is {given!r}, and the head here is {known!r}; leave it out")
-    return str(known or given)
 
 
 def _show(found: HeadFile, path: Path, as_json: bool) -> None:
@@ -254,46 +245,29 @@ def drive(
     import numpy as np
 
     from minorloop.lab.conversion import read_column
-    from minorloop_head.cli._camera_angles import seen_head
-    from minorloop_head.cli._head_drive import (
-        UnfinishedDrive,
-        save_drive,
-        show_drive,
-        show_warnings,
-    )
+    from minorloop_head.cli import _head_drive
     from minorloop_head.geometry import AXES
+    from minorloop_head.inspection import drive_head
     from minorloop_head.procedures.head_file import read_head
-    from minorloop_head.procedures.identify import check_head
-    from minorloop_head.procedures.steer import check_targets, steer
 
     _common.check_outputs([save], inputs=[file, head], force=force)
-    known = read_head(head)
+    read_head(head)  # its errors come before those of the table
     columns = [read_column(file, name, "deg", "a head is driven") for name in AXES]
-    opened: Any = partial(_common.connected, actuator, noise=noise)
-    seen = _seen(actuator, camera, noise)
-    control = known.control(by_camera=seen)
-
-    def fits(plant: Actuator) -> None:
-        known.check_fits(getattr(plant, "serial", None), head)
-
-    if seen:
-        opened = partial(
-            seen_head, actuator, camera, known.calibration, cold=control.cold, check=fits
+    unfinished = _head_drive.UnfinishedDrive(save, force, as_json)
+    with unfinished.said():
+        result = drive_head(
+            np.column_stack(columns),
+            hold,
+            actuator,
+            head,
+            camera=camera,
+            specimen=specimen,
+            noise=noise,
+            seed=seed,
+            told=_said,
+            unfinished=unfinished,
         )
-    if known.identified is not None:
-        for doubt in known.identified.untrusted:
-            typer.echo(f"! {doubt}", err=True)
-    targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force, as_json)
-    check_targets(control, targets, hold)
-    with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:
-        check_head(plant, seen=_CAMERA_HELPS)
-        fits(plant)
-        control = known.control(interval=plant.tick, by_camera=seen)
-        result = steer(plant, control, targets, hold, unfinished=unfinished)
-    if save is not None:
-        save_drive(result, save, force)
-    show_drive(result, as_json)
-    show_warnings(result)
+    _head_drive.finish_drive(result, save, force, as_json)
     if not result.done:
         raise typer.Exit(1)
 
@@ -304,46 +278,15 @@ def drive(
 )
 def inspect(
     actuator: _Address,
-    out: Annotated[
-        Path,
-        typer.Option(
-            show_default=False,
-            help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
-            "findings.json, report.html, pictures, and 3-D models of what was scanned.",
-        ),
-    ],
-    advances: Annotated[
-        str,
-        typer.Option(
-            metavar="MM,...",
-            help="Advances of the catheter in mm from which it looks round; 0 without a catheter.",
-        ),
-    ] = "0",
-    camera: Annotated[
-        str | None, typer.Option(help="Address, such as camera:/dev/video2. twin:pipe has its own.")
-    ] = None,
-    head: Annotated[
-        Path | None,
-        typer.Option(
-            help="File of the head, as head identify writes it. twin:pipe is identified without."
-        ),
-    ] = None,
-    probe: Annotated[
-        Path | None,
-        typer.Option(
-            help="TOML file of the pulser and the digitiser of a head of devices, which then also "
-            "scans what the camera finds; the pump must be a line of the bench."
-        ),
-    ] = None,
+    out: _Inspected,
+    advances: _Advances = "0",
+    camera: _Looking = None,
+    head: _Known = None,
+    probe: _Probe = None,
     specimen: _Specimen = None,
     seed: _PipeSeed = 0,
-    pipe: Annotated[
-        str | None, typer.Option(help="Identity of the pipe, for the report.", show_default=False)
-    ] = None,
-    least_wall: Annotated[
-        float | None,
-        _common.number_option("Wall in mm that must be left for a finding to be accepted."),
-    ] = None,
+    pipe: _Pipe = None,
+    least_wall: _LeastWall = None,
     water: _water.Level = _water.FULL,
     resume: _Resume = False,
     as_json: _common.Json = False,
@@ -362,13 +305,6 @@ def inspect(
     from minorloop_head.vision.imaging import opencv
 
     places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
-    for place in places:
-        if not 0.0 <= place <= _FARTHEST:
-            raise ParameterError(f"--advances has {place:g}; give 0 to {_FARTHEST:g} mm")
-    if len(set(places)) < len(places):
-        raise ParameterError(
-            f"--advances is {advances}; give each place once, since what two views show counts more"
-        )
     opencv()  # before anything moves
     filling = _water.water_of(water)
     opened = inspected_head(
@@ -399,30 +335,10 @@ def inspect(
     "--out swept"
 )
 def sweep(
-    actuator: Annotated[
-        str,
-        typer.Option(
-            show_default=False,
-            help="Its address: twin:pipe, the only head with a probe.",
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            show_default=False,
-            help="New or empty folder for journal.jsonl, findings.csv, findings.json and "
-            "report.html.",
-        ),
-    ],
-    around: Annotated[
-        str,
-        typer.Option(
-            metavar="DEG,DEG", help="First and last angle around the pipe, 90 at the bottom."
-        ),
-    ] = "0,180",
-    along: Annotated[
-        str, typer.Option(metavar="MM,MM", help="First and last place along the pipe.")
-    ] = "19,21",
+    actuator: _Probed,
+    out: _Swept,
+    around: _Around = "0,180",
+    along: _Along = "19,21",
     specimen: _Specimen = None,
     seed: _PipeSeed = 0,
     water: _water.Level = _water.FULL,

@@ -33,52 +33,63 @@ _MM = 1e-3
 """Metres in a millimetre."""
 
 
+_Source = Annotated[
+    str, typer.Argument(help="A picture, a folder of pictures, or a video.", show_default=False)
+]
+_Head = Annotated[
+    Path | None, typer.Option(help="File of the head with the calibration of its camera.")
+]
+_Lens = Annotated[
+    str | None,
+    typer.Option(
+        metavar="F[,U,V[,K1,K2[,P1,P2,K3,FY]]]",
+        help="Instead of a head: focal length in pixels, centre of the picture, distortion, "
+        "and focal length along the columns if pixels are not square.",
+    ),
+]
+_Radius = Annotated[
+    float | None,
+    _common.number_option("Radius of the pipe in mm; that of the calibration if not given."),
+]
+_Lever = Annotated[
+    float,
+    _common.number_option("With --lens: from the pivot of the camera to its lens, in mm."),
+]
+_Pan = Annotated[
+    float | None,
+    _common.number_option(
+        "Line of sight from the axis, in deg; with --head, what the sensor of the joint reads."
+    ),
+]
+_Tilt = Annotated[float | None, _common.number_option("The same upward, in deg.")]
+_Poses = Annotated[
+    Path | None,
+    typer.Option(
+        help=_common.plain(
+            "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
+            "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning."
+        )
+    ),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="New or empty folder for findings.csv, unusable.csv, findings.json, report.html "
+        "and pictures with the findings marked."
+    ),
+]
+
+
 def run(
-    source: Annotated[
-        str, typer.Argument(help="A picture, a folder of pictures, or a video.", show_default=False)
-    ],
-    head: Annotated[
-        Path | None, typer.Option(help="File of the head with the calibration of its camera.")
-    ] = None,
-    lens: Annotated[
-        str | None,
-        typer.Option(
-            metavar="F[,U,V[,K1,K2[,P1,P2,K3,FY]]]",
-            help="Instead of a head: focal length in pixels, centre of the picture, distortion, "
-            "and focal length along the columns if pixels are not square.",
-        ),
-    ] = None,
-    radius: Annotated[
-        float | None,
-        _common.number_option("Radius of the pipe in mm; that of the calibration if not given."),
-    ] = None,
-    lever: Annotated[
-        float,
-        _common.number_option("With --lens: from the pivot of the camera to its lens, in mm."),
-    ] = 0.0,
-    pan: Annotated[
-        float | None,
-        _common.number_option(
-            "Line of sight from the axis, in deg; with --head, what the sensor of the joint reads."
-        ),
-    ] = None,
-    tilt: Annotated[float | None, _common.number_option("The same upward, in deg.")] = None,
-    poses: Annotated[
-        Path | None,
-        typer.Option(
-            help=_common.plain(
-                "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
-                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning."
-            )
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New or empty folder for findings.csv, unusable.csv, findings.json, report.html "
-            "and pictures with the findings marked."
-        ),
-    ] = None,
+    source: _Source,
+    head: _Head = None,
+    lens: _Lens = None,
+    radius: _Radius = None,
+    lever: _Lever = 0.0,
+    pan: _Pan = None,
+    tilt: _Tilt = None,
+    poses: _Poses = None,
+    out: _Out = None,
     as_json: _common.Json = False,
 ) -> None:
     """Find holes, pits and cracks in pictures of a pipe, each picture alone.

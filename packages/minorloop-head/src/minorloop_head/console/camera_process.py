@@ -33,9 +33,8 @@ from minorloop_head.console.supervisor import ProcessHandle
 from minorloop_head.console.units import to_shown
 from minorloop_head.console.watchdog import RemoteWires
 from minorloop_head.geometry import Pinhole
-from minorloop_head.procedures.actuator_plant import BenchTip
+from minorloop_head.procedures.actuator_plant import BenchTip, CameraTip
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.procedures.seen_angles import SeenAngles
 from minorloop_head.procedures.values import Tip
 from minorloop_head.sources import Frame
@@ -59,16 +58,9 @@ def run(
 ) -> None:
     """Run the camera until the control loop or the supervisor ends; for a process of its own.
 
-    Parameters
-    ----------
-    handle : ProcessHandle
-        Gives pipes to the control loop, to the server for pictures and jobs, and to the plant for
-        the lights of a bench.
-    settings : LoopSettings
-    calibration : HeadCalibration, optional
-        Of camera and probe; that of the tip without it.
-    cold : (float, float)
-        Pan and tilt of the cold head in degrees, as of `SeenAngles`.
+    ``handle``: gives pipes to the control loop, to the server for pictures and jobs, and to the
+    plant for the lights of a bench. ``calibration``: of camera and probe; that of the tip without
+    it. ``cold``: pan and tilt of the cold head in degrees, as of `SeenAngles`.
     """
     server, loop, plant = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, loop=loop, plant=plant)

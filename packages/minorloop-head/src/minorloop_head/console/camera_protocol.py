@@ -95,11 +95,8 @@ class RemoteCamera:
 
     Its ``problem``: as of `CameraLink`.
 
-    Parameters
-    ----------
-    channel : NewestPipe
-        To that process. Its first message on each pipe is the calibration of camera and probe,
-        or ``{"failed": sentence}``.
+    ``channel``: to that process. Its first message on each pipe is the calibration of camera and
+    probe, or ``{"failed": sentence}``.
     """
 
     def __init__(self, channel: NewestPipe) -> None:

@@ -12,10 +12,9 @@ import numpy as np
 from minorloop_head.console.units import degrees, mm
 from minorloop_head.geometry import Mount, Probe
 from minorloop_head.procedures.sweep_map import draw_pipe_map, mapped_share
-from minorloop_head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.reconstruction.depth_map import DepthMap, Patch, mesh_of
 from minorloop_head.reconstruction.findings import rounded
 from minorloop_head.reconstruction.fusion import wall_about
-from minorloop_head.reconstruction.mesh import mesh_of
 from minorloop_head.ultrasound.c_scan import CScan, c_scan
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe, sound_field

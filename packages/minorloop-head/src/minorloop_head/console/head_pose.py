@@ -92,17 +92,9 @@ def gaze(
 ) -> HeadPoseState:
     """Return the state after an interval with a pose.
 
-    Parameters
-    ----------
-    config : HeadPoseMap
-    state : HeadPoseState
-    pose : quaternion, optional
-        Newest pose; without one the command stays.
-    interval : float
-        Since the last step, in seconds.
-    clutch : bool
-        Whether the clutch is pressed: the command stays, and the pose at its release is the new
-        reference.
+    ``pose``: newest pose; without one the command stays. ``interval``: since the last step, in
+    seconds. ``clutch``: whether the clutch is pressed: the command stays, and the pose at its
+    release is the new reference.
     """
     if clutch:
         return anchored(state)

@@ -24,10 +24,7 @@ _SLOWEST = 3.0
 class Latency:
     """Ticks in which the head followed.
 
-    Parameters
-    ----------
-    interval : float
-        Length of a tick in seconds.
+    ``interval``: length of a tick in seconds.
     """
 
     interval: float
@@ -48,12 +45,9 @@ class Latency:
     ) -> None:
         """Take in a tick: ages in seconds, and directions in radians.
 
-        Parameters
-        ----------
-        tracker, waited, picture : float
-            Age of the pose when it was sent, time from then to this tick, age of the picture.
-        aimed, command, angle : (float, float)
-            What the pose asks for, what the head is told, and where it is.
+        ``tracker``, ``waited``, ``picture``: age of the pose when it was sent, time from then to
+        this tick, age of the picture; ``aimed``, ``command``, ``angle``: what the pose asks for,
+        what the head is told, and where it is.
         """
         self._ticks.append((tracker, waited, picture, *aimed, *command, *angle))
 

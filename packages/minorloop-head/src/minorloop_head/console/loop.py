@@ -61,16 +61,9 @@ def run(
 ) -> None:
     """Run the loop until the supervisor ends; for a process of its own.
 
-    Parameters
-    ----------
-    handle : ProcessHandle
-        Gives pipes to the server, to the plant, and to the camera, whose first message is its
-        calibration.
-    settings : LoopSettings
-    tracking : socket, optional
-        Receives the packets of a tracker of the operator's head.
-    control : HeadControl, optional
-        Of the head, which is identified without it.
+    ``handle``: gives pipes to the server, to the plant, and to the camera, whose first message is
+    its calibration; ``tracking``: receives the packets of a tracker of the operator's head;
+    ``control``: of the head, which is identified without it.
     """
     server, pictures, wires = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, camera=pictures, plant=wires)

@@ -61,14 +61,8 @@ def servoed(view: HeadCalibration, pixel: Pair, now: Reading) -> FloatArray:
 def ended(verdict: str, off: float | None, score: float = 1.0) -> str:
     """Return the sentence on a touch.
 
-    Parameters
-    ----------
-    verdict : str
-        Of `Marking`.
-    off : float, optional
-        Distance of the mark from the picked point in metres; None if it is not seen.
-    score : float
-        Of the recognition of the point when the touch began.
+    ``verdict``: of `Marking`. ``off``: distance of the mark from the picked point in metres; None
+    if it is not seen. ``score``: of the recognition of the point when the touch began.
     """
     said = _ended(verdict, off)
     if score < SURELY:

@@ -163,26 +163,15 @@ class DepthPatch(msgspec.Struct, frozen=True, kw_only=True):
 class ReportedFinding(msgspec.Struct, frozen=True, kw_only=True):
     """A measured defect; in mm and degrees, None where not known.
 
-    Parameters
-    ----------
-    number : int
-        From 1.
-    t : float
-        Time of the measurement, in seconds since the session began.
-    kind : str
-        ``pit``, ``hole`` or ``mark``; ``hole or pit`` where echoes have not decided; of a
-        sweep also ``crack``, ``cut by the edge`` or ``no echo`` with its reason.
-    verdict : str
-        Of the echoes; ``no echoes yet`` before there are any.
-    phi, z : float
-        Place on the wall.
-    diameter, depth : float
-    phi_sd, z_sd, diameter_sd, depth_sd : float
-        Standard deviations.
-    evidence : float
-        Logarithm of the odds, by the camera, that it is a hole or a pit; None if infinite, and of
-        a sweep.
-    patch : DepthPatch, optional
+    ``number``: from 1.
+    ``t``: time of the measurement, in seconds since the session began.
+    ``kind``: ``pit``, ``hole`` or ``mark``; ``hole or pit`` where echoes have not decided; of a
+    sweep also ``crack``, ``cut by the edge`` or ``no echo`` with its reason.
+    ``verdict``: of the echoes; ``no echoes yet`` before there are any.
+    ``phi``, ``z``: place on the wall.
+    ``phi_sd``, ``z_sd``, ``diameter_sd``, ``depth_sd``: standard deviations.
+    ``evidence``: logarithm of the odds, by the camera, that it is a hole or a pit; None if
+    infinite, and of a sweep.
     """
 
     number: int

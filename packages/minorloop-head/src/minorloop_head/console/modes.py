@@ -198,15 +198,8 @@ def push(
 ) -> Rates:
     """Return rates of advance and roll after an interval, in m/s and rad/s.
 
-    Parameters
-    ----------
-    config : StickMap
-    before : (float, float)
-        Present rates.
-    deflection : (float, float), optional
-        Forward and right, each from -1 to 1. None stops at once, as fast as the motors can.
-    interval : float
-        In seconds.
+    ``before``: present rates. ``deflection``: forward and right, each from -1 to 1. None stops at
+    once, as fast as the motors can. ``interval``: in seconds.
     """
     if deflection is None:
         return 0.0, 0.0

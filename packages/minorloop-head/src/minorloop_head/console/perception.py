@@ -79,15 +79,8 @@ def _unpicked(picked: tuple[float, float], pixel: FloatArray, error: MinorloopEr
 class Perception:
     """Camera, probe, and the processing of their data.
 
-    Parameters
-    ----------
-    tip : Tip
-    view : HeadCalibration
-        Their calibration.
-    later : Later
-        Runs longer computations.
-    seen : SeenAngles, optional
-        Reads the angles of joints without sensors from the pictures.
+    ``view``: their calibration; ``later``: runs longer computations; ``seen``: reads the angles of
+    joints without sensors from the pictures.
     """
 
     def __init__(

@@ -146,17 +146,9 @@ def open_tip(
 
     Raises a `ParameterError` if nothing can be steered at the address.
 
-    Parameters
-    ----------
-    address : str
-    specimen, seed : int
-        Of the simulated specimen, and of its noise and its pipe.
-    scale : float
-        Of the image; small images are drawn faster.
-    flow : callable, optional
-        Called when the pipe is flooded or drained, with a flag: ``flood`` of the plant.
-    water : Filling, optional
-        As in `open_plant`.
+    ``specimen``, ``seed``: of the simulated specimen, and of its noise and its pipe. ``scale``: of
+    the image; small images are drawn faster. ``flow``: called when the pipe is flooded or drained,
+    with a flag: ``flood`` of the plant. ``water``: as in `open_plant`.
     """
     if not is_pipe(address):
         raise ParameterError(f"{address!r} has no camera; give one, or {PIPE}, which has")

@@ -41,16 +41,9 @@ def supervised(
 ) -> None:
     """Run the console until a signal ends it.
 
-    Parameters
-    ----------
-    settings : LoopSettings
-    how : Serving
-    notify : callable
-        Shows a sentence on a restarted process to the user.
-    tracking : socket, optional
-        Receives the packets of a tracker of the operator's head; a restarted loop uses the same.
-    head : HeadFile, optional
-        Of the head, which is identified at the start without it.
+    ``notify``: shows a sentence on a restarted process to the user. ``tracking``: receives the
+    packets of a tracker of the operator's head; a restarted loop uses the same. ``head``: of the
+    head, which is identified at the start without it.
     """
     control, calibration, cold = None, None, (0.0, 0.0)
     if head is not None:

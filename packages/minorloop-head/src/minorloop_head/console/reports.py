@@ -217,13 +217,9 @@ class NumberedFindings:
 class Outgoing:
     """Messages and commands, in their order.
 
-    Attributes
-    ----------
-    events : collections.deque
-        Encoded messages to the pages, as bytes; whoever sends them takes them out. Any thread adds
-        to them.
-    commands : list of CameraCommand
-        Of this tick.
+    Its ``events``: encoded messages to the pages, as bytes; whoever sends them takes them out. Any
+    thread adds to them.
+    Its ``commands``: of this tick.
     """
 
     def __init__(self) -> None:

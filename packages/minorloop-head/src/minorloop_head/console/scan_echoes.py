@@ -40,15 +40,8 @@ class _Fired:
 class ScanEchoes:
     """Bursts of a scan in progress, each with the pose that the pictures show.
 
-    Parameters
-    ----------
-    view : HeadCalibration
-    finding : int
-        Its number.
-    centre : (float, float)
-        Phi in radians and z in metres by the camera.
-    diameter : float
-        By the camera, in metres.
+    ``finding``: its number; ``centre``: phi in radians and z in metres by the camera; ``diameter``:
+    by the camera, in metres.
     """
 
     def __init__(self, view: HeadCalibration, finding: int, centre: Pair, diameter: float) -> None:

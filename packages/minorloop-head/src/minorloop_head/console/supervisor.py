@@ -125,14 +125,8 @@ class _Running:
 class Supervisor:
     """Processes and the pipes between them.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-        In the order of their start.
-    pipes : sequence of (str, str)
-        Names of processes that have a pipe to each other.
-    notify : callable, optional
-        Shows a sentence to the user.
+    ``parts``: in the order of their start; ``pipes``: names of processes that have a pipe to each
+    other; ``notify``: shows a sentence to the user.
     """
 
     def __init__(

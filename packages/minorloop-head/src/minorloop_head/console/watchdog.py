@@ -238,15 +238,10 @@ class WatchedPlant:
 class RemotePlant:
     """The plant in another process, for the control loop.
 
-    Parameters
-    ----------
-    channel : NewestPipe
-        To that process.
-    patience : float
-        Seconds without an answer after which it counts as silent, and nothing waits any more.
-    wait : float, optional
-        Longest time in seconds that one exchange waits; the patience without it. A plant that is
-        late then costs a reading, which is NaN, and does not delay the loop.
+    ``channel``: to that process. ``patience``: seconds without an answer after which it counts as
+    silent, and nothing waits any more. ``wait``: longest time in seconds that one exchange waits;
+    the patience without it. A plant that is late then costs a reading, which is NaN, and does not
+    delay the loop.
     """
 
     def __init__(self, channel: NewestPipe, patience: float, wait: float | None = None) -> None:

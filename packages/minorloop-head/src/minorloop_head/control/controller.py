@@ -40,14 +40,10 @@ class Controller(Protocol):
     def step(self, state: Any, reference: float, measurement: float) -> tuple[float, Any]:
         """Return the current for the next interval and the next state; nothing changes in place.
 
+        The current is in A, within the limits.
+
         ``reference``: wanted angle, in degrees. ``measurement``: newest reading in degrees; NaN
         where there is none.
-
-        Returns
-        -------
-        current : float
-            In A, within the limits.
-        state
         """
 
 
@@ -119,20 +115,10 @@ def heating(
     The inverse of the operator gives the effective power, the inverse of the heating lag, with
     latent heat, the power that leads there.
 
-    Parameters
-    ----------
-    wire : HeatedWire
-    state : HeatedState
-        Of the wire.
-    reference : float
-        Wanted angle, in degrees.
-    response : float
-        Wanted time constant, in seconds.
-    ambient : float
-        Power that the surroundings add, in A^2.
-    steepest : float
-        Slope in degrees per A^2 that limits the power for an error, so that a small error does
-        not cross the whole width of the loop. Infinite for no such limit.
+    ``state``: of the wire. ``reference``: wanted angle, in degrees. ``response``: wanted time
+    constant, in seconds. ``ambient``: power that the surroundings add, in A^2. ``steepest``: slope
+    in degrees per A^2 that limits the power for an error, so that a small error does not cross the
+    whole width of the loop. Infinite for no such limit.
     """
     change = state.tracker.aim(reference, "clip") - state.power
     if math.isfinite(steepest):

@@ -234,20 +234,11 @@ class Guard:
     ) -> tuple[float, GuardState]:
         """Return the current for the next interval, within the limits; nothing is raised.
 
-        Parameters
-        ----------
-        state : GuardState
-        reference : float
-            Wanted angle in degrees; the last valid one is used if it is not a number.
-        measurement : float
-            Newest reading in degrees, or NaN.
-        t : float, optional
-            Time of the reading in seconds. A reading that is late is not used; during a gap the
-            current is assumed to have been on.
-        raw : float, optional
-            Reading of the sensor, if the measurement was computed from it and others.
-        asked : object, optional
-            What was asked for, if the reference was computed from it.
+        ``reference``: wanted angle in degrees; the last valid one is used if it is not a number.
+        ``measurement``: newest reading in degrees, or NaN. ``t``: time of the reading in seconds. A
+        reading that is late is not used; during a gap the current is assumed to have been on.
+        ``raw``: reading of the sensor, if the measurement was computed from it and others.
+        ``asked``: what was asked for, if the reference was computed from it.
         """
         whole = reference if asked is None else asked
         steps, read, notes, clock = self._passed(

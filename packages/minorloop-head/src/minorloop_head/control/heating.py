@@ -222,10 +222,8 @@ def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
     It is (axes, axes): entry [i, j] of sensor i and axis j; 1 on the diagonal. Raises a
     `SignalError` if there is not one record for each axis, or its axis did not move.
 
-    Parameters
-    ----------
-    records : sequence of (axes, T) array_like
-        One for each axis: readings of all sensors while that axis alone moved, in degrees.
+    ``records`` (axes, T): one for each axis: readings of all sensors while that axis alone moved,
+    in degrees.
     """
     readings = [as_samples(record, name=f"record {j}") for j, record in enumerate(records)]
     coupling = np.eye(len(readings))

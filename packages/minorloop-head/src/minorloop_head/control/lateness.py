@@ -110,19 +110,11 @@ class _DelayWatch:
     ) -> tuple[_Comparison | None, float]:
         """Return the comparison after one more reading, and the age of late ones in s; 0 if none.
 
-        Parameters
-        ----------
-        before : Comparison, optional
-            None if there was none.
-        recent : (3, n) array
-            Powers in A^2 up to the newest readings, angles of the loop before them, and readings in
-            degrees, NaN where there was none that is believed; oldest first.
-        estimates : tuple of Estimate
-            Of the loop, before the last powers.
-        error : float
-            Newest reading less what the loop expects, in degrees.
-        steps : int
-            Intervals since the last reading was due.
+        ``before``: none if there was none. ``recent`` (3, n): powers in A^2 up to the newest
+        readings, angles of the loop before them, and readings in degrees, NaN where there was none
+        that is believed; oldest first. ``estimates``: of the loop, before the last powers.
+        ``error``: newest reading less what the loop expects, in degrees. ``steps``: intervals since
+        the last reading was due.
         """
         powers, angles, readings = recent
         first, found = max(len(readings) - steps, 0), before
@@ -280,19 +272,10 @@ class LatenessWatch:
     ) -> Lateness:
         """Return what is known after one more reading; late ones are doubted for some time.
 
-        Parameters
-        ----------
-        before : Lateness
-        estimate : Estimate
-            Of the loop, before the current was applied.
-        current : float
-            In A, that was on until the reading.
-        reading : float
-            In degrees; NaN where there is none that is believed.
-        expected : float
-            What the loop expects, in degrees.
-        steps : int
-            Intervals since the last reading was due.
+        ``estimate``: of the loop, before the current was applied. ``current``: in A, that was on
+        until the reading. ``reading``: in degrees; NaN where there is none that is believed.
+        ``expected``: what the loop expects, in degrees. ``steps``: intervals since the last reading
+        was due.
         """
         recent = _observer_kernels.added(
             before.recent, current**2, estimate.wire.angle, reading, steps, self._kept

@@ -65,10 +65,7 @@ class WireLimits:
     def temperature(self, effective: float) -> float:
         """Return the highest temperature of a wire with an effective power, in degrees Celsius.
 
-        Parameters
-        ----------
-        effective : float
-            Effective power, in A^2.
+        ``effective``: effective power, in A^2.
         """
         return self.ambient + self.margin * self.rise * max(effective, 0.0)
 
@@ -77,15 +74,8 @@ class WireLimits:
 
         Latent heat is neglected: it would make the wire colder.
 
-        Parameters
-        ----------
-        wire : HeatedWire
-        effective : float
-            Its effective power now, in A^2.
-        bias : float
-            Power that the surroundings add, in A^2.
-        interval : float
-            In seconds.
+        ``effective``: its effective power now, in A^2; ``bias``: power that the surroundings add,
+        in A^2; ``interval``: in seconds.
         """
         reserve = (self.highest_power - effective) * (wire.lag + interval) / interval
         return max(effective + reserve - bias, 0.0)
@@ -93,10 +83,7 @@ class WireLimits:
     def stressed(self, angle: float) -> bool:
         """Whether the spring loads the wire beyond the stress that its maker advises.
 
-        Parameters
-        ----------
-        angle : float
-            In degrees.
+        ``angle``: in degrees.
         """
         compression = self.pulley * math.radians(max(angle, 0.0))
         area = 0.25 * math.pi * self.diameter**2

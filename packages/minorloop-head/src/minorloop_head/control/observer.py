@@ -121,14 +121,8 @@ class PowerObserver(Loop):
     def update(self, estimate: Estimate, current: float, measurement: float) -> Estimate:
         """Return the estimate one interval later, under a current.
 
-        Parameters
-        ----------
-        estimate : Estimate
-            Before.
-        current : float
-            In A.
-        measurement : float
-            Reading in degrees; NaN where there is none.
+        ``estimate``: before. ``current``: in A. ``measurement``: reading in degrees; NaN where
+        there is none.
         """
         return self.corrected(self.predicted(estimate, current), measurement)
 

@@ -162,17 +162,8 @@ class ReachWatch(Loop):
     ) -> ReachState:
         """Return the state one interval later.
 
-        Parameters
-        ----------
-        state : ReachState
-        reference : float
-            Target in degrees.
-        measurement : float
-            Reading in degrees; NaN where there is none.
-        current : float
-            In A, that was on.
-        estimate : Estimate
-            Of the wire now.
+        ``reference``: target in degrees. ``measurement``: reading in degrees; NaN where there is
+        none. ``current``: in A, that was on. ``estimate``: of the wire now.
         """
         if state.verdict is not None:
             state = self._kept(state, state.verdict, reference, measurement, current)

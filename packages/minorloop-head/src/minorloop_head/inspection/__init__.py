@@ -1,13 +1,24 @@
-"""Unattended inspections and sweeps of a pipe, which resume from any line of their journal.
+"""What a head does unattended: its identification, drives, inspections and sweeps of a pipe.
+
+Inspections and sweeps resume from any line of their journal, an identification from its last hold.
 
 ::
 
+    identify_head("bench:head.toml", "runs", "head.json")
     head = inspected_head("bench:head.toml", "camera:0", "head.json")
     found = inspect(head, "inspected", (0.0, 5e-3))
     found.findings, found.seen, found.report
 """
 
-from minorloop_head.inspection.heads import InspectedHead, Water, inspected_head, swept_head
+from minorloop_head.inspection.heads import (
+    InspectedHead,
+    Water,
+    drive_head,
+    inspected_head,
+    opened_head,
+    swept_head,
+)
+from minorloop_head.inspection.identification import identify_head
 from minorloop_head.inspection.inspect_pictures import inspect_pictures
 from minorloop_head.inspection.inspect_pipe import Inspection, inspect
 from minorloop_head.inspection.sweep_wall import SweptWall, sweep
@@ -17,9 +28,12 @@ __all__ = [
     "Inspection",
     "SweptWall",
     "Water",
+    "drive_head",
+    "identify_head",
     "inspect",
     "inspect_pictures",
     "inspected_head",
+    "opened_head",
     "sweep",
     "swept_head",
 ]

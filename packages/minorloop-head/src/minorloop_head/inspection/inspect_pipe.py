@@ -60,8 +60,8 @@ from minorloop_head.procedures.ring import Ring
 from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.steps import REFUSED
 from minorloop_head.procedures.values import LogEntry
+from minorloop_head.reconstruction.depth_map import save_mesh
 from minorloop_head.reconstruction.findings import finding_table
-from minorloop_head.reconstruction.mesh import save_mesh
 from minorloop_head.vision.frame_checks import GOOD
 from minorloop_head.vision.imaging import opencv
 
@@ -74,6 +74,8 @@ _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measu
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and what the camera cannot do."""
 _MOST_WALL = 0.1  # m, as of a calibration
+_FARTHEST = 10.0
+"""Longest advance in m: a catheter is some metres long."""
 
 
 _Value = TypeVar("_Value")
@@ -138,6 +140,16 @@ def inspect(
         If a device fails, or the head did not confirm that it is safe (`SafetyError`).
     """
     folder = Path(out)
+    for place in advances:
+        if not 0.0 <= place <= _FARTHEST:
+            raise ParameterError(
+                f"--advances has {1e3 * place:g}; give 0 to {1e3 * _FARTHEST:g} mm"
+            )
+    if len(set(advances)) < len(advances):
+        raise ParameterError(
+            f"--advances is {', '.join(f'{1e3 * each:g}' for each in advances)}; give each place "
+            "once, since what two views show counts more"
+        )
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
     if least_wall is not None and not 0.0 < least_wall <= _MOST_WALL:
         raise ParameterError(
@@ -244,20 +256,10 @@ def _restored(before: Before, calibration: HeadCalibration | None) -> Kept:
 class _Folder(Kept):
     """What an inspection has, kept in a folder: a journal, the findings so far, and pictures.
 
-    Parameters
-    ----------
-    folder : path
-        Existing, and empty but for an inspection that was cut off.
-    begun : dict
-        What is inspected, and by what.
-    before : Before
-        Journal of an inspection that was cut off.
-    rig : InspectionRig
-        The head: its clock is that of the journal.
-    known : Kept
-        What the inspection that was cut off has, and need not be measured again.
-    probe : bool
-        Whether the head has a probe.
+    ``folder``: existing, and empty but for an inspection that was cut off; ``begun``: what is
+    inspected, and by what; ``before``: journal of an inspection that was cut off; ``rig``: the
+    head: its clock is that of the journal; ``known``: what the inspection that was cut off has, and
+    need not be measured again; ``probe``: whether the head has a probe.
     """
 
     def __init__(

@@ -153,15 +153,8 @@ class Before:
         Raises a `RecordError` if there is no folder or no journal in it, or a line has an
         impossible value; a `ParameterError` if it is finished, or another one was begun.
 
-        Parameters
-        ----------
-        folder : path
-        begun : mapping
-            What is begun, and by what.
-        what : str
-            ``inspection`` or ``sweep``.
-        kinds : type
-            Union of the kinds of its lines.
+        ``begun``: what is begun, and by what; ``what``: ``inspection`` or ``sweep``; ``kinds``:
+        union of the kinds of its lines.
         """
         if not folder.is_dir():
             raise RecordError(
@@ -249,25 +242,12 @@ def _unreadable(file: Path) -> RecordError:
 class Journal:
     """A journal that is being written; each line is on the disk when its method returns.
 
-    Parameters
-    ----------
-    folder : path
-        Existing.
-    begun : mapping
-        What is begun, and by what.
-    before : Before
-        Of one that was cut off, which is continued.
-    clock : callable
-        Returns the time in seconds, that of the head: a simulated one computes slower or faster.
-    **kept : int
-        Number of views or bursts that are kept of it.
+    ``folder``: existing; ``begun``: what is begun, and by what; ``before``: of one that was cut
+    off, which is continued; ``clock``: returns the time in seconds, that of the head: a simulated
+    one computes slower or faster; ``**kept``: number of views or bursts that are kept of it.
 
-    Attributes
-    ----------
-    began : str
-        When its first line was written.
-    resumed : list of str
-        When it was continued.
+    Its ``began``: when its first line was written.
+    Its ``resumed``: when it was continued.
     """
 
     def __init__(

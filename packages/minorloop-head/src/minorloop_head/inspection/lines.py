@@ -45,8 +45,7 @@ from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.ultrasound.echoes import DEAD_TIME
 from minorloop_head.ultrasound.echoes import Burst as MeanBurst
 from minorloop_head.ultrasound.pits import MEASURED, PitDepth
-from minorloop_head.ultrasound.profile import Profile
-from minorloop_head.ultrasound.wall_echoes import SweptBurst
+from minorloop_head.ultrasound.wall_echoes import Profile, SweptBurst
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
 
@@ -174,14 +173,9 @@ def visit_row(
     None is not tried. Without an echo of the wall a place is not scanned, and whether it is within
     reach not known.
 
-    Parameters
-    ----------
-    view : InspectedView
-    thickness : float
-        Of the wall, in metres: ``wall`` is what is left of it.
-    least_wall : float, optional
-        That is accepted, in mm: the lower end of the 90 % band of what is left is compared. Of a
-        depth that is not measured, such as that of an uneven floor, it is not known.
+    ``thickness``: of the wall, in metres: ``wall`` is what is left of it. ``least_wall``: that is
+    accepted, in mm: the lower end of the 90 % band of what is left is compared. Of a depth that is
+    not measured, such as that of an uneven floor, it is not known.
     """
     assert view.finding is not None
     left = thickness - view.finding.depth

@@ -123,20 +123,9 @@ def inspection_report(
 ) -> Report:
     """Return the report of an inspection.
 
-    Parameters
-    ----------
-    content : dict
-        Of ``findings.json``.
-    found : sequence of InspectedView
-        Views with a finding, in the order of ``content["findings"]``.
-    lost : sequence of Unconfirmed
-    seen : SeenWall, optional
-        What the camera saw.
-    water : WaterLine, optional
-    walls : mapping of str to DepthMap
-        The wall about findings that were scanned, by the name of the view.
-    scans : mapping of str to CScan
-        Amplitude and depth of their echoes.
+    ``content``: of ``findings.json``; ``found``: views with a finding, in the order of
+    ``content["findings"]``; ``seen``: what the camera saw; ``walls``: the wall about findings that
+    were scanned, by the name of the view; ``scans``: amplitude and depth of their echoes.
     """
     rows = content["findings"]
     report = Report(f"Inspection by head {content['head']}", summary(content))

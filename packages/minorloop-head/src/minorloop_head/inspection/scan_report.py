@@ -18,7 +18,7 @@ from minorloop.report import Picture, Report, Table
 from minorloop_head.inspection.report import with_sd, written
 from minorloop_head.reconstruction.findings import rounded
 from minorloop_head.ultrasound.scan_flaws import ScanFlaw, ScanFlaws
-from minorloop_head.ultrasound.synthetic_aperture import Field, envelope, recorded_field
+from minorloop_head.ultrasound.scan_surfaces import Field, envelope, recorded_field
 
 COLUMNS = (
     "no.",
@@ -133,10 +133,7 @@ def scan_summary(content: dict[str, Any]) -> str:
 def keep_scan(found: ScanFlaws, out: PathLike, source: str) -> dict[str, Any]:
     """Write findings and report into a new or empty folder, and return the findings.
 
-    Raises
-    ------
-    OutputError
-        If the folder is not empty, or cannot be written.
+    Raises an `OutputError` if the folder is not empty, or cannot be written.
     """
     content = scan_content(found, source)
     with new_folder(out) as folder:

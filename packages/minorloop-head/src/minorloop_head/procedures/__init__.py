@@ -1,13 +1,9 @@
-"""Steps of an inspection that any loop drives: a mission without an operator, a console, a study.
+"""Steps of an inspection that any loop drives: one without an operator, a console, a study.
 
-A procedure is frozen configuration. `begin` gives its state; `step` takes the state and a
-`Reading` and returns the next state and a `Request`::
+A procedure is a generator: it yields a `Request`, is sent the `Reading` of the tick after it, and
+returns its result; `yield from` makes it a part of another one::
 
-    go = Go()
-    state, request = go.begin(angles=(0.2, 0.1)), Request()
-    while not state.done:
-        state, request = go.step(state, reading)
-        ...  # carry out the request, wait for a tick, read
+    rig.run(go(angles=(0.2, 0.1)))
 
-`InspectionRig` is that loop. All angles are in radians, lengths in metres, times in seconds.
+`InspectionRig` is such a loop. Angles are in radians, lengths in metres, times in seconds.
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,11 +13,25 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.actuator import Actuator
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.values import Tip
 from minorloop_head.sources import Frame, Shot
+from minorloop_head.vision.calibrated_camera import Image
+from minorloop_head.vision.frame_checks import (
+    BLACK,
+    FROZEN,
+    NO_PICTURE,
+    SATURATED,
+    TORN,
+    WRONG_SIZE,
+    check_frame,
+)
+from minorloop_head.vision.video import LiveCamera
 
 if TYPE_CHECKING:
     from minorloop.lab.drivers.bench import Clock
     from minorloop_head.procedures.digitiser import Digitiser
+
 
 _PUMP = "pump"
 """Name of the digital line that floods the pipe."""
@@ -57,14 +72,10 @@ class ActuatorPlant:
 
     Raises a `ParameterError` if the actuator has other channels, or as `check_axes`.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        Two currents in A, two angles in degrees; with a catheter also advance in mm/s and mm and
-        roll in deg/s and deg. Without one, advance and roll stay 0. Two currents alone are a head
-        without sensors: its angles are NaN, and have to be seen by its camera.
-    clock : Clock, optional
-        Keeps the ticks: an exchange begins a tick after the one before. Without it the caller does.
+    ``actuator``: two currents in A, two angles in degrees; with a catheter also advance in mm/s and
+    mm and roll in deg/s and deg. Without one, advance and roll stay 0. Two currents alone are a
+    head without sensors: its angles are NaN, and have to be seen by its camera. ``clock``: keeps
+    the ticks: an exchange begins a tick after the one before. Without it the caller does.
     """
 
     def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:
@@ -124,14 +135,11 @@ class ActuatorPlant:
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 
+        Returns pan and tilt of the joints, advance and roll (4,), in rad and m; NaN for angles
+        without a sensor.
+
         Raises a `LimitError` if an input is beyond its limits, and nothing is applied then; an
         `InstrumentError` if a device fails, and the head is safe then.
-
-        Returns
-        -------
-        (4,) array
-            Pan and tilt of the joints, advance and roll, in rad and m; NaN for angles without a
-            sensor.
         """
         self._wait()
         count, read = self._count, np.zeros(4)
@@ -191,7 +199,7 @@ class ActuatorPlant:
 class BenchTip:
     """The tip of a head on a bench: lights and a pump, perhaps a probe, and no focus.
 
-    Its pictures come from a camera of its own, see `minorloop_head.procedures.camera_tip`.
+    Its pictures come from a camera of its own, see `minorloop_head.procedures.actuator_plant`.
     """
 
     def __init__(self, wires: Wires, probe: Digitiser | None = None) -> None:
@@ -229,3 +237,86 @@ class BenchTip:
         if self._probe is not None:
             return self._probe.shots(count)
         raise InstrumentError(NO_PROBE)
+
+
+_SAID = {
+    FROZEN: "repeats the same picture; restart it",
+    f"{BLACK}, {FROZEN}": "repeats the same black picture; check its lights, or restart it",
+    f"{SATURATED}, {FROZEN}": "repeats the same white picture; check its exposure, or restart it",
+    TORN: "gives torn pictures; check its cable",
+    NO_PICTURE: "gives noise or an even grey; check its cable",
+}
+
+
+class CameraTip:
+    """Lights, focus and probe of a tip, and the pictures of a camera, which are checked.
+
+    ``view``: of the camera.
+    """
+
+    def __init__(self, tip: Tip, camera: LiveCamera, view: HeadCalibration) -> None:
+        self._tip, self._camera = tip, camera
+        self._lens, self._latency = view.lens, view.latency
+        self._before: Image | None = None
+        self._lit, self._settled = True, 0.0
+
+    def frame(self) -> Frame:
+        """Return the newest picture under the present lights; wait for it after they were switched.
+
+        Raises an `InstrumentError` as `newest` does.
+        """
+        while (found := self.newest()) is None:
+            pass
+        return found
+
+    def newest(self) -> Frame | None:
+        """Return the newest picture; None if it may show the lights before they were switched.
+
+        Raises an `InstrumentError` if none comes in time, or it has another size than calibrated,
+        repeats the last one, is torn, or is no picture.
+        """
+        found = self._camera.frame()
+        if found.t < self._settled:
+            return None
+        verdict = check_frame(found.image, self._lens, self._before, lit=self._lit)
+        before = self._before
+        if verdict in (BLACK, SATURATED) and before is not None:
+            verdict += f", {FROZEN}" if np.array_equal(found.image, before) else ""
+        self._before = found.image
+        if verdict == WRONG_SIZE:
+            height, width = found.image.shape
+            self._camera.renew()
+            raise InstrumentError(
+                f"{self._camera.address} gives pictures of {width} by {height} pixels and was "
+                f"calibrated with {self._lens.width} by {self._lens.height}; set its size, or give "
+                "its calibration with --head"
+            )
+        if verdict in _SAID:
+            raise InstrumentError(f"{self._camera.address} {_SAID[verdict]}")
+        return found
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Set which lights are on from the next frame."""
+        self._lit = any(lights)
+        self._tip.switch(lights)
+        self._settled = time.monotonic() + self._latency
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set exposure time in seconds and gain of the camera."""
+        self._camera.expose(exposure, gain)
+
+    def move_to(self, stance: tuple[float, ...]) -> None:
+        """Take over the pose of the plant."""
+        self._tip.move_to(stance)
+
+    def focus_at(self, distance: float) -> None:
+        """Set the focus of the tip to a distance in metres."""
+        self._tip.focus_at(distance)
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water for the probe, or drain it."""
+        self._tip.flood(on)
+
+    def shots(self, count: int) -> list[Shot]:
+        """Fire pulses, one after the other."""
+        return self._tip.shots(count)

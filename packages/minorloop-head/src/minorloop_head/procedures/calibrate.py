@@ -262,19 +262,11 @@ def calibrate_mount(
     Raises a `RecordError` if angles are missing or in another unit, or the pictures do not
     determine the mount.
 
-    Parameters
-    ----------
-    pictures : TargetPictures
-    lens : Pinhole
-    angles : path, optional
-        Table with columns ``picture``, ``pan [deg]`` and ``tilt [deg]``; without it, the names of
-        the pictures have the angles.
-    corner_sd, angle_sd : float
-        Standard deviations of a corner in pixels and of an angle in degrees.
-    on_axis : bool
-        Whether the target is square to the pipe with its middle on the axis.
-    centre_sd : (float, float)
-        Standard deviations of the principal point, in pixels.
+    ``angles``: table with columns ``picture``, ``pan [deg]`` and ``tilt [deg]``; without it, the
+    names of the pictures have the angles. ``corner_sd``, ``angle_sd``: standard deviations of a
+    corner in pixels and of an angle in degrees. ``on_axis``: whether the target is square to the
+    pipe with its middle on the axis. ``centre_sd``: standard deviations of the principal point, in
+    pixels.
     """
     target = pictures.target
     if not target.oriented:
@@ -314,21 +306,13 @@ def calibrate_hand_eye(
 ) -> HandEyeFit:
     """Fit the pose of the camera on the flange of a robot to pictures of a target at rest.
 
-    Parameters
-    ----------
-    pictures : TargetPictures
-    lens : Pinhole
-    robot : path
-        Table with columns ``picture``, ``x``, ``y`` and ``z`` in mm or m, and a rotation vector
-        ``rx``, ``ry`` and ``rz`` in deg or rad, or a quaternion ``qw``, ``qx``, ``qy`` and ``qz``:
-        poses of the flange in the base.
-    corner_sd : float
-        Standard deviation of a corner, in pixels.
+    Raises a `RecordError` if the table or a row is missing, or the pictures do not determine the
+    pose.
 
-    Raises
-    ------
-    RecordError
-        If the table or a row is missing, or the pictures do not determine the pose.
+    ``robot``: table with columns ``picture``, ``x``, ``y`` and ``z`` in mm or m, and a rotation
+    vector ``rx``, ``ry`` and ``rz`` in deg or rad, or a quaternion ``qw``, ``qx``, ``qy`` and
+    ``qz``: poses of the flange in the base; ``corner_sd``: standard deviation of a corner, in
+    pixels.
     """
     _check_size(pictures, lens)
     if not pictures.target.oriented:
@@ -379,13 +363,9 @@ def calibrate_leds(
 ) -> tuple[FloatArray, tuple[Measured, ...]]:
     """Fit the positions of LEDs to their reflections, one folder for each LED.
 
-    Raises a `RecordError` if a folder has too few reflections, or of several LEDs.
+    Returns positions (N, 3) in the camera, in metres, and the results with standard deviations.
 
-    Returns
-    -------
-    positions : (N, 3) array
-        In the camera, in metres.
-    measured : tuple of Measured
+    Raises a `RecordError` if a folder has too few reflections, or of several LEDs.
     """
     positions, measured = [], []
     for number, pictures in enumerate(folders, 1):
@@ -461,34 +441,19 @@ def calibrate_head(
 ) -> CalibratedHead:
     """Calibrate lens, mount and LEDs of a head from folders of pictures of a flat target.
 
-    Parameters
-    ----------
-    before : HeadFile
-        The head as known so far; what is not measured keeps its value.
-    target : ExpectedTarget
-    pictures, mount : path, optional
-        Folders of pictures everywhere in the image, for the lens, and of a target at rest at
-        several angles of the joints.
-    angles : path, optional
-        Table of the angles of the joints, as of `calibrate_mount`, or of the poses of a flange, as
-        of `calibrate_hand_eye`.
-    angle_sd : float
-        Standard deviation of an angle of the joints, in degrees.
-    leds : (N, 3) array, optional
-        Positions of the LEDs in the camera, in metres.
-    led_pictures : path, optional
-        Instead of them: folder with a folder of pictures for each LED.
-    radius, thickness : float, optional
-        Of the pipe and its wall, in metres.
-    told : callable
-        Is given a text on the progress.
+    Raises a `ParameterError` if there is nothing to calibrate, or the lens is not known; a
+    `RecordError` if pictures or tables do not determine what they are for.
 
-    Raises
-    ------
-    ParameterError
-        If there is nothing to calibrate, or the lens is not known.
-    RecordError
-        If pictures or tables do not determine what they are for.
+    ``before``: the head as known so far; what is not measured keeps its value.
+    ``pictures``, ``mount``: folders of pictures everywhere in the image, for the lens, and of a
+    target at rest at several angles of the joints.
+    ``angles``: table of the angles of the joints, as of `calibrate_mount`, or of the poses of a
+    flange, as of `calibrate_hand_eye`.
+    ``angle_sd``: standard deviation of an angle of the joints, in degrees.
+    ``leds`` (N, 3): positions of the LEDs in the camera, in metres.
+    ``led_pictures``: instead of them: folder with a folder of pictures for each LED.
+    ``radius``, ``thickness``: of the pipe and its wall, in metres.
+    ``told``: is given a text on the progress.
     """
     if not (pictures or mount or led_pictures or leds is not None):
         raise ParameterError("there is nothing to calibrate; give --pictures, --mount or --leds")

@@ -17,12 +17,16 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.meter import LIMITS
 from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, held_since, passed
 from minorloop_head.vision.calibrated_camera import Image
-from minorloop_head.vision.hold import PointHold
-from minorloop_head.vision.jacobian import wall_depth
 from minorloop_head.vision.recentre import CLICKED, outline_about
 from minorloop_head.vision.reflectance_map import LitFrame
-from minorloop_head.vision.servo import Cone, Servo, ServoStep
-from minorloop_head.vision.sighting import sighted_angles
+from minorloop_head.vision.servo import (
+    Cone,
+    PointHold,
+    Servo,
+    ServoStep,
+    sighted_angles,
+    wall_depth,
+)
 from minorloop_head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
 
 CONE = Cone(half=REACH)

@@ -77,20 +77,10 @@ class DigitiserSettings(LinkSettings, kw_only=True):
 class Digitiser:
     """An `EchoSource` of instruments.
 
-    Parameters
-    ----------
-    settings : DigitiserSettings
-    link : Link
-        To the digitiser.
-    pulser : (PulserSettings, Link), optional
-        Without it, arming the digitiser fires.
-    clock : callable
-        Gives the time of a shot, in seconds.
+    Raises an `InstrumentError` if an instrument does not answer.
 
-    Raises
-    ------
-    InstrumentError
-        If an instrument does not answer.
+    ``link``: to the digitiser; ``pulser``: without it, arming the digitiser fires; ``clock``: gives
+    the time of a shot, in seconds.
     """
 
     def __init__(
@@ -118,10 +108,7 @@ class Digitiser:
     def shot(self) -> Shot:
         """Fire one pulse, and return what is received.
 
-        Raises
-        ------
-        InstrumentError
-            If an instrument does not answer, or a sample is missing.
+        Raises an `InstrumentError` if an instrument does not answer, or a sample is missing.
         """
         how, link = self._settings, self._link
         if how.arm is not None:
@@ -168,12 +155,8 @@ def _carry_out(lines: list[str], done: str, link: Link) -> None:
 def open_digitiser(path: PathLike, clock: Callable[[], float] = time.monotonic) -> Digitiser:
     """Open the pulser and the digitiser in a TOML file.
 
-    Raises
-    ------
-    ParameterError
-        If the file is not valid.
-    InstrumentError
-        If an instrument is missing, or does not answer.
+    Raises a `ParameterError` if the file is not valid; an `InstrumentError` if an instrument is
+    missing, or does not answer.
     """
     place = Path(path)
     try:

@@ -80,14 +80,8 @@ class _Noted:
 class FaultLog:
     """Collects the faults of the axes while a head is driven.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the axes.
-    interval : float
-        From a step to the next if none is late, in seconds.
-    delay : int
-        Age in intervals of the pictures that the control is set up for.
+    ``names``: of the axes; ``interval``: from a step to the next if none is late, in seconds;
+    ``delay``: age in intervals of the pictures that the control is set up for.
     """
 
     def __init__(self, names: Sequence[str], interval: float, delay: int = 1) -> None:
@@ -102,15 +96,8 @@ class FaultLog:
     def note(self, t: float, state: HeadState, why: str = "", age: float = math.nan) -> None:
         """Take the state of the control after a step.
 
-        Parameters
-        ----------
-        t : float
-            In seconds.
-        state : HeadState
-        why : str
-            Why the newest picture did not show the angles, if it is known.
-        age : float
-            Of that picture in seconds; NaN if it is not known.
+        ``t``: in seconds. ``why``: why the newest picture did not show the angles, if it is known.
+        ``age``: of that picture in seconds; NaN if it is not known.
         """
         if age > (self._delay + 1) * self._interval:  # from then on a law turns back too late
             self._old.append((t, age))

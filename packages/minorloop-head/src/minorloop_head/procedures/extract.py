@@ -35,14 +35,8 @@ def acquisition(gain: float) -> Procedure[tuple[LitFrame, ...]]:
 def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[LitFrame, ...]:
     """Return the frames of an acquisition by a camera that does not move.
 
-    Parameters
-    ----------
-    camera : LitCamera
-        Its lights are all on afterwards.
-    angles : (2,) array_like
-        Pan and tilt as measured, in radians.
-    gain : float
-        Under all lights.
+    ``camera``: its lights are all on afterwards; ``angles`` (2,): pan and tilt as measured, in
+    radians; ``gain``: under all lights.
     """
 
     def carry_out(request: Request) -> None:

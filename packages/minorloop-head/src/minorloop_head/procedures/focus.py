@@ -46,14 +46,8 @@ def focus(lens: Pinhole, pixel: npt.ArrayLike, guess: float) -> Procedure[FocusP
 
     Raises a `ParameterError` if the guess is not within the limits of the focus.
 
-    Parameters
-    ----------
-    lens : Pinhole
-        Its size is that of a frame.
-    pixel : (2,) array_like
-        Middle of the region.
-    guess : float
-        In metres.
+    ``lens``: its size is that of a frame; ``pixel`` (2,): middle of the region; ``guess``: in
+    metres.
     """
     if not _NEAREST <= guess <= _FARTHEST:
         raise ParameterError(
@@ -130,13 +124,8 @@ class FocusPeak:
 def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
     """Return the mean squared slope of the logarithm about a pixel; NaN if too dark.
 
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-    pixel : (2,) array_like
-        Column and row of the centre of the region.
-    size : int
-        Side of the region in pixels; parts outside of the image are left out.
+    ``pixel`` (2,): column and row of the centre of the region. ``size``: side of the region in
+    pixels; parts outside of the image are left out.
 
     Notes
     -----
@@ -167,14 +156,8 @@ def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
 def peak_of(curve: FloatArray, guess: float, least: int) -> FocusPeak:
     """Find the peak of a sweep: that of a parabola through the top of the curve.
 
-    Parameters
-    ----------
-    curve : (N, 2) array
-        Distances in metres, nearest first, and sharpness; NaN where unknown.
-    guess : float
-        Distance without a peak, in metres.
-    least : int
-        Least number of known values.
+    ``curve`` (N, 2): distances in metres, nearest first, and sharpness; NaN where unknown.
+    ``guess``: distance without a peak, in metres. ``least``: least number of known values.
     """
     known = curve[np.isfinite(curve[:, 1])]
     if len(known) < least:

@@ -32,18 +32,11 @@ def go(
 ) -> Procedure[bool]:
     """Travel with the catheter, let its tip rest, and turn the head; return whether both arrived.
 
-    Parameters
-    ----------
-    place : (2,) array_like, optional
-        Advance and roll of the catheter; it stays without.
-    angles : (2,) array_like, optional
-        Pan and tilt; the head stays without. It begins to turn while the catheter travels.
-    patience : float
-        Seconds after which the catheter stays where it is: friction may hold it off.
-    still : float
-        Seconds for which the head stays at its angles.
-    turning : float
-        Seconds after which the head stays where it is; a wire cools slowly.
+    ``place`` (2,): advance and roll of the catheter; it stays without. ``angles`` (2,): pan and
+    tilt; the head stays without. It begins to turn while the catheter travels. ``patience``:
+    seconds after which the catheter stays where it is: friction may hold it off. ``still``: seconds
+    for which the head stays at its angles. ``turning``: seconds after which the head stays where it
+    is; a wire cools slowly.
     """
     wanted = None if angles is None else np.asarray(angles, dtype=np.float64)
     arrived, now = True, (yield NOW)

@@ -206,8 +206,8 @@ class _Identified(_HeadPart):
     wires: Annotated[list[AnyModel], msgspec.Meta(min_length=2, max_length=2)]
     coupling: list[list[float]]
     limits: WireLimits
-    check: list[CheckedAxis]
-    advice: list[str]
+    check: tuple[CheckedAxis, ...]
+    advice: tuple[str, ...]
 
 
 class _Calibrated(_HeadPart):
@@ -318,18 +318,8 @@ def _wires(part: _Identified) -> IdentifiedWires:
         if not isinstance(wire, HeatedWire):
             raise ParameterError(f"a wire is of kind {kind_of(wire)!r}; it has to be heated-wire")
         within(f"the lag of {name}", wire.lag, *_LAGS, "s")
-    return IdentifiedWires(
-        on=part.on,
-        wires=wires,
-        coupling=np.array(part.coupling, dtype=np.float64),
-        limits=part.limits,
-        highest=part.highest,
-        check=tuple(part.check),
-        advice=tuple(part.advice),
-        address=part.address,
-        stores=part.stores,
-        minorloop=part.minorloop,
-    )
+    known = {name: getattr(part, name) for name in part.__struct_fields__}
+    return IdentifiedWires(**known | {"wires": wires, "coupling": np.array(part.coupling, float)})
 
 
 def _moment(when: datetime) -> str:

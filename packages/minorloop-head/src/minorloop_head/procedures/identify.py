@@ -58,7 +58,7 @@ Connect = Callable[[int], AbstractContextManager[Actuator]]
 """Opens the actuator for a run with the seed of its noise."""
 Told = Callable[[str], None]
 """Takes the name of a run that begins."""
-_CarryOut = Callable[[Actuator, Store], ResumeMode]
+CarryOut = Callable[[Actuator, Store], ResumeMode]
 """Carries out the rest of the plan in a store, as `minorloop.lab.run.run` does."""
 
 
@@ -125,7 +125,7 @@ class HeadMeasurement:
     """Address, specimen, seed and options of the actuator, as in `Setup`."""
     excitation: HeadExcitation
     connect: Connect
-    carry_out: _CarryOut
+    carry_out: CarryOut
     simulated: bool = True
     """Whether the noise of the actuator has a seed; each run then has its own."""
     told: Told = lambda run: None
@@ -285,11 +285,7 @@ def check_head(plant: Actuator, seen: str = "") -> None:
     Raises a `ParameterError` if it has not two currents in A and two angles in degrees, or as
     `check_axes`.
 
-    Parameters
-    ----------
-    plant : Actuator
-    seen : str
-        End of the sentence on a head without sensors: what else can give its angles.
+    ``seen``: end of the sentence on a head without sensors: what else can give its angles.
     """
     units = [channel.unit for channel in (*plant.inputs, *plant.outputs)]
     if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:

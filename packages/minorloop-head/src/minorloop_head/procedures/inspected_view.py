@@ -24,16 +24,6 @@ from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
 from minorloop_head.vision.frame_checks import BLURRED, CLEAR, GOOD, VEILED, clarity
 
-__all__ = [
-    "InspectedView",
-    "Unconfirmed",
-    "first_visit",
-    "lens_words",
-    "unconfirmed",
-    "view_with",
-    "with_finding",
-]
-
 _NOT_SCANNED = "not scanned"
 """Verdict of the echoes of a finding that was not scanned."""
 _UNCLEAR = {BLURRED: "blurred, if the wall is not smooth,", VEILED: "veiled"}

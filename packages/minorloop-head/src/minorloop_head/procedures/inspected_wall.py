@@ -29,10 +29,10 @@ from minorloop_head.reconstruction.depth_map import (
     unseen_map,
 )
 from minorloop_head.reconstruction.fusion import PATCH
-from minorloop_head.ultrasound.burst_checks import usable_bursts
 from minorloop_head.ultrasound.c_scan import CScan, c_scan
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_map
 from minorloop_head.ultrasound.pits import PitDepth
+from minorloop_head.ultrasound.spectra import usable_bursts
 from minorloop_head.ultrasound.wall_echoes import SweptBurst
 from minorloop_head.vision.calibrated_camera import unroll
 from minorloop_head.vision.cracks import TracedCrack
@@ -40,8 +40,6 @@ from minorloop_head.vision.defects import SIZES, Hole
 from minorloop_head.vision.frame_checks import GOOD
 from minorloop_head.vision.imaging import Image32
 from minorloop_head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_flat
-
-__all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
 
 _EDGE = 0.6e-3
 """Metres beside the edge of a picture in which a hole is cut, and not found."""

@@ -65,8 +65,6 @@ from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, Hole, strongest
 from minorloop_head.vision.frame_checks import GOOD
 
-__all__ = ["inspect_wall", "unvisited", "views_of"]
-
 NO_ECHO = "a line that one view on the way round showed, and no echo of its depth"
 """Why a line that was traced again is no finding."""
 ONE_PLACE = "not centred, and shown by pictures from one place only, without an echo of a defect"
@@ -148,16 +146,10 @@ def inspect_wall(
     Raises an `InstrumentError` if a device fails, a sensor is lost, or the camera gives no good
     picture for some time. What was kept before stays valid.
 
-    Parameters
-    ----------
-    rig : InspectionRig
-    advances : sequence of float
-        Places of the catheter in metres. A head without one stays where it is.
-    kept : Kept, optional
-        Of an inspection of the same wall that was cut off: what it has is not measured again.
-    unscanned : str, optional
-        Why the probe of the head scans nothing, as of `Probing`; without it only the camera is
-        used.
+    ``advances``: places of the catheter in metres. A head without one stays where it is. ``kept``:
+    of an inspection of the same wall that was cut off: what it has is not measured again.
+    ``unscanned``: why the probe of the head scans nothing, as of `Probing`; without it only the
+    camera is used.
     """
     kept, radius = kept or Kept(), rig.calibration.radius
     probing = None if unscanned is None else Probing(rig, kept, unscanned)

@@ -37,7 +37,7 @@ from minorloop_head.procedures.values import (
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.new_mark import new_mark
 from minorloop_head.vision.recentre import FOUND, outline_about
-from minorloop_head.vision.sighting import sighted_angles
+from minorloop_head.vision.servo import sighted_angles
 from minorloop_head.vision.tracking import TRACKED, Track, TrackState
 
 APPROACH = 0.6
@@ -71,15 +71,8 @@ def aim_at(
 ) -> FloatArray:
     """Return pan and tilt (2,), within the cone, of a share of the turn towards a place.
 
-    Parameters
-    ----------
-    calibration : HeadCalibration
-    place : (2,) array_like
-        Phi and z.
-    catheter : (2,) array_like
-        Its advance and roll.
-    share : float
-        1 looks at the place.
+    ``place`` (2,): phi and z; ``catheter`` (2,): its advance and roll; ``share``: 1 looks at the
+    place.
     """
     phi, z = np.asarray(place, dtype=np.float64).tolist()
     point = wall_point(phi, z, calibration.radius)
@@ -109,16 +102,8 @@ def seen_mark(
 
     Raises a `ParameterError` if the tool meets no wall there.
 
-    Parameters
-    ----------
-    calibration : HeadCalibration
-        With a tool.
-    catheter : (2,) array_like
-        Its advance and roll.
-    contact : (2,) array
-        Pan and tilt at the contact.
-    before, after : tuple of image and (2,) array
-        Pictures, with pan and tilt of each.
+    ``calibration``: with a tool; ``catheter`` (2,): its advance and roll; ``contact`` (2,): pan and
+    tilt at the contact; ``before``, ``after`` (2,): pictures, with pan and tilt of each.
     """
     camera, tool = calibration.camera_at(catheter), calibration.tool
     assert tool is not None

@@ -12,7 +12,7 @@ from minorloop.errors import ParameterError
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, passed
 from minorloop_head.vision.calibrated_camera import Image
-from minorloop_head.vision.jacobian import wall_depth
+from minorloop_head.vision.servo import wall_depth
 
 _EVERY, _REFOCUS = 0.24, 0.2
 """Seconds between metered frames, and between settings of the focus."""
@@ -74,16 +74,9 @@ def meter(
 ) -> Procedure[None]:
     """Let the gain follow the brightness, and the focus the wall ahead.
 
-    Parameters
-    ----------
-    calibration : HeadCalibration
-    light : Light
-        Its gain is set; what it is set for may change meanwhile.
-    seconds : float
-        Duration; infinite for a loop that meters all the time. In 1 s the error of the gain
-        falls below the noise, and the focus arrives.
-    last : Request
-        What else is requested with the last setting.
+    ``light``: its gain is set; what it is set for may change meanwhile. ``seconds``: duration;
+    infinite for a loop that meters all the time. In 1 s the error of the gain falls below the
+    noise, and the focus arrives. ``last``: what else is requested with the last setting.
     """
     metered = focused = -math.inf
     now = yield NOW

@@ -143,17 +143,8 @@ def inspect_picture(
 ) -> InspectedPicture:
     """Find holes, pits and cracks in a picture; a bad picture gives a verdict, not an error.
 
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-        Without pixels if the picture could not be read.
-    view : HeadCalibration
-        Of the camera.
-    pose : PicturePose
-        Where it was.
-    name : str
-    t : float
-        Time in its video, in seconds.
+    ``image`` (height, width): without pixels if the picture could not be read; ``view``: of the
+    camera; ``pose``: where it was; ``t``: time in its video, in seconds.
     """
     if not image.size:
         return InspectedPicture(name=name, t=t, verdict=DAMAGED)

@@ -67,18 +67,10 @@ def scan(
 ) -> ScannedRaster:
     """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
 
-    Parameters
-    ----------
-    rig : InspectionRig
-        The water flows until `drain`.
-    place : (float, float)
-        Phi and z in the middle of the raster.
-    shift : float
-        Displacement of the raster in pitches, in both directions.
-    before : ScannedRaster, optional
-        The part of the same scan that was made before it was cut off; the rest is made.
-    told : callable, optional
-        Is given the scan so far when it begins and after each point.
+    ``rig``: the water flows until `drain`. ``place``: phi and z in the middle of the raster.
+    ``shift``: displacement of the raster in pitches, in both directions. ``before``: the part of
+    the same scan that was made before it was cut off; the rest is made. ``told``: is given the scan
+    so far when it begins and after each point.
     """
     scanning = RasterScan(calibration=rig.calibration)
     if refused := scanning.out_of_reach(rig.control):
@@ -114,12 +106,9 @@ def scanned_pit(
 ) -> tuple[PitDepth, ScannedRaster]:
     """Scan a hole or a pit, once more if the echoes depend on the points, and return its depth.
 
-    ``hole``: by the camera.
+    Returns the scan that gave the depth too.
 
-    Returns
-    -------
-    PitDepth, ScannedRaster
-        The scan is the one that gave the depth.
+    ``hole``: by the camera.
     """
     place = (float(hole.place[0]), float(hole.place[1]))
     first = scan(rig, place, 0.0)

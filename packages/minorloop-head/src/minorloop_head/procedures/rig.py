@@ -29,9 +29,8 @@ from minorloop.lab.drivers.bench import WallClock
 from minorloop.lab.run import left_safe
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import AXES
-from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
+from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip, CameraTip
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.procedures.digitiser import open_digitiser
 from minorloop_head.procedures.head_file import read_head
 from minorloop_head.procedures.meter import Light
@@ -74,26 +73,16 @@ _BY_ITSELF = (
 class InspectionRig:
     """Plant, tip, control and calibration, with a clock and a log.
 
-    Parameters
-    ----------
-    plant : Plant
-    tip : Tip
-    control : HeadControl
-        Of the plant's head.
-    calibration : HeadCalibration
-    base : SeenBase, optional
-        Reads from the pictures that come with bursts by how much the base of the head is turned,
-        counted from the last picture before the pipe is flooded.
-    sensors : bool
-        Whether the joints have sensors. Without them the angles are those of the model of the
-        wires, and control uses the angles that a procedure estimates from the image.
-    seen : SeenAngles, optional
-        Reads the angles of joints without sensors from each picture under all lights; ``begin``
-        comes first then.
-    computing : Executor, optional
-        Runs long computations while the loop goes on; without it, they take no time of the loop.
-    told : callable, optional
-        Is given each entry of the log.
+    ``control``: of the plant's head.
+    ``base``: reads from the pictures that come with bursts by how much the base of the head is
+    turned, counted from the last picture before the pipe is flooded.
+    ``sensors``: whether the joints have sensors. Without them the angles are those of the model of
+    the wires, and control uses the angles that a procedure estimates from the image.
+    ``seen``: reads the angles of joints without sensors from each picture under all lights;
+    ``begin`` comes first then.
+    ``computing``: runs long computations while the loop goes on; without it, they take no time of
+    the loop.
+    ``told``: is given each entry of the log.
 
     Notes
     -----
@@ -396,31 +385,16 @@ def rig_at(
 
     The first picture is taken before the wires are heated.
 
-    Parameters
-    ----------
-    address : str
-        Of the plant, as in `minorloop.connect`.
-    camera : str
-        As in `minorloop_head.vision.video`.
-    file : str or path
-        Of the head, with wires and calibration.
-    told : callable, optional
-        As in `InspectionRig`.
-    probe : str or path, optional
-        File of its pulser and digitiser, as of `open_digitiser`; without it a procedure that fires
-        raises an `InstrumentError`.
+    Raises a `ParameterError` if an address is not valid, or the plant is no head; a
+    `ModelFileError` if the file is not valid, is of another head, lacks wires or calibration, has
+    wires that are older than the calibration, or another number of LEDs than the plant; an
+    `InstrumentError` if a device is missing, busy, or does not answer, or the camera gives no good
+    picture; a `SafetyError` if the head did not confirm at the end that it is safe.
 
-    Raises
-    ------
-    ParameterError
-        If an address is not valid, or the plant is no head.
-    ModelFileError
-        If the file is not valid, is of another head, lacks wires or calibration, has wires that
-        are older than the calibration, or another number of LEDs than the plant.
-    InstrumentError
-        If a device is missing, busy, or does not answer, or the camera gives no good picture.
-    SafetyError
-        If the head did not confirm at the end that it is safe.
+    ``address``: of the plant, as in `minorloop.connect`. ``camera``: as in
+    `minorloop_head.vision.video`. ``file``: of the head, with wires and calibration. ``told``: as
+    in `InspectionRig`. ``probe``: file of its pulser and digitiser, as of `open_digitiser`; without
+    it a procedure that fires raises an `InstrumentError`.
     """
     known = read_head(file)
     view = known.calibration

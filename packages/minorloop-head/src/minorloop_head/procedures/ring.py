@@ -13,7 +13,7 @@ from minorloop_head.procedures.steps import go
 from minorloop_head.procedures.values import Request
 from minorloop_head.reconstruction.depth_map import WaterLine, find_water
 from minorloop_head.ultrasound.echoes import average
-from minorloop_head.ultrasound.profile import Profile, centred, joined, wall_profile
+from minorloop_head.ultrasound.wall_echoes import Profile, centred, joined, wall_profile
 
 TURNS, SHOTS = 48, 4
 """Places of the sweep round the pipe for water line and profile, and shots at each."""

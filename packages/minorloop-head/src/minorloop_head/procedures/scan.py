@@ -134,22 +134,12 @@ class RasterScan:
     ) -> Procedure[ScannedRaster]:
         """Scan about a phi and a z in the drained pipe, which is flooded once the probe is there.
 
-        Parameters
-        ----------
-        made : ScannedRaster
-            New, or of the same scan, which was cut off: it goes on with the next point.
-        centre : (float, float)
-            In radians and metres.
-        shift : float
-            Displacement of the raster in pitches.
-        light : Light, optional
-            Of a camera that is exposed for the wall ahead before the pipe is flooded, where the
-            loop does not do so all the time.
+        Returns the scan as made.
 
-        Returns
-        -------
-        ScannedRaster
-            As made.
+        ``made``: new, or of the same scan, which was cut off: it goes on with the next point;
+        ``centre``: in radians and metres; ``shift``: displacement of the raster in pitches;
+        ``light``: of a camera that is exposed for the wall ahead before the pipe is flooded, where
+        the loop does not do so all the time.
         """
         made.centre, made.shift, made.done = centre, shift, False
         if (yield from self._over(made)):
@@ -352,16 +342,9 @@ class RasterScan:
     ) -> Burst:
         """Average the shots of a point to a burst whose angles hold at a reference.
 
-        Parameters
-        ----------
-        shots : sequence of Shot
-        angles, target : (2,) array_like
-            Line of sight as measured and as wanted, in radians.
-        place, reference : (2,) array_like
-            Advance and roll of the catheter, and those of the whole raster. The advance is that of
-            the raster: it has not moved.
-        coupled : bool
-            As in `burst_of`.
+        ``angles``, ``target`` (2,): line of sight as measured and as wanted, in radians. ``place``,
+        ``reference`` (2,): advance and roll of the catheter, and those of the whole raster. The
+        advance is that of the raster: it has not moved. ``coupled``: as in `burst_of`.
         """
         there, here = self.calibration.mount_at(reference), self.calibration.mount_at(place)
         probe = self.calibration.probe
@@ -382,15 +365,9 @@ def flooded_reach(
 ) -> FloatArray:
     """Return the least and largest reading (axes, 2) of the joints in water, in degrees.
 
-    Parameters
-    ----------
-    control : HeadControl
-    wanted : (axes,) array_like
-        Readings that are wanted, in degrees, which say where the other wires are.
-    temperature : float
-        Of the water, in degrees Celsius.
-    cooling : float
-        Convection over that at identification.
+    ``wanted`` (axes,): readings that are wanted, in degrees, which say where the other wires are;
+    ``temperature``: of the water, in degrees Celsius; ``cooling``: convection over that at
+    identification.
     """
     ends = np.array([_ends(axis, temperature, cooling) for axis in control.axes])
     return control.reach(wanted, ends)
@@ -426,18 +403,10 @@ def burst_of(
 ) -> Burst:
     """Average a burst to one trace with a verdict.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        Of the burst.
-    angles, wanted : (2,) array_like
-        Line of sight as measured and as wanted, in radians.
-    probe : CalibratedProbe
-        At the place of the catheter.
-    coupled : bool
-        Whether one before it in the raster has an echo of the wall. Until then the verdict is ``no
-        coupling`` if there is none: a single burst may meet the flank of a dent, which sends none
-        back.
+    ``shots``: of the burst. ``angles``, ``wanted`` (2,): line of sight as measured and as wanted,
+    in radians. ``probe``: at the place of the catheter. ``coupled``: whether one before it in the
+    raster has an echo of the wall. Until then the verdict is ``no coupling`` if there is none: a
+    single burst may meet the flank of a dent, which sends none back.
     """
     spot, aimed = probe.spots(np.array([angles, wanted]))[:, :2]
     off = float(wall_distance(spot, aimed, probe.radius))

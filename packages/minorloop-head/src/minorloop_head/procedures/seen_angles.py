@@ -110,14 +110,9 @@ class SeenAngles:
     ``view``: of the camera; ``cold`` (2,): pan and tilt of the cold head in degrees, such as
     `HeadControl.cold`.
 
-    Attributes
-    ----------
-    known : bool
-        Whether the picture of the cold head was found.
-    why : str
-        Why the last picture gave no angles; empty if it did.
-    searched : bool
-        Whether they were looked for in it: not in one that shows nothing.
+    Its ``known``: whether the picture of the cold head was found.
+    Its ``why``: why the last picture gave no angles; empty if it did.
+    Its ``searched``: whether they were looked for in it: not in one that shows nothing.
     """
 
     def __init__(self, view: HeadCalibration, cold: npt.ArrayLike = (0.0, 0.0)) -> None:
@@ -196,35 +191,24 @@ class SeenHead(WrappedActuator):
     calibrated; an `InstrumentError` if the head does not come to rest, or its camera does not show
     the wall for 10 s.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        Its first two inputs are the currents of pan and tilt, in A; its outputs are not used.
-    picture : callable
-        Returns the newest picture; it may raise `InstrumentError` where there is none in time.
-    view : HeadCalibration
-        Of the camera.
-    expose : callable, optional
-        Sets exposure time in s and gain of the camera; without it the camera does so itself.
-    every : int
-        Ticks from a picture to the next while a current is held.
-    clock : Clock, optional
-        Keeps the ticks, in which pictures are taken and searched; that of a simulated head, in
-        which this takes no time, without it.
-    cold : (2,) array_like
-        As of `SeenAngles`.
-    waits : callable
-        Called once the first picture has come and has the right size: before it waits.
+    ``actuator``: its first two inputs are the currents of pan and tilt, in A; its outputs are not
+    used.
+    ``picture``: returns the newest picture; it may raise `InstrumentError` where there is none in
+    time.
+    ``view``: of the camera.
+    ``expose``: sets exposure time in s and gain of the camera; without it the camera does so
+    itself.
+    ``every``: ticks from a picture to the next while a current is held.
+    ``clock``: keeps the ticks, in which pictures are taken and searched; that of a simulated head,
+    in which this takes no time, without it.
+    ``cold`` (2,): as of `SeenAngles`.
+    ``waits``: called once the first picture has come and has the right size: before it waits.
 
-    Attributes
-    ----------
-    age : float
-        Of the newest picture when it was taken over, in seconds, by its time: at least, where that
-        is the time of its arrival.
-    pictures : int
-        Number of those that have come.
-    searched : bool
-        Whether the angles were looked for in the newest one: not if it is old, or shows nothing.
+    Its ``age``: of the newest picture when it was taken over, in seconds, by its time: at least,
+    where that is the time of its arrival.
+    Its ``pictures``: number of those that have come.
+    Its ``searched``: whether the angles were looked for in the newest one: not if it is old, or
+    shows nothing.
     """
 
     def __init__(

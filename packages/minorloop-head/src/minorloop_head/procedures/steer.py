@@ -164,19 +164,10 @@ def steer(
     Raises a `ParameterError` as `check_targets`, and nothing is switched on then; a `SafetyError`
     if the head does not confirm at the end that it is safe.
 
-    Parameters
-    ----------
-    head : Actuator
-        Two currents in A, two angles in degrees.
-    control : HeadControl
-        With the interval of the head's tick.
-    targets : (N, 2) array_like
-        Readings of pan and tilt, in degrees.
-    hold : float
-        Seconds for each target.
-    unfinished : callable
-        Takes what was measured if an error or a signal ends the drive, after the head was made
-        safe, and whether that was confirmed.
+    ``head``: two currents in A, two angles in degrees; ``control``: with the interval of the head's
+    tick; ``targets`` (N, 2): readings of pan and tilt, in degrees; ``hold``: seconds for each
+    target; ``unfinished``: takes what was measured if an error or a signal ends the drive, after
+    the head was made safe, and whether that was confirmed.
     """
     wanted, hold = check_targets(control, targets, hold, head.tick)
     faults = FaultLog(AXES, head.tick, control.axes[0].observer.delay)

@@ -172,15 +172,9 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
     Where the picture does not show it whole, at its edge or white, or it is lost, the joints turn
     the head there; it is exposed for the place, and the picture is tried again.
 
-    Parameters
-    ----------
-    rig : InspectionRig
-    place : (2,) array
-        Phi and z.
-    outlined : bool
-        Whether the middle of the round outline there is centred instead, if there is one: places
-        from another view are some pixels off. The outline is found anew then, as the place is seen
-        in the middle, and centred again if it is not there.
+    ``place`` (2,): phi and z. ``outlined``: whether the middle of the round outline there is
+    centred instead, if there is one: places from another view are some pixels off. The outline is
+    found anew then, as the place is seen in the middle, and centred again if it is not there.
     """
     centring = Centring(calibration=rig.calibration, interval=TWO_TICKS)
     if outlined:

@@ -103,14 +103,9 @@ class ProbeSweep:
         Raises a `ParameterError` if the area is smaller than two beams, too large, or not in the
         pipe.
 
-        Parameters
-        ----------
-        phi : (float, float)
-            First and last, in radians. The last is greater, by a turn at most.
-        z : (float, float)
-            First and last, in metres.
-        bursts : sequence of SweptBurst
-            Of the same sweep, in their order, which was cut off: it goes on with their last line.
+        ``phi``: first and last, in radians. The last is greater, by a turn at most. ``z``: first
+        and last, in metres. ``bursts``: of the same sweep, in their order, which was cut off: it
+        goes on with their last line.
         """
         self._check(phi, z)
         rolls = np.array([each.place[1] for each in bursts])

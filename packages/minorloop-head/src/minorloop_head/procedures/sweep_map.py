@@ -81,16 +81,9 @@ def draw_pipe_map(
 ) -> Any:
     """Draw picture and amplitude, depth, its 90 % band, and the source of each texel.
 
-    Parameters
-    ----------
-    scan : CScan
-    around : (float, float), optional
-        Angles in radians between which it is drawn, and as far as there are finds; the whole pipe
-        without them.
-    picture : (rows, columns) array, optional
-        Logarithm of the reflectance where a camera saw the wall; NaN elsewhere.
-    brief : bool
-        Whether to draw the first two only.
+    ``around``: angles in radians between which it is drawn, and as far as there are finds; the
+    whole pipe without them. ``picture`` (rows, columns): logarithm of the reflectance where a
+    camera saw the wall; NaN elsewhere. ``brief``: whether to draw the first two only.
     """
     amplitude = partial(_draw_amplitude, picture)
     panels = (amplitude, _draw_depth, _draw_band, _draw_source)[: 2 if brief else 4]

@@ -37,14 +37,7 @@ def traces_of(
 ) -> tuple[TracedCrack, ...]:
     """Trace cracks in an acquisition, except at the rims of holes.
 
-    Parameters
-    ----------
-    found : Findings
-        The acquisition.
-    radius : float
-        Of the pipe, in metres.
-    least : float
-        Least evidence.
+    ``found``: the acquisition; ``radius``: of the pipe, in metres; ``least``: least evidence.
     """
     if found.wall is None:
         return ()

@@ -107,12 +107,8 @@ class Running(Generic[Result]):
     ``carry_out``: carries out a request, but for its motion, which is that of the loop; ``safe``:
     is carried out if the procedure is closed before its end, and leaves all safe.
 
-    Attributes
-    ----------
-    done : bool
-        Whether it has ended, or was closed.
-    result
-        Of a procedure that has ended.
+    Its ``done``: whether it has ended, or was closed.
+    Its ``result``: of a procedure that has ended.
     """
 
     result: Result
@@ -163,11 +159,8 @@ class Plant(Protocol):
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 
-        Returns
-        -------
-        (4,) array
-            Pan and tilt of the joints, advance and roll at its end, in rad and m; NaN where a
-            sensor is lost.
+        Returns pan and tilt of the joints, advance and roll (4,) at its end, in rad and m; NaN
+        where a sensor is lost.
         """
 
     def stance(self) -> tuple[float, ...]:

@@ -1,17 +1,20 @@
-"""Maps of the depth of the wall, its standard deviation, and the sensors that measured it."""
+"""Maps of the depth of the wall, with standard deviations and sensors, and meshes of them."""
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
 from minorloop.arrays import BoolArray, FloatArray, as_finite
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import OutputError, ParameterError, SignalError
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.geometry import wrapped
 
@@ -128,16 +131,9 @@ def camera_map(
 ) -> DepthMap:
     """Return the map of a camera: depth 0 where the wall is seen, unknown where there is a defect.
 
-    Parameters
-    ----------
-    patch : Patch
-        The texels of the map.
-    seen : (rows, columns) array of bool
-        Where the camera has seen the wall.
-    defect : (rows, columns) array_like
-        Probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
-    sd : float
-        Standard deviation of the radius of the pipe, in metres.
+    ``patch``: the texels of the map. ``seen`` (rows, columns): where the camera has seen the wall.
+    ``defect`` (rows, columns): probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
+    ``sd``: standard deviation of the radius of the pipe, in metres.
     """
     open_to = seen & (np.asarray(defect, dtype=np.float64) < 0.5)
     depth = np.where(open_to, 0.0, np.nan)
@@ -232,21 +228,13 @@ def find_water(
     It is the middle of the 90 % band of its height; it is not seen if a pipe that is full, or has
     no water at any place, is likelier than a surface anywhere.
 
-    Parameters
-    ----------
-    phi : (K,) array_like
-        Where each beam meets the wall, in radians.
-    detected : (K,) sequence of bool
-        Whether there was an echo.
-    radius : float
-        Of the pipe, in metres.
-    face : float, optional
-        Distance of the face of the probe from the axis, in metres. A probe works only with its
-        face under water: below the axis, the height of the face counts and not that of the wall.
-    offset : float
-        Height of the pivot of the probe, as y, in metres.
-    place_sd : float
-        Standard deviation in metres by which the heights of all places are off together.
+    ``phi`` (K,): where each beam meets the wall, in radians.
+    ``detected`` (K,): whether there was an echo.
+    ``radius``: of the pipe, in metres.
+    ``face``: distance of the face of the probe from the axis, in metres. A probe works only with
+    its face under water: below the axis, the height of the face counts and not that of the wall.
+    ``offset``: height of the pivot of the probe, as y, in metres.
+    ``place_sd``: standard deviation in metres by which the heights of all places are off together.
 
     Notes
     -----
@@ -289,3 +277,88 @@ def find_water(
     height, half = (low + high) / 2, (high - low) / 2
     wrong = float((wet != (y > height)).mean())
     return WaterLine(height, half / PER_DEVIATION, wrong)
+
+
+SUFFIXES = (".ply", ".glb", ".gltf")
+_COLOURS = {
+    UNSEEN: (60, 60, 60),
+    CAMERA: (180, 180, 180),
+    ECHOES: (110, 160, 200),
+    BOTH: (200, 200, 190),
+}
+_DEEP = (200, 60, 30)
+"""Colour of the deepest texel, in levels of red, green and blue: no source is red."""
+
+
+def vertices_of(wall: DepthMap) -> FloatArray:
+    """Return points (rows, columns, 3) of the wall in the pipe, in metres.
+
+    Texels of unknown depth lie on the cylinder; ``faces_of`` leaves them and holes out.
+    """
+    places = wall.patch.places
+    depth = np.where(np.isfinite(wall.depth), wall.depth, 0.0)
+    r = wall.patch.radius + depth
+    return np.stack(
+        [r * np.cos(places[..., 0]), r * np.sin(places[..., 0]), places[..., 1]], axis=-1
+    )
+
+
+def faces_of(wall: DepthMap) -> npt.NDArray[np.int64]:
+    """Return (N, 3) triangles that face the axis, none over holes or unknown depths."""
+    rows, columns = wall.depth.shape
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b = index[:-1, :-1], index[:-1, 1:]
+    c, d = index[1:, :-1], index[1:, 1:]
+    through = ~np.isfinite(wall.depth)
+    solid = ~(through[:-1, :-1] | through[:-1, 1:] | through[1:, :-1] | through[1:, 1:])
+    first = np.stack([a[solid], c[solid], b[solid]], axis=1)
+    second = np.stack([b[solid], c[solid], d[solid]], axis=1)
+    return np.concatenate([first, second]).astype(np.int64)
+
+
+def colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
+    """Return colours (rows, columns, 4): grey by sensor, red by depth, dark where unseen."""
+    table = np.array([_COLOURS[n] for n in range(4)], dtype=np.float64)
+    base = table[wall.source]
+    depth = np.where(np.isfinite(wall.depth), np.maximum(wall.depth, 0.0), 0.0)
+    share = np.minimum(depth / max(float(depth.max()), 0.1e-3), 1.0)[..., None]
+    mixed = (1 - share) * base + share * np.array(_DEEP)
+    opaque = np.full((*depth.shape, 1), 255.0)
+    return np.concatenate([mixed, opaque], axis=-1).astype(np.uint8)
+
+
+def mesh_of(wall: DepthMap) -> Any:
+    """Return the wall as a ``trimesh.Trimesh`` with colours."""
+    import trimesh
+
+    return trimesh.Trimesh(
+        vertices=vertices_of(wall).reshape(-1, 3),
+        faces=faces_of(wall),
+        vertex_colors=colours_of(wall).reshape(-1, 4),
+        process=False,
+    )
+
+
+def save_mesh(wall: DepthMap, path: str | os.PathLike[str]) -> Path:
+    """Write the wall as PLY or glTF, by the suffix of the path, in metres.
+
+    ``wall``: the depth map; ``path``: ends in ``.ply``, ``.glb``, or ``.gltf`` (which carries its
+    data inside). Raises a `ParameterError` if the suffix is another; an `OutputError` if the place
+    cannot be written.
+    """
+    place = Path(path)
+    suffix = place.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ParameterError(f"cannot write {place.name}; give one of {', '.join(SUFFIXES)}")
+    mesh = mesh_of(wall)
+    options = {"embed_buffers": True} if suffix == ".gltf" else {}
+    written = mesh.export(file_type=suffix[1:], **options)
+    data = written["model.gltf"] if isinstance(written, dict) else written
+    data = data if isinstance(data, bytes) else data.encode()
+    if suffix == ".ply":
+        data = data.replace(b"\nelement", b"\ncomment units: metres\nelement", 1)
+    try:
+        place.write_bytes(data)
+    except OSError as error:
+        raise OutputError(f"cannot write {place}: {error.strerror or error}") from None
+    return place

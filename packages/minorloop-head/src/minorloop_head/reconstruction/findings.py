@@ -21,16 +21,11 @@ if TYPE_CHECKING:
 class Finding:
     """One defect of the wall; lengths in metres, angles in radians, NaN if unknown.
 
-    Parameters
-    ----------
-    kind : str
-        ``pit``, ``hole``, ``crack`` or ``mark``; ``hole or pit`` if the echoes do not decide.
-    verdict : str
-        Of the echoes, as in ``PitDepth``, with the places measured in an interrupted scan.
-    phi, z, width, length, depth : float
-        Centre, extents around and along the pipe, and depth below the wall.
-    phi_sd, z_sd, width_sd, length_sd, depth_sd : float
-        Standard deviations.
+    ``kind``: ``pit``, ``hole``, ``crack`` or ``mark``; ``hole or pit`` if the echoes do not decide.
+    ``verdict``: of the echoes, as in ``PitDepth``, with the places measured in an interrupted scan.
+    ``phi``, ``z``, ``width``, ``length``, ``depth``: centre, extents around and along the pipe, and
+    depth below the wall. ``phi_sd``, ``z_sd``, ``width_sd``, ``length_sd``, ``depth_sd``: standard
+    deviations.
     """
 
     kind: str
@@ -91,14 +86,8 @@ def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
 def outlined(phi: float, z: float, diameter: float, verdict: str, *, radius: float) -> Finding:
     """Return a round defect by its outline alone, without a depth.
 
-    Parameters
-    ----------
-    phi, z, diameter : float
-        In radians and metres.
-    verdict : str
-        Why there is no depth.
-    radius : float
-        Of the pipe, in metres.
+    ``phi``, ``z``, ``diameter``: in radians and metres; ``verdict``: why there is no depth;
+    ``radius``: of the pipe, in metres.
     """
     size = diameter, _SIZE_SD * diameter
     return Finding(

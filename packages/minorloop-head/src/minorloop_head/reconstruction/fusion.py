@@ -13,13 +13,12 @@ from minorloop.errors import SignalError
 from minorloop.threads import one_thread
 from minorloop_head.geometry import wall_point
 from minorloop_head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, DepthMap, Patch
-from minorloop_head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe, as_complex
 from minorloop_head.ultrasound.joint_fit import DEPTHS, JointFit
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.pits import PitDepth
-from minorloop_head.ultrasound.spectra import spectra_of
+from minorloop_head.ultrasound.spectra import long_enough, spectra_of, usable_bursts
 
 _SHARE_ERROR = 0.08
 """Error of a depth from two echoes, without the waves in a pit, as a share of the depth."""
@@ -79,14 +78,8 @@ def mean_depths(
 def footprints_of(model: PitModel, patch: Patch, power: FloatArray | None = None) -> FloatArray:
     """Return the share (K, P) of each texel in the echo of a plain wall, for each beam.
 
-    Parameters
-    ----------
-    model : PitModel
-        Of the beams.
-    patch : Patch
-        The texels of the map.
-    power : (K, F) array, optional
-        Weights of the frequencies; without it, the middle third counts.
+    ``model``: of the beams. ``patch``: the texels of the map. ``power`` (K, F): weights of the
+    frequencies; without it, the middle third counts.
     """
     probe, k = model.probe, model.sound.wavenumbers
     if power is None:
@@ -140,14 +133,9 @@ def _common_depth(
 def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | None) -> FloatArray:
     """Return the probability (rows, columns) that a texel is in the mouth of a pit.
 
-    Parameters
-    ----------
-    patch : Patch
-        The texels of the map.
-    pit : PitDepth
-        Place and size with their standard deviations.
-    outline : (rows, columns) array_like, optional
-        Probability of a defect by the image; the logits of both are then averaged.
+    ``patch``: the texels of the map. ``pit``: place and size with their standard deviations.
+    ``outline`` (rows, columns): probability of a defect by the image; the logits of both are then
+    averaged.
     """
     off = np.linalg.norm(patch.off(pit.phi, pit.z), axis=-1)
     rim = np.sqrt(
@@ -172,16 +160,9 @@ def outline_of(
 ) -> FloatArray:
     """Return the probability (rows, columns) by the image that a texel is in a mouth.
 
-    Parameters
-    ----------
-    image : (rows, columns) array_like
-        Logarithm of the unrolled image; NaN where the wall is not seen.
-    patch : Patch
-        The texels of the map.
-    place : (float, float)
-        Phi and z of the mouth in the image.
-    diameter : float
-        In metres.
+    ``image`` (rows, columns): logarithm of the unrolled image; NaN where the wall is not seen.
+    ``patch``: the texels of the map. ``place``: phi and z of the mouth in the image. ``diameter``:
+    in metres.
 
     Notes
     -----
@@ -222,26 +203,15 @@ def fuse(
 ) -> DepthMap:
     """Fuse the measurements of a pit into a depth map.
 
-    Parameters
-    ----------
-    pit : PitDepth
-        Result of the joint fit.
-    means : MeanDepths, optional
-        Of the same bursts on the same patch.
-    patch : Patch
-        The texels of the map.
-    image : (rows, columns) array_like, optional
-        Logarithm of the unrolled image, NaN where the wall is not seen; smoothing stops at its
-        edges. Without it, the whole patch counts as seen.
-    outline : (rows, columns) array_like, optional
-        Probability of a defect by the image, NaN where the wall is not seen.
+    It is infinitely deep inside a through-hole. Without an echo, the depth is 0 outside of the
+    outline, where the camera sees the wall, and unknown inside. Without camera and echo it is
+    unknown.
 
-    Returns
-    -------
-    DepthMap
-        Infinitely deep inside a through-hole. Without an echo, the depth is 0 outside of the
-        outline, where the camera sees the wall, and unknown inside. Without camera and echo it is
-        unknown.
+    ``pit``: result of the joint fit. ``means``: of the same bursts on the same patch. ``patch``:
+    the texels of the map. ``image`` (rows, columns): logarithm of the unrolled image, NaN where the
+    wall is not seen; smoothing stops at its edges. Without it, the whole patch counts as seen.
+    ``outline`` (rows, columns): probability of a defect by the image, NaN where the wall is not
+    seen.
 
     Notes
     -----
@@ -368,18 +338,9 @@ def wall_about(
 ) -> DepthMap:
     """Map the depth of the wall about a pit.
 
-    Parameters
-    ----------
-    pit : PitDepth
-        As measured.
-    bursts : sequence of Burst
-    probe : CalibratedProbe
-    centre : (float, float)
-        Phi and z of the mouth by the camera.
-    diameter : float
-        Of the mouth by the camera, in metres.
-    seen : callable, optional
-        Returns the logarithm (rows, columns) of the image of a patch.
+    ``pit``: as measured; ``centre``: phi and z of the mouth by the camera; ``diameter``: of the
+    mouth by the camera, in metres; ``seen``: returns the logarithm (rows, columns) of the image of
+    a patch.
     """
     patch = Patch.around(pit.phi, pit.z, size=PATCH, radius=probe.radius)
     image = None if seen is None else seen(patch)

@@ -42,16 +42,9 @@ def beam_of(
 ) -> Beam:
     """Compute the beam of a disc by its angular spectrum.
 
-    Parameters
-    ----------
-    aperture : float
-        Diameter, in metres.
-    focus : float
-        Focal length of the lens, in metres; infinite without.
-    wavenumbers : (F,) array
-        Even, in rad/m.
-    near, far, off : float
-        Distances along and off the axis that the table covers, in metres.
+    ``aperture``: diameter, in metres. ``focus``: focal length of the lens, in metres; infinite
+    without. ``wavenumbers`` (F,): even, in rad/m. ``near``, ``far``, ``off``: distances along and
+    off the axis that the table covers, in metres.
 
     Notes
     -----

@@ -91,25 +91,16 @@ class Camera(Mounted):
     Raises a `ParameterError` if an option is out of its range, or water fills a pipe that has a
     surface of water.
 
-    Parameters
-    ----------
-    pipe : Pipe
-        The pipe, with its defects.
-    mount : Mount
-        Place of the head in the pipe.
-    optics : Pinhole
-        The lens; sizes are multiples of 8 pixels.
-    specimen : int, optional
-        Seed of a specimen: focal length and distortion are drawn within +-10 % of nominal, and
-        calibrated to 0.1 %; the principal point moves by up to 1 % of the width; the strength of
-        each LED is drawn within +-10 % and not calibrated. Without it, the nominal camera.
-    seed : int
-        Seed of the noise and of the spots on the lens.
-    sensor : ImageSensor
-        Blur, noise, glare and read-out.
-    flooded : TurbidWater, optional
-        Water that fills the whole pipe, the camera behind a flat port in it. ``calibration``
-        remains that in air.
+    ``pipe``: the pipe, with its defects.
+    ``mount``: place of the head in the pipe.
+    ``optics``: the lens; sizes are multiples of 8 pixels.
+    ``specimen``: seed of a specimen: focal length and distortion are drawn within +-10 % of
+    nominal, and calibrated to 0.1 %; the principal point moves by up to 1 % of the width; the
+    strength of each LED is drawn within +-10 % and not calibrated. Without it, the nominal camera.
+    ``seed``: seed of the noise and of the spots on the lens.
+    ``sensor``: blur, noise, glare and read-out.
+    ``flooded``: water that fills the whole pipe, the camera behind a flat port in it.
+    ``calibration`` remains that in air.
 
     Notes
     -----

@@ -254,16 +254,9 @@ class Pipe:
     ) -> Pipe:
         """Draw a pipe with dents, beads, scratches and dirt, and a number of defects.
 
-        Parameters
-        ----------
-        seed : int
-            Seed of the pipe.
-        length : float
-            Of the pipe, in metres.
-        holes, pits, cracks : int
-            Number of each; holes of 0.85 to 1.15 mm, pits of 0.85 to 1.5 mm by 0.2 to 1 mm.
-        water : float, optional
-            As in the class.
+        ``seed``: seed of the pipe. ``length``: of the pipe, in metres. ``holes``, ``pits``,
+        ``cracks``: number of each; holes of 0.85 to 1.15 mm, pits of 0.85 to 1.5 mm by 0.2 to 1 mm.
+        ``water``: as in the class.
         """
         rng = np.random.default_rng(seed)
         area = 2 * np.pi * 10e-3 * length

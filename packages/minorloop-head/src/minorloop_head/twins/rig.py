@@ -48,16 +48,10 @@ _Stance: TypeAlias = tuple[float, float, float, float, float, float]
 class Rig:
     """A head and the catheter that carries it, on one clock.
 
-    Parameters
-    ----------
-    head : Head, optional
-        Nominal, with 0.05 degrees of noise and a delay of one tick, without it.
-    catheter : Catheter, optional
-        Nominal, with a noise of 0.02 mm and degrees, without it.
-    sway : Sway, optional
-        Of the base of the head while the pipe is not flooded; none without it.
-    flooded : Filling, optional
-        Of the pipe after ``flood``; without it, that changes nothing.
+    ``head``: nominal, with 0.05 degrees of noise and a delay of one tick, without it. ``catheter``:
+    nominal, with a noise of 0.02 mm and degrees, without it. ``sway``: of the base of the head
+    while the pipe is not flooded; none without it. ``flooded``: of the pipe after ``flood``;
+    without it, that changes nothing.
     """
 
     def __init__(
@@ -77,12 +71,9 @@ class Rig:
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold two currents and the rates of advance and roll for a tick.
 
-        Raises a `LimitError` if an input is beyond its limits.
+        Returns pan, tilt, advance and roll (4,) at its end; NaN where a sensor is lost.
 
-        Returns
-        -------
-        (4,) array
-            Pan, tilt, advance and roll at its end; NaN where a sensor is lost.
+        Raises a `LimitError` if an input is beyond its limits.
         """
         self._before = self._line_of_sight()
         angles = np.asarray(self.head.exchange(u[:2]))
@@ -148,24 +139,14 @@ class RigWires:
 class SimulatedTip:
     """The tip of a rig: a camera with its lights, a micro-tool, and a probe for use in water.
 
-    Parameters
-    ----------
-    pipe : Pipe
-        The dry pipe; images always show it dry.
-    mount : Mount, optional
-        Place of the head in the pipe with the catheter at 0; on the axis without it.
-    specimen : int, optional
-        Seed of the specimens of camera and probe; nominal without it.
-    seed : int
-        Seed of their noise.
-    optics : Pinhole, optional
-        Of the camera; its own without it.
-    flooded : Filling, optional
-        Of the pipe after ``flood``, for the probe; full of water of 20 degrees without it.
-    probe : mapping, optional
-        Further options of `Ultrasound`.
-    flow : callable, optional
-        Called when the pipe is flooded or emptied, with a flag, such as ``flood`` of a `Rig`.
+    ``pipe``: the dry pipe; images always show it dry.
+    ``mount``: place of the head in the pipe with the catheter at 0; on the axis without it.
+    ``specimen``: seed of the specimens of camera and probe; nominal without it.
+    ``seed``: seed of their noise.
+    ``optics``: of the camera; its own without it.
+    ``flooded``: of the pipe after ``flood``, for the probe; full of water of 20 degrees without it.
+    ``probe``: further options of `Ultrasound`.
+    ``flow``: called when the pipe is flooded or emptied, with a flag, such as ``flood`` of a `Rig`.
     """
 
     def __init__(
@@ -283,15 +264,9 @@ class SimulatedTip:
 class _MicroTool(Mounted):
     """A pen beside the lens.
 
-    Parameters
-    ----------
-    pipe : Pipe
-    mount : Mount, optional
-        Place of the head in the pipe; on the axis without it.
-    tool : Tool, optional
-        As designed.
-    specimen : int, optional
-        Seed of a specimen, which differs from the design and is calibrated; the design without it.
+    ``mount``: place of the head in the pipe; on the axis without it. ``tool``: as designed.
+    ``specimen``: seed of a specimen, which differs from the design and is calibrated; the design
+    without it.
     """
 
     def __init__(

@@ -52,16 +52,8 @@ class Sensor:
     Raises a `ParameterError` if the noise is negative, an item is not a fault, or a fault names no
     channel.
 
-    Parameters
-    ----------
-    outputs : tuple of Channel
-        The output channels.
-    noise : float
-        Standard deviation, in the unit of each channel.
-    seed : int
-        Seed of the noise.
-    faults : sequence of SimulatedFault
-        Times in which readings fail.
+    ``outputs``: the output channels; ``noise``: standard deviation, in the unit of each channel;
+    ``seed``: seed of the noise; ``faults``: times in which readings fail.
     """
 
     def __init__(

@@ -24,24 +24,16 @@ class SimulatedAxes(SimulatedPlant):
 
     Raises a `ParameterError` if an option is out of its range.
 
-    Parameters
-    ----------
-    specimen : int, optional
-        Seed of a specimen: each parameter is drawn within +-10 % of nominal. Nominal without it.
-    noise : float
-        Standard deviation of the readings, in the unit of each.
-    seed : int
-        Seed of the noise.
-    tick : float
-        Duration of one ``exchange``, in seconds.
-    delay : float
-        Delay of the readings, in seconds.
-    faults : sequence of SimulatedFault
-        Times in which readings are stuck or lost.
-    substeps : int
-        Divides every time step of the integration, 10 ms at most.
-    log_truth : bool
-        Whether to log the hidden state at the end of every call, for scoring after the run.
+    ``specimen``: seed of a specimen: each parameter is drawn within +-10 % of nominal. Nominal
+    without it.
+    ``noise``: standard deviation of the readings, in the unit of each.
+    ``seed``: seed of the noise.
+    ``tick``: duration of one ``exchange``, in seconds.
+    ``delay``: delay of the readings, in seconds.
+    ``faults``: times in which readings are stuck or lost.
+    ``substeps``: divides every time step of the integration, 10 ms at most.
+    ``log_truth``: whether to log the hidden state at the end of every call, for scoring after the
+    run.
     """
 
     _nominal: dict[str, float]

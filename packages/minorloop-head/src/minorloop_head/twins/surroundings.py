@@ -174,15 +174,9 @@ class Surroundings:
     def loads(self, axes: int) -> FloatArray:
         """Return the load of each axis for the compiled loops, (axes, 6).
 
-        Parameters
-        ----------
-        axes : int
-            Number of wires.
+        Raises a `ParameterError` if the number of loads is neither one nor that of the axes.
 
-        Raises
-        ------
-        ParameterError
-            If the number of loads is neither one nor that of the axes.
+        ``axes``: number of wires.
         """
         each = self.load if isinstance(self.load, tuple) else (self.load,) * axes
         if len(each) != axes:

@@ -54,36 +54,24 @@ class Ultrasound(Mounted):
 
     Raises a `ParameterError` if an option is out of its range.
 
-    Parameters
-    ----------
-    pipe : Pipe
-        The pipe with its defects. Only the wall under water gives echoes, and only while the face
-        of the probe is under water.
-    mount : Mount
-        Place of the head in the pipe.
-    probe : Probe
-        The disc, its lens, and its place on the head.
-    specimen : int, optional
-        Seed of a specimen: frequency, bandwidth, phase of the pulse, focal length, direction of
-        the beam, sound speed of the steel and loss in it are drawn about nominal. Without it,
-        the nominal probe.
-    seed : int
-        Seed of the noise, the roughness and the grains.
-    noise : float
-        Standard deviation of a sample, as a share of the peak of the echo of a plain wall.
-    temperature, pressure : float
-        Of the water, in degrees Celsius and Pa: the speed of sound follows from them.
-    gain : float
-        As in `amplify`.
-    roughness : float
-        Standard deviation of the height of the wall, in metres.
-    grain : float
-        Amplitude of the echoes of grains under the wall, as a share of that of the wall.
-    faults : sequence of SimulatedFault
-        Times in which traces are ``lost`` (flat) or ``stuck`` (the last one), channel ``echo``.
-    settle : float
-        Spectra are computed again only if face or spot have moved farther than this, in metres;
-        0 computes each.
+    ``pipe``: the pipe with its defects. Only the wall under water gives echoes, and only while the
+    face of the probe is under water.
+    ``mount``: place of the head in the pipe.
+    ``probe``: the disc, its lens, and its place on the head.
+    ``specimen``: seed of a specimen: frequency, bandwidth, phase of the pulse, focal length,
+    direction of the beam, sound speed of the steel and loss in it are drawn about nominal. Without
+    it, the nominal probe.
+    ``seed``: seed of the noise, the roughness and the grains.
+    ``noise``: standard deviation of a sample, as a share of the peak of the echo of a plain wall.
+    ``temperature``, ``pressure``: of the water, in degrees Celsius and Pa: the speed of sound
+    follows from them.
+    ``gain``: as in `amplify`.
+    ``roughness``: standard deviation of the height of the wall, in metres.
+    ``grain``: amplitude of the echoes of grains under the wall, as a share of that of the wall.
+    ``faults``: times in which traces are ``lost`` (flat) or ``stuck`` (the last one), channel
+    ``echo``.
+    ``settle``: spectra are computed again only if face or spot have moved farther than this, in
+    metres; 0 computes each.
 
     Notes
     -----
@@ -311,16 +299,20 @@ class Ultrasound(Mounted):
         axis: FloatArray,
         water: float,
     ) -> _Spectrum:
-        """Return the echo of the floor of a pit with a plane mouth (3,), if the beam is near."""
+        """Return the echo of the floor of a pit with a plane mouth (3,), if the beam is near.
+
+        A pit is full of water if most of its mouth is under water.
+        """
         radius = self._pipe.radius
         spot_phi, spot_z, _ = meet_wall(origin, axis, radius)
         far = np.hypot(radius * float(wrapped(spot_phi - pit.phi)), spot_z - pit.z)
-        if far > self._reach + pit.diameter / 2 or radius * np.sin(pit.phi) < water:
+        x, y = basis.places.T
+        dry = radius * np.sin(pit.phi + x / radius) < water
+        if far > self._reach + pit.diameter / 2 or basis.weights @ dry > basis.weights @ ~dry:
             return np.zeros(len(self._k), dtype=np.complex128)
         normal = np.array([np.cos(pit.phi), np.sin(pit.phi), 0.0])
         around = np.array([-normal[1], normal[0], 0.0])
         centre = wall_point(pit.phi, pit.z, radius)
-        x, y = basis.places.T
         sunk = mouth[0] + mouth[1] * x + mouth[2] * y
         flat = x[:, None] * around + y[:, None] * np.array([0.0, 0.0, 1.0])
         points = centre + flat + sunk[:, None] * normal

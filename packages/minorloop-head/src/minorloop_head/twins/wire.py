@@ -53,17 +53,11 @@ WIRE = {
 class HeatedWires(SimulatedAxes):
     """Wires, each heated by its own current, in the same surroundings.
 
-    Parameters
-    ----------
-    surroundings : Surroundings, optional
-        Ambient, convection and load over time; still air at 20 degrees without it.
-    ageing : float
-        Used share of the life of the wires. At 1 they have lost 10 % of their stroke, at the hot
-        end, and all their transformations need 5 K more.
-    drift : float
-        Increase of the ageing per hour.
-    specimen, noise, seed, tick, delay, faults, substeps, log_truth
-        As in ``SimulatedAxes``.
+    ``surroundings``: ambient, convection and load over time; still air at 20 degrees without it.
+    ``ageing``: used share of the life of the wires. At 1 they have lost 10 % of their stroke, at
+    the hot end, and all their transformations need 5 K more. ``drift``: increase of the ageing per
+    hour. ``specimen``, ``noise``, ``seed``, ``tick``, ``delay``, ``faults``, ``substeps``,
+    ``log_truth``: as in ``SimulatedAxes``.
     """
 
     _farthest = 180.0

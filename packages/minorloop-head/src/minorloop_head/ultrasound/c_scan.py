@@ -137,14 +137,8 @@ class CScan:
 def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) -> CScan:
     """Map the wall by the bursts of a sweep, and find pits and cracks in it.
 
-    Parameters
-    ----------
-    swept : sequence of SweptBurst
-        In any order; those with a verdict count as gaps.
-    probe : CalibratedProbe
-        The probe and what is known of pipe, water and mount.
-    patch : Patch
-        The texels of the map.
+    ``swept``: in any order; those with a verdict count as gaps. ``probe``: the probe and what is
+    known of pipe, water and mount. ``patch``: the texels of the map.
 
     Notes
     -----

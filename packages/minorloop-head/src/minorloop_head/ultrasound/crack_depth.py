@@ -16,13 +16,12 @@ from minorloop_head.geometry import wall_distance, wall_lengths
 from minorloop_head.reconstruction.depth_map import BOTH, DepthMap, Patch, camera_map
 from minorloop_head.reconstruction.findings import Finding
 from minorloop_head.reconstruction.fusion import footprints_of
-from minorloop_head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.joint_fit import JointFit
 from minorloop_head.ultrasound.pit_model import PitModel
 from minorloop_head.ultrasound.pits import DEEPER, DEEPEST
-from minorloop_head.ultrasound.spectra import FAR, spectra_of
+from minorloop_head.ultrasound.spectra import FAR, long_enough, spectra_of, usable_bursts
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor echo"
 _FEWEST, _REACH = 12, 2.4e-3
@@ -72,16 +71,9 @@ def crack_depth(
 
     Raises a `SignalError` if fewer than two places are given, or the width is not positive.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        As ``average`` made them.
-    probe : CalibratedProbe
-        The probe and what is known of the pipe.
-    places : (N, 2) array_like
-        Phi and z along the crack as the camera traced it.
-    width : float
-        Width of the crack in the image, in metres.
+    ``bursts``: as ``average`` made them; ``probe``: the probe and what is known of the pipe;
+    ``places`` (N, 2): phi and z along the crack as the camera traced it; ``width``: width of the
+    crack in the image, in metres.
 
     Notes
     -----
@@ -113,18 +105,9 @@ def crack_finding(
 ) -> Finding:
     """Return a traced crack as a finding; width and length are those along its course.
 
-    Parameters
-    ----------
-    places : (N, 2) array_like
-        Phi and z along it.
-    width : float
-        The median along it, in metres.
-    found : CrackDepth
-        Its depth by ultrasound.
-    radius : float
-        Of the pipe, in metres.
-    width_sd : float
-        Standard deviation of the width.
+    ``places`` (N, 2): phi and z along it; ``width``: the median along it, in metres; ``found``: its
+    depth by ultrasound; ``radius``: of the pipe, in metres; ``width_sd``: standard deviation of the
+    width.
     """
     course = np.asarray(places, dtype=np.float64)
     length = float(wall_lengths(course, radius)[-1])
@@ -150,19 +133,10 @@ def crack_map(
 ) -> DepthMap:
     """Return the depth map of the wall with a crack, as deep as measured under the raster.
 
-    Parameters
-    ----------
-    places : (N, 2) array_like
-        Phi and z along it.
-    width : float
-        In metres.
-    found : CrackDepth
-        Its depth by ultrasound.
-    middle : (float, float)
-        Phi and z in the middle of the raster. Farther than half its side from there the depth of
-        the crack is unknown, and everywhere if none was measured.
-    patch : Patch
-        The texels of the map.
+    ``places`` (N, 2): phi and z along it. ``width``: in metres. ``found``: its depth by ultrasound.
+    ``middle``: phi and z in the middle of the raster. Farther than half its side from there the
+    depth of the crack is unknown, and everywhere if none was measured. ``patch``: the texels of the
+    map.
     """
     course = _dense(np.asarray(places, dtype=np.float64), patch.radius)
     inside = _cover(patch, course, width) >= 0.5

@@ -75,12 +75,9 @@ NO_ECHO = Echo(np.nan, 0.0, 0.0)
 def trace_fault(shot: Shot) -> str:
     """Return what is wrong with a trace, or an empty string.
 
-    Returns
-    -------
-    str
-        ``"not a trace"`` (wrong shape, too short, not real numbers, not finite, or without a
-        positive sample interval), ``"dropout"`` (flat where noise should be), ``"clipped"`` (at
-        full scale, which is 1, after the dead time), or ``""``.
+    It is ``not a trace`` (wrong shape, too short, not real numbers, not finite, or without a
+    positive sample interval), ``dropout`` (flat where noise should be), or ``clipped`` (at full
+    scale, which is 1, after the dead time).
     """
     trace = _numbers(shot.trace)
     if trace is None or not _positive(shot.sample_interval):
@@ -142,23 +139,14 @@ def find_echoes(
     It is empty if no peak is above 4 standard deviations of the noise. Raises a `SignalError` if
     the trace is not one-dimensional and finite.
 
-    Parameters
-    ----------
-    trace : (T,) array_like
-        Samples since the pulse.
-    interval : float
-        Between samples, in seconds.
-    pulse : Pulse, optional
-        To match; 10 MHz and 60 % without it.
-    gate : (float, float), optional
-        First and last time of an echo, in seconds; without it, all after the dead time.
-    share : float
-        Least amplitude of an echo, as a share of the loudest one in the gate.
-    most : int
-        How many echoes are returned, the loudest.
-    fine : bool
-        Whether to time the wave rather than its envelope: the scatter is six times smaller, but
-        the time is off by whole waves where noise is loud or the phase of the pulse is unknown.
+    ``trace`` (T,): samples since the pulse.
+    ``interval``: between samples, in seconds.
+    ``pulse``: to match; 10 MHz and 60 % without it.
+    ``gate``: first and last time of an echo, in seconds; without it, all after the dead time.
+    ``share``: least amplitude of an echo, as a share of the loudest one in the gate.
+    ``most``: how many echoes are returned, the loudest.
+    ``fine``: whether to time the wave rather than its envelope: the scatter is six times smaller,
+    but the time is off by whole waves where noise is loud or the phase of the pulse is unknown.
 
     Notes
     -----
@@ -217,14 +205,8 @@ def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
     It is ``NO_ECHO`` if there is none, the trace is faulty, or distance or speed is not a positive
     number.
 
-    Parameters
-    ----------
-    shot : Shot
-        As fired.
-    distance : float
-        Of the wall along the beam, in metres.
-    speed : float
-        Of sound in the water, in m/s.
+    ``shot``: as fired; ``distance``: of the wall along the beam, in metres; ``speed``: of sound in
+    the water, in m/s.
     """
     if trace_fault(shot) in ("not a trace", "dropout"):
         return NO_ECHO
@@ -238,14 +220,8 @@ def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
 def has_wall_echo(shots: Sequence[Shot], distance: float, speed: float) -> bool:
     """Return whether more than half of the shots have an echo of the wall; in air, none has.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        At one place; more shots are more certain.
-    distance : float
-        Of the wall along the beam, in metres.
-    speed : float
-        Of sound in water, in m/s.
+    ``shots``: at one place; more shots are more certain. ``distance``: of the wall along the beam,
+    in metres. ``speed``: of sound in water, in m/s.
     """
     echoes = [front_echo(shot, distance, speed) for shot in shots]
     count = sum(echo.amplitude >= _LEAST_ECHO and echo.snr >= _LEAST_SNR for echo in echoes)
@@ -276,22 +252,12 @@ def average(
 ) -> Burst:
     """Average the usable shots of one burst.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        Fired within some 16 ms, in which the head hardly moves.
-    angles : (N, 2) array_like
-        Pan and tilt of the head at each shot as measured, in radians.
-    off : (N,) array_like
-        Distance of the spot of each shot from its target as tracked, in metres; NaN if it was not
-        tracked.
-    most_off : float
-        Shots farther away are left out.
+    If no shot is usable, the verdict of the burst is the most frequent fault.
 
-    Returns
-    -------
-    Burst
-        If no shot is usable, its verdict is the most frequent fault.
+    ``shots``: fired within some 16 ms, in which the head hardly moves. ``angles`` (N, 2): pan and
+    tilt of the head at each shot as measured, in radians. ``off`` (N,): distance of the spot of
+    each shot from its target as tracked, in metres; NaN if it was not tracked. ``most_off``: shots
+    farther away are left out.
 
     Notes
     -----

@@ -15,24 +15,36 @@ from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import ParameterError
 from minorloop.threads import one_thread
 from minorloop_head.geometry import wall_point
-from minorloop_head.ultrasound.bent_wall import MOST_UNKNOWN, bent_fit, is_bent, moves, renewed
-from minorloop_head.ultrasound.burst_checks import FEW, coverage_fault, rejections, usable_bursts
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import HIGHEST, LOWEST, CalibratedProbe, ComplexArray
 from minorloop_head.ultrasound.joint_fit import (
     CENTRE,
     DEPTHS,
+    MOST_UNKNOWN,
     PRIOR,
     STRANGE,
     JointFit,
     JointSolution,
+    bent_fit,
     best_fit,
     floor_gains_nothing,
+    is_bent,
+    moves,
+    renewed,
     resolve_ambiguity,
     solve_without_floor,
 )
 from minorloop_head.ultrasound.pit_model import PitModel
-from minorloop_head.ultrasound.spectra import LEAD, WINDOW, spectra_of, tapered
+from minorloop_head.ultrasound.spectra import (
+    FEW,
+    LEAD,
+    WINDOW,
+    coverage_fault,
+    rejections,
+    spectra_of,
+    tapered,
+    usable_bursts,
+)
 from minorloop_head.ultrasound.wall_shape import FARTHEST
 
 _TIMES: FloatArray = np.arange(-0.5e-6, 2.3e-6, 0.05e-6)
@@ -151,16 +163,8 @@ def raster(
 ) -> FloatArray:
     """Return pan and tilt (points^2, 2) of a serpentine raster about a place, in radians.
 
-    Parameters
-    ----------
-    probe : CalibratedProbe
-        The probe and how it is mounted.
-    centre : (float, float)
-        Phi and z.
-    points : int
-        Points in a row.
-    pitch : float
-        Between points, in metres.
+    ``probe``: the probe and how it is mounted; ``centre``: phi and z; ``points``: points in a row;
+    ``pitch``: between points, in metres.
     """
     steps = (np.arange(points) - (points - 1) / 2) * pitch
     aims = []
@@ -182,26 +186,15 @@ def measure_pit(
 ) -> PitDepth:
     """Measure the depth of a pit from the bursts of a raster, whole or interrupted.
 
+    There is no depth where the echoes contain none; the verdict says why.
+
     Raises a `ParameterError` if the diameter is not positive, the centre is not finite, or fewer
     bursts were planned than are given.
 
-    Parameters
-    ----------
-    bursts : sequence of Burst
-        As ``average`` returns them; those with a verdict are left out.
-    probe : CalibratedProbe
-        The probe and what is known of the pipe.
-    centre : (float, float)
-        Phi and z of the mouth in the image.
-    diameter : float
-        Of the mouth in the image, in metres.
-    planned : int, optional
-        Bursts of the whole raster if the scan was interrupted; without it, those given.
-
-    Returns
-    -------
-    PitDepth
-        Without a depth where the echoes contain none; the verdict says why.
+    ``bursts``: as ``average`` returns them; those with a verdict are left out. ``probe``: the probe
+    and what is known of the pipe. ``centre``: phi and z of the mouth in the image. ``diameter``: of
+    the mouth in the image, in metres. ``planned``: bursts of the whole raster if the scan was
+    interrupted; without it, those given.
     """
     if not as_finite("diameter of a mouth", diameter) > 0:
         raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
@@ -345,20 +338,11 @@ def last_window_end(thickness: float) -> float:
 def detect_deep_floor(fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burst]) -> str:
     """Look for a floor between the greatest measured depth and the thickness of the wall.
 
-    Parameters
-    ----------
-    fit : JointFit
-        Of the same bursts.
-    unknowns : (8,) array
-        Of its solution; only the outline is used.
-    bursts : sequence of Burst
-        Usable ones.
+    Returns ``detected``; ``absent``; or ``undecided``, where the traces end too early, or noise
+    would hide a floor that returns half of what a flat one does.
 
-    Returns
-    -------
-    str
-        ``detected``; ``absent``; or ``undecided``, where the traces end too early, or noise would
-        hide a floor that returns half of what a flat one does.
+    ``fit``: of the same bursts. ``unknowns`` (8,): of its solution; only the outline is used.
+    ``bursts``: usable ones.
 
     Notes
     -----

@@ -20,12 +20,14 @@ from minorloop.errors import ParameterError, RecordError, counted
 from minorloop_head.ultrasound.echoes import vertex
 from minorloop_head.ultrasound.recorded_scan import RecordedScan
 from minorloop_head.ultrasound.scan_surfaces import (
+    Field,
     Surfaces,
     contradictions,
+    depth_step,
     find_surfaces,
     pulse_length,
+    recorded_field,
 )
-from minorloop_head.ultrasound.synthetic_aperture import Field, depth_step, recorded_field
 
 _LEAST = 6.0
 """Amplitude over the noise at its depth from which on a place is a flaw. Noise alone has it in one

@@ -141,14 +141,9 @@ def _covariance(one: FloatArray, other: FloatArray, length: float, height: float
 def speed_error(beyond: float, standoff: float, bent: float = 0.0) -> tuple[float, float]:
     """Return by which share the true speed of sound is above the assumed one, and its deviation.
 
-    Parameters
-    ----------
-    beyond : float
-        Distance of the wall behind the nominal one by the assumed speed, in metres.
-    standoff : float
-        Nominal distance from the face of the probe to the wall, in metres.
-    bent : float
-        Standard deviation of the wall from the nominal one where it is bent, in metres.
+    ``beyond``: distance of the wall behind the nominal one by the assumed speed, in metres;
+    ``standoff``: nominal distance from the face of the probe to the wall, in metres; ``bent``:
+    standard deviation of the wall from the nominal one where it is bent, in metres.
 
     Notes
     -----
@@ -170,14 +165,8 @@ def speed_error(beyond: float, standoff: float, bent: float = 0.0) -> tuple[floa
 def changes_in_time(order: npt.NDArray[np.intp], places: FloatArray, depths: FloatArray) -> bool:
     """Return whether distances are those of water that changes before a plane wall.
 
-    Parameters
-    ----------
-    order : (N,) array of int
-        Numbers of the bursts, in the order of their times.
-    places : (N, 2) array
-        Around and along the pipe, in metres.
-    depths : (N,) array
-        Beyond the nominal wall, in metres.
+    ``order`` (N,): numbers of the bursts, in the order of their times; ``places`` (N, 2): around
+    and along the pipe, in metres; ``depths`` (N,): beyond the nominal wall, in metres.
 
     Notes
     -----

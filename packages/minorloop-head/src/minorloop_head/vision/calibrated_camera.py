@@ -133,16 +133,9 @@ def window_in_view(
 
     It is None if no wall is seen with this resolution.
 
-    Parameters
-    ----------
-    camera : CalibratedCamera
-        The camera.
-    pan, tilt : float
-        Of the head, in radians.
-    step : float
-        Size of a texel, in metres.
-    least : float
-        Least resolution, in pixels per metre of wall, in the direction of the lowest.
+    ``camera``: the camera; ``pan``, ``tilt``: of the head, in radians; ``step``: size of a texel,
+    in metres; ``least``: least resolution, in pixels per metre of wall, in the direction of the
+    lowest.
     """
     u = np.linspace(0, camera.lens.width - 1, 41)
     v = np.linspace(0, camera.lens.height - 1, 31)
@@ -180,18 +173,9 @@ def unroll(
 
     It is (rows, columns): grey levels; NaN where the image does not show the wall.
 
-    Parameters
-    ----------
-    image : (H, W) array of uint8
-        A frame.
-    camera : CalibratedCamera
-        The camera.
-    window : Window
-        The texels of the result.
-    pan, tilt : float
-        Of the head when the frame was taken, in radians.
-    least : float
-        As in ``window_in_view``; wall seen with a lower resolution is left out.
+    ``image`` (H, W): a frame. ``camera``: the camera. ``window``: the texels of the result.
+    ``pan``, ``tilt``: of the head when the frame was taken, in radians. ``least``: as in
+    ``window_in_view``; wall seen with a lower resolution is left out.
     """
     flat = np.empty((window.rows, window.columns), dtype=np.float32)
     _kernels.unroll(image, flat, *_view_parameters(camera, window, pan, tilt), least)

@@ -20,8 +20,9 @@ from minorloop_head.vision import _line_kernels as kernels
 from minorloop_head.vision.crack_widths import measured_widths
 from minorloop_head.vision.imaging import Image32
 
-LEAST_EVIDENCE = 0.5
-"""Evidence above which a line counts as a crack: with less, scratches on bare walls are found."""
+LEAST_EVIDENCE = 1.0
+"""Evidence above which a line counts as a crack: with 0, one line in ten
+acquisitions of a wall without one counts too."""
 WEIGHTS = Path(__file__).with_name("crack_weights.npz")
 """Trees for places and weights for whole lines, written by ``python -m benchmarks.cracks fit``."""
 _SIDE, _CORE = 24, 9

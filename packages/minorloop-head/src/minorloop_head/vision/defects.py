@@ -21,8 +21,13 @@ from minorloop_head.vision import frame_checks
 from minorloop_head.vision._evidence import THRESHOLDS, WEIGHTS
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.candidates import DIAMETERS, FEATURES, Candidate, at_rim, candidates
-from minorloop_head.vision.frame_alignment import aligned
-from minorloop_head.vision.reflectance_map import LitFrame, ReflectanceMap, check_frames, lay_flat
+from minorloop_head.vision.reflectance_map import (
+    LitFrame,
+    ReflectanceMap,
+    aligned,
+    check_frames,
+    lay_flat,
+)
 
 SWITCHED, SINGLE, DITHER, SIZED = "switched", "single", "dither", "sizes"
 MODES = (SWITCHED, SINGLE, DITHER)

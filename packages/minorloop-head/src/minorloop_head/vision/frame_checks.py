@@ -93,24 +93,15 @@ def check_frame(
 ) -> str:
     """Return ``good``, or what is wrong with a frame.
 
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-        The frame; any other object has the wrong size.
-    lens : Pinhole
-        The lens, which has the size of a frame.
-    before : (height, width) array of uint8, optional
-        The frame before; an equal frame is frozen, since noise never repeats itself.
-    lit : bool
-        Whether a light was on; a frame without light may be black.
+    That is ``wrong size``, ``black``, ``saturated``, ``no picture``, ``frozen`` or ``torn``. ``no
+    picture`` is an even grey, or noise without correlation of neighbours. A frame is torn if one
+    row differs from the next, over most of its length, far more than its neighbours do; a tear in a
+    still or dark picture is not detected.
 
-    Returns
-    -------
-    str
-        ``good``, ``wrong size``, ``black``, ``saturated``, ``no picture``, ``frozen`` or
-        ``torn``. ``no picture`` is an even grey, or noise without correlation of neighbours. A
-        frame is torn if one row differs from the next, over most of its length, far more than
-        its neighbours do; a tear in a still or dark picture is not detected.
+    ``image`` (height, width): the frame; any other object has the wrong size. ``lens``: the lens,
+    which has the size of a frame. ``before`` (height, width): the frame before; an equal frame is
+    frozen, since noise never repeats itself. ``lit``: whether a light was on; a frame without light
+    may be black.
     """
     whole = isinstance(image, np.ndarray) and image.dtype == np.uint8
     if not whole or image.shape != (lens.height, lens.width):
@@ -167,11 +158,8 @@ class Brightness:
 def same_light(one: Brightness, other: Brightness) -> str:
     """Check that two frames taken under different lights differ.
 
-    Returns
-    -------
-    str
-        ``good`` if they differ from top to bottom, ``torn`` if some block of rows does not and
-        one next to it does, ``frozen`` if none does. Blocks that are too dark are ignored.
+    Returns ``good`` if they differ from top to bottom, ``torn`` if some block of rows does not and
+    one next to it does, ``frozen`` if none does. Blocks that are too dark are ignored.
     """
     grey = np.minimum(one.blocks, other.blocks)
     known = (grey >= _LEAST_GREY) & (grey < _WHITE)
@@ -187,10 +175,7 @@ def same_light(one: Brightness, other: Brightness) -> str:
 def less_light(more: Brightness, fewer: Brightness) -> str:
     """Check that a frame is not darker than another, taken with fewer of its lights.
 
-    Returns
-    -------
-    str
-        ``good`` if no block of rows is, ``torn`` if some are, ``black`` if all are.
+    Returns ``good`` if no block of rows is, ``torn`` if some are, ``black`` if all are.
     """
     known = fewer.blocks >= _LEAST_GREY
     return _all_or_some(known & (more.blocks < _DIM * fewer.blocks), known, BLACK)
@@ -224,14 +209,11 @@ def shares_rows(one: npt.NDArray[np.uint8], other: npt.NDArray[np.uint8]) -> boo
 def clarity(image: Image) -> str:
     """Return ``clear``, ``blurred`` or ``veiled``.
 
+    A picture with too little lit wall to tell is ``clear``; one of a wall without texture is
+    ``blurred``.
+
     ``image`` (height, width): along a pipe under all lights, in focus, so that the dark pipe ahead
     is in it.
-
-    Returns
-    -------
-    str
-        A picture with too little lit wall to tell is ``clear``; one of a wall without texture is
-        ``blurred``.
 
     Notes
     -----

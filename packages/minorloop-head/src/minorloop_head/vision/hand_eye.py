@@ -31,16 +31,10 @@ _LARGEST_MISFIT = 2.0
 class HandEyeFit:
     """How a camera is mounted on the flange of a robot.
 
-    Parameters
-    ----------
-    measured : tuple of Measured
-        Position in mm, and rotation vector in degrees, of the camera on the flange.
-    rotation : (3, 3) array
-        From the camera to the flange.
-    position : (3,) array
-        Of the lens on the flange, in metres.
-    residuals : (N, 2) array
-        Of each picture: by how much the target seems turned, in degrees, and moved, in mm.
+    ``measured``: position in mm, and rotation vector in degrees, of the camera on the flange;
+    ``rotation`` (3, 3): from the camera to the flange; ``position`` (3,): of the lens on the
+    flange, in metres; ``residuals`` (N, 2): of each picture: by how much the target seems turned,
+    in degrees, and moved, in mm.
     """
 
     measured: tuple[Measured, ...]
@@ -52,18 +46,11 @@ class HandEyeFit:
 def fit_hand_eye(poses: Sequence[TargetPose], flange: FloatArray) -> HandEyeFit:
     """Fit the pose of a camera on the flange of a robot.
 
-    Parameters
-    ----------
-    poses : sequence of N TargetPose
-        Of a target that stands still.
-    flange : (N, 4, 4) array
-        Poses of the flange in the base of the robot, in metres.
+    Raises a `RecordError` if there are too few poses, the robot turned about one axis only, or the
+    poses do not belong to the pictures.
 
-    Raises
-    ------
-    RecordError
-        If there are too few poses, the robot turned about one axis only, or the poses do not
-        belong to the pictures.
+    ``poses``: of a target that stands still; ``flange`` (N, 4, 4): poses of the flange in the base
+    of the robot, in metres.
 
     References
     ----------

@@ -25,15 +25,8 @@ def opencv() -> Any:
 def gaussian(image: Image32, sd: float, truncate: float, *, zero: bool = False) -> Image32:
     """Return an image smoothed by a Gaussian.
 
-    Parameters
-    ----------
-    image : (rows, columns) array of float32
-    sd : float
-        In pixels.
-    truncate : float
-        Standard deviations at which it is cut off.
-    zero : bool
-        Whether nothing is assumed beyond the image, and not its mirror image.
+    ``sd``: in pixels; ``truncate``: standard deviations at which it is cut off; ``zero``: whether
+    nothing is assumed beyond the image, and not its mirror image.
     """
     cv2, side = opencv(), 2 * int(truncate * sd + 0.5) + 1
     beyond = cv2.BORDER_CONSTANT if zero else cv2.BORDER_REFLECT

@@ -267,10 +267,7 @@ def _models() -> Iterator[tuple[str, int, FloatArray]]:
 def _best(seen: Sequence[SeenTarget], size: tuple[int, int]) -> _Solution:
     """Return the lens with most free numbers among those that predict left-out pictures best.
 
-    Raises
-    ------
-    RecordError
-        If no lens fits.
+    Raises a `RecordError` if no lens fits.
     """
     found: list[_Solution] = []
     start = _start(seen, size)
@@ -318,10 +315,7 @@ def _calibrated(
 def _start(seen: Sequence[SeenTarget], size: tuple[int, int]) -> _Start:
     """Return matrix and distortion (5,) of the best lens with k1 alone, from several focal lengths.
 
-    Raises
-    ------
-    RecordError
-        If there is none.
+    Raises a `RecordError` if there is none.
     """
     cv2 = opencv()
     flags = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
@@ -420,10 +414,7 @@ def _refuse_two_lenses(
 ) -> None:
     """Refuse pictures of two cameras, each of which fits a lens of its own much better.
 
-    Raises
-    ------
-    RecordError
-        If they are so.
+    Raises a `RecordError` if they are so.
     """
     if len(seen) < 2 * _LEAST_PICTURES:
         return
@@ -492,10 +483,7 @@ def _result(seen: Sequence[SeenTarget], solution: _Solution, left_out: dict[str,
 def _lens(size: tuple[int, int], matrix: FloatArray, distortion: FloatArray) -> Pinhole:
     """Return a lens of OpenCV.
 
-    Raises
-    ------
-    ParameterError
-        If it folds the image, or its principal point is not in it.
+    Raises a `ParameterError` if it folds the image, or its principal point is not in it.
     """
     (fx, _, u), (_, fy, v), _ = matrix.tolist()
     k1, k2, p1, p2, k3 = distortion.ravel().tolist()
@@ -578,22 +566,12 @@ def fit_led(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the position of an LED to its reflections.
 
+    Returns the position (3,) in the camera, in metres, and its standard deviation (3,).
+
     Raises a `RecordError` if there are too few, or they are not of one LED.
 
-    Parameters
-    ----------
-    lens : Pinhole
-    poses : sequence of N TargetPose
-        Of the glossy target.
-    pixels : (N, 2) array
-        Where the reflection was.
-    name : str
-        Of the LED, for messages.
-
-    Returns
-    -------
-    position, sd : (3,) array
-        In the camera, in metres, and its standard deviation.
+    ``poses``: of the glossy target; ``pixels`` (N, 2): where the reflection was; ``name``: of the
+    LED, for messages.
 
     Notes
     -----

@@ -77,17 +77,10 @@ def fit_mount(
     Raises a `RecordError` if there are too few pictures, the joints did not move enough, or camera
     and joints turned by different angles.
 
-    Parameters
-    ----------
-    poses : sequence of N TargetPose
-        Of a target that stands still.
-    joints : (N, 2) array
-        Pan and tilt as read, in degrees.
-    sd : float
-        Standard deviation of a reading, in degrees.
-    middle : (2,) array, optional
-        Place on the target, in metres, that is on the axis of the pipe, if the target is square to
-        the pipe with its rows horizontal.
+    ``poses``: of a target that stands still; ``joints`` (N, 2): pan and tilt as read, in degrees;
+    ``sd``: standard deviation of a reading, in degrees; ``middle`` (2,): place on the target, in
+    metres, that is on the axis of the pipe, if the target is square to the pipe with its rows
+    horizontal.
     """
     read = np.asarray(joints, dtype=np.float64)
     _check(poses, read)

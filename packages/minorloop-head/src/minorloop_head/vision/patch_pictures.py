@@ -74,7 +74,7 @@ class PatchPictures:
     Grey levels are logarithms, so that light is a sum, and each patch is compared without its mean
     and slope. The sum of the correlations of all patches is maximised by Gauss-Newton steps on pan
     and tilt, from a quarter of the picture to the whole. The derivatives are those of the
-    interaction matrix of a head with a lever (`minorloop_head.vision.jacobian`), of each texel.
+    interaction matrix of a head with a lever (`minorloop_head.vision.servo`), of each texel.
     Patches whose correlation stays low, such as those on reflections, do not take part.
 
     References

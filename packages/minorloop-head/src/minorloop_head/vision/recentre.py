@@ -11,8 +11,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop_head.vision import _outline_kernels as kernels
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Window, unroll
-from minorloop_head.vision.frame_alignment import aligned
-from minorloop_head.vision.reflectance_map import LitFrame
+from minorloop_head.vision.reflectance_map import LitFrame, aligned
 
 _TEXEL = 0.05e-3
 _AROUND = 1.7e-3
@@ -59,15 +58,9 @@ def outline_about(
 
     It is None if nothing round is there.
 
-    Parameters
-    ----------
-    frames : sequence of LitFrame
-        Of one place; under several lights, reflections and shadows leave no edge. Frames without
-        light are left out.
-    camera : CalibratedCamera
-    pixel : (2,) array_like
-    reach : float
-        Largest distance of the middle of the outline from the pixel, in metres along the wall.
+    ``frames``: of one place; under several lights, reflections and shadows leave no edge. Frames
+    without light are left out. ``pixel`` (2,). ``reach``: largest distance of the middle of the
+    outline from the pixel, in metres along the wall.
     """
     frames = aligned(frames, camera)
     last = frames[-1]

@@ -1,13 +1,16 @@
 """Reflectance maps of the wall, from frames under different lights.
 
 The logarithm of a frame, less that of the light that falls on the wall, is the reflectance. Marks
-of the wall stay on the map under every light; reflections and shadows move.
+of the wall stay on the map under every light; reflections and shadows move. A sensor of the joints
+has an error in each frame, and maps of frames that do not lie on each other have their edges twice,
+so that a hole looks larger than it is: the marks say by how much frames are off from each other.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -24,6 +27,7 @@ from minorloop_head.vision.calibrated_camera import (
     window_in_view,
 )
 from minorloop_head.vision.imaging import Image32, shrunk
+from minorloop_head.vision.patch_pictures import PatchPictures
 
 NO_ANGLE = "angle unknown"
 """Verdict on a frame without the angles of the head."""
@@ -169,14 +173,8 @@ def lay_flat(
 
     It is None if no part of the wall is seen by all of them with enough resolution.
 
-    Parameters
-    ----------
-    frames : sequence of LitFrame
-        At least one with light.
-    camera : CalibratedCamera
-        The camera.
-    scale : float
-        Of the holes that are searched, over 1 mm: of the texels, and of the least resolution.
+    ``frames``: at least one with light; ``camera``: the camera; ``scale``: of the holes that are
+    searched, over 1 mm: of the texels, and of the least resolution.
     """
     middle = frames[len(frames) // 2]
     step, least = scale * STEP, LEAST_SEEN / scale
@@ -249,3 +247,47 @@ def _between(nodes: FloatArray, i: FloatArray, j: FloatArray) -> Image32:
     upper = (1 - t) * nodes[np.ix_(i0, j0)] + t * nodes[np.ix_(i0, j1)]
     lower = (1 - t) * nodes[np.ix_(i1, j0)] + t * nodes[np.ix_(i1, j1)]
     return np.asarray((1 - s) * upper + s * lower, dtype=np.float32)
+
+
+_SIZE, _LEAST, _COLUMNS = 1.2e-3, 0.5, 320.0
+"""Side of a patch in metres, its least correlation, and columns of the largest picture compared. In
+acquisitions of twelve views (seeds 1000 to 1011) with errors of 0.15 degrees, 0.003 degrees are
+left in the median view and 0.012 in the worst."""
+_LEVELS = (2, 2, 1, 1, 0)
+_FEWEST = 4
+"""Least number of patches that agree."""
+_WIDEST, _FARTHEST = math.radians(0.1), math.radians(1.0)
+"""Largest standard deviation of a turn, and largest turn, that counts: that of a poor sensor is
+0.15 degrees."""
+
+
+def aligned(frames: Sequence[LitFrame], camera: CalibratedCamera) -> tuple[LitFrame, ...]:
+    """Return frames whose angles agree with each other; their mean stays.
+
+    ``frames``: good frames of an acquisition. Those without light keep their angles, and so do
+    those in which too few patches of the frame with most light are found.
+    """
+    lit = [n for n, frame in enumerate(frames) if any(frame.lights)]
+    if len(lit) < 2:
+        return tuple(frames)
+    first = max(lit, key=lambda n: sum(frames[n].lights))
+    pictures, still = PatchPictures(camera, _SIZE, _LEAST, width=_COLUMNS), np.zeros(2)
+    begun, pyramid = _angles(frames[first]), pictures.pyramid(frames[first].image)
+    patches = pictures.new(pyramid, begun, pictures.none, still, still)
+    turns = np.zeros((len(frames), 2))
+    for n in set(lit) - {first} if len(patches.sd) >= _FEWEST else ():
+        angles, pyramid = _angles(frames[n]), pictures.pyramid(frames[n].image)
+        found = pictures.agreed(pyramid, patches, angles, still, _LEVELS)
+        sure = found.sd is not None and found.sd.max() < _WIDEST
+        near = np.abs(found.angles - angles).max() < _FARTHEST
+        if sure and near and (found.scores >= _LEAST).sum() >= _FEWEST:
+            turns[n] = found.angles - angles
+    turns[lit] -= turns[lit].mean(axis=0)
+    return tuple(
+        replace(frame, pan=frame.pan + float(a), tilt=frame.tilt + float(b))
+        for frame, (a, b) in zip(frames, turns, strict=True)
+    )
+
+
+def _angles(frame: LitFrame) -> FloatArray:
+    return np.array([frame.pan, frame.tilt])

@@ -51,11 +51,7 @@ class _Markers:
 def search_target(images: Sequence[Image], square: float) -> Target | None:
     """Return the target that pictures show; None if they show none that is known.
 
-    Parameters
-    ----------
-    images : sequence of (H, W) arrays of uint8
-    square : float
-        Side of a square or distance of circles, in metres.
+    ``images`` (H, W); ``square``: side of a square or distance of circles, in metres.
     """
     family, markers = _markers(images)
     found = _charuco(family, markers, square) if family else None

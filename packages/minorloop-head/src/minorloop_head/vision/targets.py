@@ -118,10 +118,7 @@ class Target:
     def cells(self) -> npt.NDArray[np.bool_]:
         """Return which cells are white, with `CELLS` along the side of a square.
 
-        Raises
-        ------
-        ParameterError
-            If it cannot be drawn so.
+        Raises a `ParameterError` if it cannot be drawn so.
         """
         if self.kind == "charuco" and self.marker == MARKER:
             size = (CELLS * self.columns, CELLS * self.rows)
@@ -137,12 +134,9 @@ class Target:
     def find(self, image: Image, name: str) -> SeenTarget | str:
         """Return the corners in a picture, or why it cannot be used.
 
-        ``image`` (H, W); ``name``: of the picture.
+        That is `NONE` without a target.
 
-        Returns
-        -------
-        SeenTarget or str
-            `NONE` without a target.
+        ``image`` (H, W); ``name``: of the picture.
         """
         circles = self.kind.endswith("circles")
         search = self._circles if circles else getattr(self, f"_{self.kind}")

@@ -85,13 +85,9 @@ def frames(address: str, *, damaged: bool = False) -> Iterator[Frame]:
     Raises a `ParameterError` if it is neither a folder with images nor a video that can be read, or
     an image cannot be read.
 
-    Parameters
-    ----------
-    address : str
-        Times begin at 0: those in the video, by its rate if it has none, or 0.04 s for each image
-        of a folder.
-    damaged : bool
-        Whether an image that cannot be read is yielded as one without pixels.
+    ``address``: times begin at 0: those in the video, by its rate if it has none, or 0.04 s for
+    each image of a folder; ``damaged``: whether an image that cannot be read is yielded as one
+    without pixels.
     """
     target = _target(address)
     if not isinstance(target, Path):

@@ -131,13 +131,8 @@ class WallAngles:
         Raises a `SignalError` if the picture is not from this camera, or shows too little of the
         wall.
 
-        Parameters
-        ----------
-        image : (height, width) array of uint8
-        angles : (2,) array_like
-            Pan and tilt of the line of sight, in radians.
-        t : float
-            Time of the picture, in seconds.
+        ``angles`` (2,): pan and tilt of the line of sight, in radians; ``t``: time of the picture,
+        in seconds.
         """
         self.camera.check(image)
         verdict = frame_checks.check_frame(image, self.camera.lens)
@@ -195,13 +190,8 @@ class WallAngles:
 
         Others are on trial until the next roll. A turn of the head does this by itself.
 
-        Parameters
-        ----------
-        state : WallState
-            After the step of this picture, which was seen.
-        image : (height, width) array of uint8
-        sd : (2,) array
-            Standard deviations of its angles, in radians.
+        ``state``: after the step of this picture, which was seen; ``sd`` (2,): standard deviations
+        of its angles, in radians.
         """
         pyramid, still = self.pictures.pyramid(image), np.zeros(2)
         scores = self.pictures.compared(pyramid, 0, state.trial, state.angles, still)[0]

@@ -61,15 +61,8 @@ def refined(
     Raises a `SignalError` if the pictures cannot be used, as `WallAngles.begin`, or fewer than ten
     show the angles.
 
-    Parameters
-    ----------
-    estimator : WallAngles
-        With the camera as calibrated.
-    frames : sequence of Frame
-        Pictures while the head turns, the first at rest.
-    rest : (2,) array
-        Pan and tilt of the line of sight at rest, in radians.
-    doubt : CameraDoubt, optional
+    ``estimator``: with the camera as calibrated; ``frames``: pictures while the head turns, the
+    first at rest; ``rest`` (2,): pan and tilt of the line of sight at rest, in radians.
     """
     doubt = doubt or CameraDoubt()
     known = estimator.camera
