@@ -173,20 +173,6 @@ def test_bands_hold_for_groups_that_were_left_out(prior, rows, folds):
     assert 0.85 <= share <= 0.95
 
 
-def test_a_left_out_group_is_predicted_by_a_fit_that_has_not_seen_it():
-    labels = np.repeat(np.arange(5), 40)
-    amplitude = np.linspace(1.0, 0.2, 5)[labels]
-    u = amplitude * np.cos(2 * np.pi * np.arange(200) / 40)
-    y = a_plane().simulate(u)
-    levels = np.linspace(-1, 1, 16)
-    plain = {"levels": levels, "prior": "none", "smoothness": 0.0}
-    found = Options.of(plain).identify(Record(u, y, groups=labels))
-    for k in range(5):
-        others = Options.of(plain).identify(Record(u, np.where(labels == k, np.nan, y)))
-        expected = others.model.simulate(u)[labels == k]
-        np.testing.assert_allclose(found.left_out[labels == k], expected, atol=1e-6)
-
-
 @pytest.mark.parametrize(("options", "close"), [({"prior": "none"}, 1e-9), ({}, 1e-3)])
 def test_what_is_left_out_chooses_no_smoothness_and_no_hyperparameters(options, close):
     rng, labels = np.random.default_rng(1001), np.repeat(np.arange(5), 40)

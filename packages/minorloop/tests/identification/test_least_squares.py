@@ -105,17 +105,6 @@ def test_a_staircase_without_noise_gives_the_weights_to_ten_digits(bands):
     assert max(staircases.error(bands, seed) for seed in range(3)) <= staircases.CLOSE
 
 
-@pytest.mark.parametrize("strength", [0.0, 1e-4])
-def test_many_samples_are_fitted_by_their_normal_equations(strength, monkeypatch):
-    problem = a_problem(6, 300)
-    usual = problem.fit(strength)
-    monkeypatch.setattr(least_squares, "_MANY", 10)
-    other = problem.fit(strength)
-    np.testing.assert_allclose(other.x, usual.x, atol=1e-8)
-    assert other.kkt < 1e-9
-    assert problem.fit("auto").smoothness in least_squares.CANDIDATES
-
-
 def test_a_guess_divides_the_weights_of_a_coarser_plane():
     problem, coarse = a_problem(13, 500), a_problem(13, 500).coarser()
     within = problem.matrix.spec.sums(coarse.matrix.spec)

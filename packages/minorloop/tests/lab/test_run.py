@@ -1,6 +1,5 @@
 import os
 import signal
-import threading
 
 import numpy as np
 import pytest
@@ -118,7 +117,7 @@ class Pulled(Exception):
     """Stands for whatever can go wrong between two samples."""
 
 
-@pytest.mark.parametrize("looks", [3, 18, 20, 33, 47])
+@pytest.mark.parametrize("looks", [3, 18, 47])
 def test_a_twin_goes_on_exactly_where_it_was(tmp_path, store, twin, looks):
     rows, traces = _undisturbed(tmp_path, twin)
     for _ in range(100):
@@ -160,13 +159,6 @@ def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
     np.testing.assert_allclose([r[2] for r in _rows(store)], [r[2] for r in whole], atol=1e-9)
     assert [session.mode for session in store.sessions()] == ["fresh", "replayed"]
     assert [session.end for session in store.sessions()] == ["the cable was pulled", "finished"]
-
-
-def test_a_finished_run_is_left_alone(store, twin):
-    run(twin, PLAN, store)
-    bench = Bench()
-    assert run(bench, PLAN, store) == "finished"
-    assert bench.sent == []
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
@@ -214,24 +206,6 @@ def test_an_actuator_that_cannot_be_made_safe_is_an_error_of_its_own(store, fail
         run(Stuck(fails_after), PLAN, store)
     assert store.finished == (fails_after is None)
     assert ("the cable was pulled" in str(caught.value)) == (fails_after == 2)
-
-
-def test_a_run_in_a_thread_is_left_safe_too(tmp_path):
-    bench = Bench(fails_after=2)
-    errors = []
-
-    def work():
-        with Store.create(tmp_path / "thread.sqlite", PLAN, SETUP) as store:
-            try:
-                run(bench, PLAN, store)
-            except OSError as error:
-                errors.append(error)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert str(errors[0]) == "the cable was pulled"
-    assert bench.sent[-1] == "safe"
 
 
 def test_a_store_that_cannot_be_written_keeps_what_it_has(store, monkeypatch):
