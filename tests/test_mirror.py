@@ -37,6 +37,7 @@ ELSEWHERE = {
     "minorloop_head/distortion.py": "minorloop_head/test_geometry.py",
     "minorloop_head/console/identified_head.py": "minorloop_head/console/test_loop.py",
     "minorloop_head/console/scan_echoes.py": "minorloop_head/console/test_depth_work.py",
+    "minorloop_head/console/units.py": "minorloop_head/console/test_reports.py",
     "minorloop_head/control/head.py": "minorloop_head/control/test_head_control.py",
     "minorloop_head/inspection/heads.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/inspection/inspect_pictures.py": "minorloop_head/cli/test_inspect.py",

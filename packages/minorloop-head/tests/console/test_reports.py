@@ -1,6 +1,6 @@
 import pytest
 
-from minorloop_head.console.reports import NO_ECHOES, camera_finding, table_of, with_depth
+from minorloop_head.console.reports import NO_ECHOES, camera_finding, with_depth
 
 HOLE = {"phi": -0.1, "z": 0.03, "diameter": 1e-3, "evidence": 1.234}
 FINDING = camera_finding(7, 2.0, HOLE, 10e-3)
@@ -21,10 +21,3 @@ def test_echoes_add_depth_place_and_size():
     assert (found.kind, found.verdict) == ("pit", "measured")
     assert (found.depth, found.depth_sd, found.diameter, found.z) == (0.5, 0.004, 1.1, 31.0)
     assert found.phi_sd == pytest.approx(0.1146)
-
-
-def test_the_table_keeps_the_numbers_of_the_pages():
-    header, row, _ = table_of([FINDING]).split("\n")
-    values = dict(zip(header.split(","), row.split(","), strict=True))
-    assert (values["number"], values["depth [mm]"]) == ("7", "")
-    assert float(values["phi [deg]"]) == pytest.approx(354.27)
