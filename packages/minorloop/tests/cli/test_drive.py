@@ -39,14 +39,6 @@ def test_a_plan_of_inputs_is_what_run_takes(run, answer):
     np.testing.assert_allclose(points["voltage [V]"], [-1.2, *MODEL.invert([2.0, -3.0]).u])
 
 
-def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):
-    laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
-    status, out, _ = run(f"{laser} --convert laser:30,15,0,0.1 --corrections 2")
-    assert status == 0
-    assert "in curvature [1/m]" in out
-    assert answer("resume --store d.sqlite")["output"] == "curvature [1/m]"
-
-
 def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target(run, answer):
     laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
     status, _, err = run(f"{laser} --convert laser:20,15")

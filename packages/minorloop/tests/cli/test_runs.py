@@ -5,13 +5,10 @@ import pytest
 from minorloop.cli import runs
 from minorloop.lab.store import Store
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 RUN = "run --actuator twin:ipmc,noise=0.05,specimen=3,seed=4 --plan plan.csv"
-
-
-@pytest.fixture(autouse=True)
-def _planned(_somewhere, run):
-    assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
 
 
 def test_shows_the_content_of_a_store(run, answer):

@@ -205,11 +205,6 @@ def test_a_source_whose_conversion_turns_between_its_limits_is_refused(
         opened(text)
 
 
-def test_a_bench_without_sources_is_refused(opened):
-    with pytest.raises(ParameterError, match="needs a source"):
-        opened("devices = {}\nsources = []\nsensors = []")
-
-
 def test_a_bench_may_have_no_sensors(opened):
     bench, _, _ = opened(BENCH.partition("[[sensors]]")[0])
     assert bench.outputs == ()
@@ -233,6 +228,7 @@ def test_files_are_toml_or_json_by_their_names_and_may_have_one_channel(tmp_path
         ("a.toml", "tick = ", "does not describe a bench"),
         ("a.toml", b"\xff\xfe", "does not describe a bench"),
         ("a.json", "[]", "it has list, not a table"),
+        ("a.toml", "devices = {}\nsources = []\nsensors = []", "needs a source"),
         ("a.json", " " * 1_000_001, "is larger than 1000000 bytes"),
         ("none.toml", None, "cannot be read: No such file"),
         *[("a.json", text, "does not describe a bench") for text in ("", "{", "\0", "null")],

@@ -313,11 +313,11 @@ def test_the_firmware_refuses_what_it_does_not_know(program):
     link.close()
 
 
-def test_a_hundred_thousand_damaged_lines_do_nothing_to_the_firmware(program):
+def test_thousands_of_damaged_lines_do_nothing_to_the_firmware(program):
     rng = random.Random(1)
     letters = "".join(map(chr, range(32, 127)))
     lines = []
-    for k in range(100_000):
+    for k in range(30_000):
         sound = write(k % 65_536, "SET", f"{rng.uniform(-1, 1):.9g}")
         line = list(sound)
         for _ in range(rng.randint(1, 4)):
