@@ -121,6 +121,12 @@ def test_an_alarm_is_false_only_where_the_target_is_within_the_true_reach():
 
 
 @pytest.mark.whole
+def test_levels_where_the_wire_moves_beat_the_mesh_and_the_mesh_the_dots(figures):
+    static = figures["static"]
+    assert static["rms_deg"] < static["mesh_rms_deg"] < static["dots_rms_deg"]
+
+
+@pytest.mark.whole
 @pytest.mark.usefixtures("without_pictures")
 def test_the_report_has_every_figure(study, figures):
     page = head_report.STUDY.report(study, figures, [figures, figures]).html()

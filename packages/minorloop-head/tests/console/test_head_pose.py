@@ -55,7 +55,7 @@ def test_saturation_keeps_the_direction(wish, cone):
 
 
 @given(st.lists(st.tuples(st.none() | quaternions, st.booleans()), max_size=40), cones)
-def test_no_command_leaves_the_cone_or_is_faster_than_the_wires(steps, cone):
+def test_no_pose_leads_out_of_the_cone(steps, cone):
     how, state = HeadPoseMap(cone=cone), HeadPoseState()
     for pose, clutch in steps:
         after = gaze(how, state, pose, TICK, clutch=clutch)
