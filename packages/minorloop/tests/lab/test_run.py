@@ -117,32 +117,6 @@ class Pulled(Exception):
     """Stands for whatever can go wrong between two samples."""
 
 
-@pytest.mark.parametrize("looks", [3, 18, 47])
-def test_a_twin_goes_on_exactly_where_it_was(tmp_path, store, twin, looks):
-    rows, traces = _undisturbed(tmp_path, twin)
-    for _ in range(100):
-        left = iter(range(looks))
-
-        def watch(progress, left=left):
-            if next(left, None) is None:
-                raise Pulled
-
-        fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
-        try:
-            mode = run(fresh, PLAN, store, watch=watch)
-        except Pulled:
-            continue
-        assert mode in ("fresh", "restored")
-        break
-    if looks == 3:  # no life is long enough for a single point
-        assert len(store) == 0
-        return
-    assert _rows(store) == rows
-    for k, (t, y) in enumerate(traces):
-        for mine, whole in zip(store.trace(k), (t, y), strict=True):
-            np.testing.assert_array_equal(mine, whole)
-
-
 def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
     whole, _ = _undisturbed(tmp_path, Bench())
     first = Bench(fails_after=6)

@@ -68,14 +68,6 @@ def test_a_hold_is_sampled_every_interval_and_at_its_end(plant):
     assert plant.sent == [(0.0, 0.5)]
 
 
-def test_times_are_those_of_the_readings(plant):
-    plant.lag = 0.05
-    record = bench(plant).apply(0.5, 1.0, 0.5)
-    # The middle of an exchange; the second is known to take as long as the first.
-    np.testing.assert_allclose(record.t, [0.525, 0.975])
-    assert record.timing.uncertainty == pytest.approx(0.025)
-
-
 def test_a_hold_lasts_by_the_clock_however_slow_the_meter_is(plant):
     plant.lag = 0.1
     slow = bench(plant)
@@ -217,18 +209,6 @@ def test_no_signal_interrupts_making_safe(plant, name):
         bench(plant).safe()
     assert plant.sent == ["safe"]
     assert signal.getsignal(getattr(signal, name)) is before
-
-
-def test_a_bench_lets_go_of_its_links(plant):
-    closed = []
-
-    class Line:
-        def close(self):
-            closed.append(self)
-
-    links = [Line(), Line()]
-    bench(plant, links=links).close()
-    assert closed == links
 
 
 @pytest.mark.parametrize(
