@@ -16,7 +16,7 @@ PLACES = {
 """Source and tests of each package."""
 
 ELSEWHERE = {
-    "minorloop/drawing/lab.py": "minorloop/lab/test_reduction.py",
+    "minorloop/drawing/lab.py": "minorloop/drawing/test_notebook.py",
     "minorloop/drawing/layout.py": "minorloop/drawing/test_dynamics.py",
     "minorloop/drawing/linear.py": "minorloop/identification/test_linear_fit.py",
     "minorloop/drawing/oscillator.py": "minorloop/identification/test_oscillator.py",

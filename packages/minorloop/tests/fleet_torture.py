@@ -229,7 +229,6 @@ FAULTS = {
     "all workers of a cluster stopped": on_cluster(send(signal.SIGSTOP), "no worker at"),
     "endless fit": locally(["hang"], "specimen hang has run for"),
     "all local workers killed": locally(["die-once-0", "die-once-1"], "once more"),
-    "all local workers stopped": locally(["stop-once-0", "stop-once-1"], "was stopped"),
     "Control-C during an endless fit": locally(
         ["hang"], "interrupted", lambda process: process.send_signal(signal.SIGINT), 130
     ),

@@ -9,7 +9,7 @@ import pytest
 from minorloop import Preisach, save
 from offspring import started
 
-KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "3"))
+KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "2"))
 TWIN = "--actuator twin:ipmc,noise=0.05,specimen=3,seed=4"
 RUN = f"run {TWIN} --plan plan.csv"
 WITHIN = "--corrections 2 --within 3 --hold 30"

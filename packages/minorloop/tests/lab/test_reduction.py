@@ -292,14 +292,6 @@ def test_the_table_is_read_again(long, tmp_path):
         found.to_csv(file)
 
 
-def test_it_is_drawn(long):
-    figure = reduce(long[0], conversion=LASER).plot()
-    assert [axes.get_ylabel() for axes in figure.axes] == ["curvature [1/m]"] * 2 + [
-        "voltage [V]",
-        "curvature [1/m]",
-    ]
-
-
 @given(data=st.data())
 def test_any_record_is_reduced_or_refused(data):
     count = data.draw(st.integers(1, 60))

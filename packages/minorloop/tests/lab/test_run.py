@@ -257,35 +257,6 @@ def test_open_levels_need_somebody_who_chooses(tmp_path):
         run(Bench(), OPEN, store)
 
 
-def test_a_run_with_chosen_levels_goes_on_exactly_where_it_was(tmp_path, twin):
-    with Store.create(tmp_path / "whole.sqlite", OPEN, SETUP) as whole:
-        run(twin, OPEN, whole, choose=_choose)
-        expected = _rows(whole)
-    for _ in range(20):
-        fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
-        seen = iter(range(2))
-
-        def watch(progress, seen=seen):
-            if progress.point is not None and next(seen, None) is None:
-                raise Pulled
-
-        there = (tmp_path / "killed.sqlite").exists()
-        store = (
-            Store.open(tmp_path / "killed.sqlite", write=True)
-            if there
-            else Store.create(tmp_path / "killed.sqlite", OPEN, SETUP)
-        )
-        with store:
-            try:
-                run(fresh, OPEN, store, choose=_choose, watch=watch)
-            except Pulled:
-                continue
-            assert _rows(store) == expected
-            break
-    else:
-        raise AssertionError("the run never ended")
-
-
 def test_a_store_of_another_actuator_is_refused(store):
     fibre = connect("twin:fibre")
     plan = Plan([0.2, 0.5], 40.0, input="voltage [V]")
