@@ -84,7 +84,7 @@ def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
 
 
 def test_a_head_that_is_too_cold_is_diagnosed_and_held_near_its_reach():
-    run = Run(control(), (55.0, 0.0), 50.0, surroundings=Surroundings(ambient=-10.0))
+    run = Run(control(), (55.0, 0.0), 30.0, surroundings=Surroundings(ambient=-10.0))
     at, _, verdict = run.unreachable[0]
     assert at <= 10.0
     assert verdict.reason == "ambient too cold"
@@ -97,8 +97,8 @@ def test_one_axis_stays_still_while_the_other_moves():
     still = [
         np.abs(
             Run(
-                head_control("observer", (identified().model,) * 2, coupling=each), (25, 40), 25
-            ).error(after=20.0)
+                head_control("observer", (identified().model,) * 2, coupling=each), (25, 40), 16
+            ).error(after=12.0)
         ).max()
         for each in (COUPLING, None)
     ]
