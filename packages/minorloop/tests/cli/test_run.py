@@ -52,17 +52,10 @@ def test_a_store_knows_its_columns(run, refused):
 ADAPTIVE = "run --actuator twin:ipmc,noise=0.05,specimen=2 --plan adaptive:hold=100,"
 
 
-def test_an_adaptive_run_ends_with_a_score(run, answer, refused):
+def test_an_adaptive_run_ends_with_a_score(run, refused):
     status, out, _ = run(f"{ADAPTIVE}holds=6 --store a.sqlite")
     assert status == 0
     assert "model from 6 holds; on 4 more, never fitted" in out
-    found = answer("runs show --store a.sqlite")
-    assert found["points"] == 10
-    assert found["finished"]
-    again = answer("resume --store a.sqlite")
-    assert again["mode"] == "finished"
-    assert again["validation"]["holds"] == 4
-    assert again["validation"]["nrmse"] < 0.1
     assert "leave rows, skip and holdout out" in refused("identify a.sqlite --holdout 0.3")
 
 

@@ -6,7 +6,6 @@ import pytest
 from fixed_options import Options, Plane, identify
 from minorloop import PrandtlIshlinskii, Preisach, Record, Smooth
 from minorloop.identification import choosing
-from minorloop.lab.columns import read_columns
 from minorloop.operators.densities import GaussianDensity
 from plane_records import LEVELS, a_plane, a_record
 
@@ -123,16 +122,6 @@ def reversal_curves():
     u = np.concatenate([np.append(1.0, curve) for curve in curves])
     label = np.concatenate([[-1, *[k] * curve.size] for k, curve in enumerate(curves)])
     return u, label
-
-
-def test_the_piezo_stage_as_recorded(shared_data):
-    columns = read_columns(
-        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
-    )
-    found = identify(Record(*columns.values()), Plane(**AUTO), holdout=0.3)
-    assert found.holdout_nrmse <= 0.005
-    assert found.lag == 3
-    assert [one.name for one in found.choices] == ["lag", "structure", "levels"]
 
 
 LABELS = np.repeat(np.arange(10), 40)
