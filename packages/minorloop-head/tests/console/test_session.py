@@ -73,7 +73,7 @@ def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
     assert finding.z == pytest.approx(1e3 * PIT[1], abs=2.5 * finding.z_sd)
     assert (finding.depth, finding.verdict) == (None, "no echoes yet")
     seen = []
-    for k in range(60):
+    for k in range(30):
         pose = right(30 * math.sin(k / 8), 30 * math.cos(k / 11))
         pilot.drive(pose=pose, look=lambda s: seen.append(s.seen.target[:2]))
     assert np.abs(np.subtract(seen, np.mean(seen, axis=0))).max() < 2.0
@@ -156,7 +156,7 @@ def test_the_wires_are_cold_until_a_mode_is_pressed():
     pilot.drive(25)
     assert np.degrees(pilot.plant.stance()[:2]) == pytest.approx([-30.0, -30.0], abs=1.5)
     assert [axis.applied for axis in pilot.session._control.axes] == [0.0, 0.0]
-    pilot.steering(250)
+    pilot.steering(150)
     assert np.degrees(pilot.plant.stance()[:2]) == pytest.approx([0.0, 0.0], abs=3.0)
 
 
@@ -212,7 +212,7 @@ def test_a_pose_of_the_page_that_jumps_holds_and_a_clutch_lets_it_pass():
 
 def test_a_head_that_followed_says_how_far_it_was_behind():
     pilot = Pilot().steering()
-    for n in range(900):
+    for n in range(720):
         pilot.drive(1, pose=right(20.0 * math.sin(0.02 * n)))
     pilot.silence(5)
     said = texts(pilot)[-1]
