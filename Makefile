@@ -67,7 +67,7 @@ compare: setup $(BUILT) ## compute them anew and print a line for each that diff
 
 torture: setup $(BUILT) ## go wrong at every line of runs, kill runs, fleets and the console; prints what was left on or lost
 	PYTHONPATH=$(TESTS) $(BIN)/python -m faults 670
-	PYTHONPATH=$(TESTS) $(BIN)/python -m fleet_torture 3
+	$(BIN)/python -m pytest -m whole packages/minorloop/tests/fleet/test_lost.py
 	$(BIN)/python -m benchmarks --only faults
 	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest packages/minorloop/tests/cli/test_resume.py -k killed
 

@@ -16,7 +16,7 @@ PLACES = {
 """Source and tests of each package."""
 
 ELSEWHERE = {
-    "minorloop/drawing/lab.py": "minorloop/lab/test_reduction.py",
+    "minorloop/drawing/lab.py": "minorloop/drawing/test_notebook.py",
     "minorloop/drawing/layout.py": "minorloop/drawing/test_dynamics.py",
     "minorloop/drawing/linear.py": "minorloop/identification/test_linear_fit.py",
     "minorloop/drawing/oscillator.py": "minorloop/identification/test_oscillator.py",
@@ -37,6 +37,7 @@ ELSEWHERE = {
     "minorloop_head/distortion.py": "minorloop_head/test_geometry.py",
     "minorloop_head/console/identified_head.py": "minorloop_head/console/test_loop.py",
     "minorloop_head/console/scan_echoes.py": "minorloop_head/console/test_depth_work.py",
+    "minorloop_head/console/units.py": "minorloop_head/console/test_reports.py",
     "minorloop_head/control/head.py": "minorloop_head/control/test_head_control.py",
     "minorloop_head/inspection/heads.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/inspection/identification.py": "minorloop_head/cli/test_head.py",

@@ -30,25 +30,6 @@ def test_the_two_densities_differ_between_the_levels_only(study):
     assert study.figures()["positioning"]["between_levels"] > 0.05
 
 
-def test_both_responses_are_of_the_same_sines(study):
-    paper, ours = study.responses["uniform"], study.responses["ours"]
-    np.testing.assert_array_equal(paper.plant, ours.plant)
-    assert not np.array_equal(paper.after, ours.after)
-
-
-def test_the_cascade_follows_better_than_the_operator_alone(study):
-    errors = study.sweep.figures()
-    assert errors["rms_cascade"] < 0.5 * errors["rms_operator"]
-    assert study.dynamics.model.stable
-
-
-def test_what_no_model_can_follow_explains_most_of_the_error(study):
-    found = study.figures()["representability"]
-    assert 0 < found["floor"] <= found["preisach_nrmse"] * (1 + 1e-9)
-    assert found["floor"] > 0.5 * found["preisach_nrmse"]
-    assert found["preisach_nrmse"] < found["plays_nrmse"] < found["quadratic_nrmse"]
-
-
 @pytest.mark.usefixtures("without_pictures")
 def test_the_report_shows_every_figure_of_the_paper(study):
     figures = study.figures()

@@ -353,46 +353,6 @@ class Firmware(Serial):
         self.log.close()
 
 
-BOARD = """
-#include "minorloop.h"
-#include <stdio.h>
-int32_t board_receive(void);
-void board_send(const char *text);
-uint32_t board_milliseconds(void);
-void board_set(minorloop_real u);
-minorloop_real board_get(void);
-void firmware_begin(void);
-void firmware_poll(void);
-static minorloop_real input;
-static int ended;
-int32_t board_receive(void)
-{
-    const int next = getchar();
-    ended = next == EOF;
-    return ended ? -1 : (int32_t)next;
-}
-void board_send(const char *text)
-{
-    (void)fputs(text, stdout);
-    (void)fflush(stdout);
-}
-uint32_t board_milliseconds(void) { return 0; }
-void board_set(minorloop_real u)
-{
-    input = u;
-    (void)fprintf(stderr, "%.9g\\n", (double)u);
-}
-minorloop_real board_get(void) { return input; }
-int main(void)
-{
-    firmware_begin();
-    while (!ended) { firmware_poll(); }
-    return 0;
-}
-"""
-"""A board whose clock stands still and whose sensor sees the input; it logs what is put on."""
-
-
 def build_firmware(folder: Path) -> Path:
     """The program of a board with the exported firmware, compiled in a folder."""
     import numpy as np
@@ -402,10 +362,8 @@ def build_firmware(folder: Path) -> Path:
     from minorloop.operators.preisach import Preisach
 
     model = Preisach(np.linspace(-1, 1, 9), np.tril(np.ones((8, 8))), 0.2)
-    source(model, firmware=True).write(folder)
-    (folder / "board.c").write_text(BOARD)
-    sources = ["minorloop.c", "minorloop_firmware.c", "board.c"]
-    return compiled.build(folder, sources, "-DMINORLOOP_PATIENCE_MS=60u")
+    code = source(model, firmware=True)
+    return compiled.board(code, folder, "-DMINORLOOP_PATIENCE_MS=60u")
 
 
 def use_firmware(program: Path) -> None:

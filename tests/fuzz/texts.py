@@ -19,35 +19,8 @@ from minorloop_head.console import messages
 from minorloop_head.reconstruction.findings import Finding, finding_table
 
 PIECES = [
-    *(
-        "=",
-        "+",
-        "-",
-        "@",
-        "'",
-        "''",
-        "\t",
-        "\r",
-        "\n",
-        '"',
-        ",",
-        ";",
-        " ",
-        "\N{FULLWIDTH EQUALS SIGN}",
-    ),
-    *(
-        "\0",
-        "\x07",
-        "\x1b[31m",
-        "\x7f",
-        "\x85",
-        "\x9b",
-        "\u2028",
-        "\u2029",
-        "\u202e",
-        "\u2066",
-        "\u200f",
-    ),
+    *("=", "+", "-", "@", "'", "''", "\t", "\r", "\n", '"', ",", ";", " ", "\uff1d", "\0", "\x07"),
+    *("\x1b[31m", "\x7f", "\x85", "\x9b", "\u2028", "\u2029", "\u202e", "\u2066", "\u200f"),
     *("1+1", "cmd|' /C calc'!A0", "HYPERLINK(1)", "u", "tip", "1e5", "\xb5", "\u65e5", "e\u0301"),
 ]
 WIDTHS = (2, 3, 50, 999, 1_000, 1_001, 9_999, 10_000, 10_001, 60_000, 1_800_000)

@@ -1,5 +1,6 @@
 """Heated wires for tests: made-up ones, some identified on twins, and a loop around a twin."""
 
+from datetime import UTC, datetime
 from functools import cache
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 from minorloop import Preisach, excitation
 from minorloop_head.control.heating import identify_heating, moving_levels
+from minorloop_head.control.limits import WireLimits
 from minorloop_head.heated_wire import HeatedWire
+from minorloop_head.procedures.head_file import IdentifiedWires
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.wire import Wire
 from papers.catheter.control.laws import LAWS
@@ -69,6 +72,21 @@ def identified_head(seed):
     from papers.catheter.head_static import identify_head
 
     return identify_head(seed)
+
+
+def in_a_file(*wires, **changes):
+    """What a file of a head has of its wires."""
+    return IdentifiedWires(
+        **{
+            "on": datetime(2026, 1, 1, tzinfo=UTC),
+            "wires": wires,
+            "coupling": np.eye(2),
+            "limits": WireLimits(),
+            "highest": 0.4,
+            "stores": {},
+            **changes,
+        }
+    )
 
 
 class Run:

@@ -59,6 +59,13 @@ def run(capsys, program):
 
 
 @pytest.fixture
+def planned(_somewhere, run):
+    """A plan of 11 levels in plan.csv."""
+    line = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30 --save plan.csv"
+    assert run(f'{line} --input "voltage [V]"')[0] == 0
+
+
+@pytest.fixture
 def refused(run):
     """Return the error, after checking that it is one line."""
 

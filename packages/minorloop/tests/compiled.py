@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -71,6 +72,13 @@ def build(folder, sources, *options, program="program", cc="gcc"):
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return folder / program
+
+
+def board(code, folder, *options):
+    """Compile exported firmware with the board of ``board.c``, as a program."""
+    code.write(folder)
+    (folder / "board.c").write_bytes(Path(__file__).with_name("board.c").read_bytes())
+    return build(folder, ["minorloop.c", "minorloop_firmware.c", "board.c"], *options)
 
 
 def self_test(code, folder, *options, cc="gcc"):

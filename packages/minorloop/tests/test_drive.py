@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
 
-from minorloop.connect import connect
 from minorloop.drive import Arrival, DriveResult, TargetDrive
 from minorloop.errors import InstrumentError, NotInvertibleError, ParameterError, UnreachableError
 from minorloop.lab.actuator import Channel
-from minorloop.lab.run import run
-from minorloop.lab.store import Point, Setup, Store
+from minorloop.lab.store import Point
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
@@ -148,18 +146,6 @@ def test_a_stopped_drive_continues_with_the_same_inputs():
         assert again.choose(points) == u
         y, memory = weak(memory, u)
         points.append(point(len(points), u, y))
-
-
-def test_it_runs_on_a_twin_through_the_store(tmp_path):
-    plant = connect("twin:ipmc", specimen=1002, noise=0.02)
-    chosen = drive([2.0, -3.0], corrections=6, within=0.1)
-    plan = chosen.plan(200.0, input="voltage [V]", sample_interval=2.0)
-    setup = Setup("twin:ipmc", "voltage [V]", "curvature [1/m]", 1002, 0, {}, None)
-    with Store.create(tmp_path / "drive.sqlite", plan, setup) as store:
-        run(plant, plan, store, choose=chosen.choose)
-        result = chosen.result(store.points())
-        assert store.finished
-    assert np.abs(result.errors).max() <= 0.1
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from minorloop import (
     modelfile,
     resume,
 )
-from minorloop.measurement import AdaptivePlan, Approach, HoldEnds, _doubts
+from minorloop.measurement import Approach, HoldEnds, _doubts
 
 STRIP = Apparatus("twin:ipmc,specimen=1001,noise=0.02,seed=4")
 
@@ -35,11 +35,6 @@ def test_a_plan_is_measured_and_kept():
     assert resume("a.sqlite").mode == "finished"
     with pytest.raises(StoreError, match="continue it with minorloop resume"):
         measure(STRIP, "plan.csv", "a.sqlite")
-
-
-def test_an_adaptive_run_says_what_it_found():
-    found = measure(STRIP, AdaptivePlan(holds=3, hold=50.0, levels=6), "a.sqlite")
-    assert found.to_dict()["validation"]["holds"] == 4
 
 
 def test_an_actuator_is_driven_and_its_sensor_converted():

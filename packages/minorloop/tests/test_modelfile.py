@@ -149,44 +149,26 @@ def test_provenance_that_is_given_is_kept(path, tmp_path):
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
-def test_provenance_of_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(RecordError, match=r"gone\.csv cannot be read: No such file"):
-        Provenance.of(tmp_path / "gone.csv")
-
-
 @pytest.mark.parametrize(
-    ("provenance", "message"),
+    ("model", "options", "message"),
     [
-        ({"author": "me"}, "unknown field `author`"),
-        ({"sha256": "123"}, "at `sha256`"),
-        ({"scores": {"nrmse": np.nan}}, "score nrmse is nan"),
-        ({"scores": {"nrmse": "good"}}, "score nrmse is 'good'"),
-        ("run.csv", "not a mapping"),
+        (PLAYS, {"provenance": {"author": "me"}}, "unknown field `author`"),
+        (PLAYS, {"provenance": {"sha256": "123"}}, "at `sha256`"),
+        (PLAYS, {"provenance": {"scores": {"nrmse": np.nan}}}, "score nrmse is nan"),
+        (PLAYS, {"provenance": {"scores": {"nrmse": "good"}}}, "score nrmse is 'good'"),
+        (PLAYS, {"provenance": "run.csv"}, "not a mapping"),
+        (PLAYS, {"lag": -1}, "`int` >= 0 - at `lag`"),
+        (PLAYS, {"lag": 0.5}, "got `float` - at `lag`"),
+        (PLAYS, {"input": "\udcff"}, "surrogates"),
+        ({}, {}, "cannot hold a dict; give one of Preisach, Relay"),
     ],
 )
-def test_refuses_wrong_provenance(provenance, message, path):
+def test_refuses_to_write_what_it_could_not_read(model, options, message, path):
     with pytest.raises(ParameterError, match=message):
-        save(PLAYS, path, provenance=provenance)
+        save(model, path, **options)
     assert not path.exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"lag": -1}, "`int` >= 0 - at `lag`"),
-        ({"lag": 0.5}, "got `float` - at `lag`"),
-        ({"input": "\udcff"}, "surrogates"),
-    ],
-)
-def test_refuses_to_write_what_it_could_not_read(options, message, path):
-    with pytest.raises(ParameterError, match=message):
-        save(PLAYS, path, **options)
-    assert not path.exists()
-
-
-def test_refuses_to_write_other_classes(path):
-    with pytest.raises(ParameterError, match="cannot hold a dict; give one of Preisach, Relay"):
-        save({}, path)
+    with pytest.raises(RecordError, match=r"model\.json cannot be read: No such file"):
+        Provenance.of(path)
 
 
 def test_refuses_to_write_more_than_it_would_read(path, monkeypatch):

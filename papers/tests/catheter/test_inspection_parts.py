@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import Tool, wall_distance
+from minorloop_head.geometry import Tool
 from minorloop_head.procedures import steps
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.mark import Marking
@@ -38,7 +38,6 @@ from papers.catheter.detection import (
     plain_edges,
     recall_curve,
     score_scene,
-    wilson,
 )
 from papers.catheter.inspection_report import missed_holes
 from papers.catheter.inspection_servo import ServoRun
@@ -215,11 +214,6 @@ def test_recall_and_false_findings_are_shares():
     assert found["single_recall"] == 1.0
 
 
-def test_wilson_intervals_hold_their_share():
-    low, high = wilson(49, 50)
-    assert 0.88 < low < 0.98 < high < 1.0
-
-
 @pytest.fixture(scope="module")
 def scene():
     return inspection_servo.Scene(1)
@@ -257,23 +251,6 @@ def test_lines_of_one_course_are_one_and_are_visited_once():
     seen = [traced(0.02), traced(0.0202), traced(0.025, length=6e-3), traced(0.02, phi=2.0)]
     found = likely(seen, [traced(0.02, phi=2.01)], 10e-3)
     assert [(trace.places[0, 1], looks) for trace, looks in found] == [(0.02, 2), (0.025, 1)]
-
-
-def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
-    for seed in range(100, 120):
-        bore = Bore(0.5, 0.025, 1e-3, depth=0.5e-3)
-        crack = missions.crack_beside(bore, np.random.default_rng(seed))
-        low, high = missions.CRACKED
-        assert all(low < z < high for _, z in crack.points)
-        off = min(wall_distance(corner, (0.5, 0.025), 10e-3) for corner in crack.points)
-        assert off > missions.CLEAR
-        assert missions.WIDTHS[0] <= max(crack.widths) <= missions.WIDTHS[1]
-
-
-def test_wall_and_water_are_known_with_errors():
-    head, truth = missions.draw_mission(1)
-    assert 0 < abs(head.view.thickness / truth.tip.pipe.thickness - 1) < 0.05
-    assert 0 < abs(head.view.temperature - truth.water.temperature) < 1.5
 
 
 def test_settling_and_losses_of_a_run():

@@ -11,7 +11,6 @@ from minorloop_head.reconstruction.depth_map import (
     DepthMap,
     Patch,
     WaterLine,
-    unseen_map,
 )
 from minorloop_head.ultrasound.c_scan import CScan
 from papers.catheter.pipe_map import blend, echo_map, pipe_map
@@ -38,9 +37,8 @@ def merged():
 
 
 def test_each_texel_has_its_source(merged):
-    assert merged.wall.source[0].tolist() == [UNSEEN] + [CAMERA] * 3 + [BOTH] + [ECHOES] * 5 + [
-        UNSEEN
-    ] or merged.wall.source[0, [0, 1, 4, 8, -1]].tolist() == [UNSEEN, CAMERA, BOTH, ECHOES, UNSEEN]
+    found = merged.wall.source[0, [0, 1, 4, 8, -1]].tolist()
+    assert found == [UNSEEN, CAMERA, BOTH, ECHOES, UNSEEN]
 
 
 def test_the_camera_does_not_see_under_water(merged):
@@ -81,15 +79,6 @@ def test_blending_weighs_by_inverse_variance(a, b):
     assert both.depth[0, 0] == pytest.approx(a**2 / (a**2 + b**2))
     assert both.sd[0, 0] == pytest.approx(1 / np.hypot(1 / a, 1 / b))
     assert (both.source == BOTH).all()
-
-
-def test_blending_with_nothing_changes_nothing():
-    wall = filled(0.1e-3, 1e-5, ECHOES)
-    both = blend(wall, unseen_map(SMALL))
-    assert both.depth == pytest.approx(wall.depth)
-    assert both.sd == pytest.approx(wall.sd)
-    assert (both.source == ECHOES).all()
-    assert blend(unseen_map(SMALL), unseen_map(SMALL)).unseen == 1.0
 
 
 def test_a_hole_stays_a_hole():

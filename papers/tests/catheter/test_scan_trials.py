@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Probe, wrapped
 from minorloop_head.procedures.scan import DWELL, NO_COUPLING, SHOTS, RasterScan, ScannedRaster
 from minorloop_head.procedures.values import NOTHING, Running
@@ -79,15 +78,6 @@ def test_a_depth_in_air_or_in_a_hole_is_wrong():
     assert modality_wrong([run(silent, dry=True, modality="ultrasound")]) == 1
 
 
-def test_scenes_depend_on_the_seed_alone():
-    first, again, other = (draw_trial(seed, kind="hole") for seed in (1, 1, 2))
-    assert first.truth == again.truth
-    assert first.truth != other.truth
-    assert (first.twin.shot().trace == again.twin.shot().trace).all()
-    with pytest.raises(ParameterError, match="kind"):
-        draw_trial(1, kind="crater")
-
-
 def test_the_mount_and_the_camera_are_off_together_and_the_place_is_small():
     place = draw_trial(3)
     turned, moved = place.strayed
@@ -97,15 +87,6 @@ def test_the_mount_and_the_camera_are_off_together_and_the_place_is_small():
     assert abs(place.centre[1] - moved - place.truth.z) < 4 * 0.035e-3
     # A study of many specimens keeps every place, and hands it from process to process.
     assert len(pickle.dumps(place.site)) < 10_000
-
-
-def test_the_image_of_a_trial_has_a_dark_mouth():
-    place = draw_trial(3)
-    patch = Patch.around(*place.centre, size=2.4e-3)
-    off = np.linalg.norm(patch.off(*place.centre), axis=-1)
-    shade = place.picture(patch)
-    assert shade[off < 0.3 * place.diameter].mean() < -1
-    assert abs(shade[off > 0.8 * place.diameter].mean()) < 0.05
 
 
 def test_the_scan_is_that_of_mission_and_console():

@@ -23,12 +23,6 @@ def test_every_view_has_a_glint_near_the_place_and_clear_of_the_rim(hole):
             assert not ((off > rim + 5e-5) & (off < rim + 1.5e-4)).any()
 
 
-def test_a_seed_draws_the_same_view():
-    first, again = draw_view(7, hole=True), draw_view(7, hole=True)
-    assert first.hole == again.hole
-    np.testing.assert_array_equal(first.camera.frame().image, again.camera.frame().image)
-
-
 @pytest.mark.parametrize("inside", ["dark", "backlit", "white"])
 def test_holes_are_in_view_and_large_enough(inside):
     view = draw_view(1, hole=True, inside=inside)

@@ -1,40 +1,14 @@
-"""Only one module reads the truth of twins."""
+"""Scores against the truth of twins."""
 
-import ast
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-import papers as core
 from minorloop_head.geometry import Mount
 from minorloop_head.twins.pipe import Bore
 from minorloop_head.twins.rig import Rig
-from papers import catheter as studies
 from papers.catheter import scoring
-
-MODULES = sorted(
-    path for package in (core, studies) for path in Path(package.__file__).parent.glob("*.py")
-)
-
-
-def private_reads(path):
-    """Private names that a module reads from other objects than self."""
-    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    return [
-        node.attr
-        for node in nodes
-        if isinstance(node, ast.Attribute)
-        and node.attr.startswith("_")
-        and not node.attr.startswith("__")
-        and ast.unparse(node.value) not in ("self", "cls", "super()")
-    ]
-
-
-def test_only_scoring_reads_private_members_of_twins():
-    readers = [path.stem for path in MODULES if private_reads(path)]
-    assert readers == ["scene_view", "scoring"]  # the first is a twin itself
 
 
 def test_a_straight_head_points_along_the_pipe_and_past_a_bore():

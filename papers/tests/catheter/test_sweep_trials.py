@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.sweep_map import draw_pipe_map, finds_table
 from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, unseen_map
 from minorloop_head.twins.pipe import Crack, Dent
@@ -56,14 +55,6 @@ def test_sweeps_alone_have_the_figures_of_the_whole_study(run):
     found = sweep_trials.gather([{"sweep": run[0]}] * 2)
     assert all(figure(found, claim.key) is not None for claim in sweep_trials.STUDY.claims)
     assert found["cscan"]["pits"] == 2
-
-
-def test_the_place_of_a_burst_is_the_true_one_within_the_sensors_errors(run):
-    _, state = run
-    advance = np.array([one.place[0] for one in state.bursts])
-    z = np.array([one.spot[1] for one in state.bursts])
-    # The sway moves the spot along the pipe by up to 0.2 mm.
-    assert 0.05e-3 < np.abs(z - advance).max() < 0.3e-3
 
 
 def test_a_find_elsewhere_is_false_and_one_of_another_kind_is_wrong(run):
@@ -127,13 +118,3 @@ def test_the_map_has_picture_and_echoes_and_is_drawn(run):
     assert BOTH not in sources  # the sweep is far from the water line
     assert len(finds_table(fused).rows) == 1
     assert len(draw_pipe_map(fused, picture=fused.picture).axes) == 8
-
-
-def test_pits_are_drawn_under_water_and_beside_dents():
-    trial = draw_sweep(1000)
-    assert len(trial.pipe.bores) == sweep_trials.PITS
-    for pit in trial.pipe.bores:
-        assert 2e-3 * np.sin(pit.phi) > trial.level
-        for dent in trial.pipe.dents:
-            off = np.hypot(10e-3 * wrapped(pit.phi - dent.phi), pit.z - dent.z)
-            assert off > 2.5 * dent.size

@@ -1,5 +1,4 @@
 import tomllib
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -7,7 +6,8 @@ import pytest
 from minorloop import PrandtlIshlinskii, Preisach, modelfile
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.heated_wire import HeatedWire
-from minorloop_head.procedures.head_file import HeadFile, IdentifiedWires, save_head
+from minorloop_head.procedures.head_file import HeadFile, save_head
+from wires import in_a_file
 
 
 @pytest.mark.parametrize(
@@ -37,14 +37,8 @@ def test_firmware_is_written_for_an_axis_of_each_model_file(answer, tmp_path):
 
 def test_firmware_of_a_head_has_its_limits_and_its_lines(run, refused, tmp_path):
     wire = HeatedWire(Preisach([0.0, 0.08, 0.16], [[1, 0], [2, 1]], relay="unipolar"), 4.0, 0.01)
-    known = IdentifiedWires(
-        on=datetime(2026, 1, 31, tzinfo=UTC),
-        wires=(wire, wire),
-        coupling=np.array([[1.0, 0.07], [0.06, 1.0]]),
-        limits=WireLimits(hottest=60.0),
-        highest=0.4,
-        stores={},
-    )
+    coupling = np.array([[1.0, 0.07], [0.06, 1.0]])
+    known = in_a_file(wire, wire, coupling=coupling, limits=WireLimits(hottest=60.0))
     save_head(HeadFile(serial="H-07", identified=known), "head.json")
     status, out, _ = run("head board head.json --out firmware")
     assert (status, "make -C firmware" in out) == (0, True)

@@ -16,7 +16,6 @@ from minorloop import Channel, InstrumentError, Plan, Record, SafetyError, Setup
 from minorloop.cli._compilation import COMPILES
 from minorloop.cli._run_progress import carry_out_levels
 from minorloop_head.control.head import head_control
-from minorloop_head.control.limits import WireLimits
 from minorloop_head.geometry import Pinhole
 from minorloop_head.inspection.heads import opened_head
 from minorloop_head.inspection.identification import kept_view, swept_view
@@ -24,7 +23,6 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import (
     CheckedAxis,
     HeadFile,
-    IdentifiedWires,
     read_head,
     save_head,
 )
@@ -32,7 +30,7 @@ from minorloop_head.procedures.identify import HeadMeasurement
 from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from scripted_inspection import VIEW as SCRIPTED
-from wires import identified, made_up
+from wires import identified, in_a_file, made_up
 
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
 LATER = (datetime.now(UTC) + timedelta(hours=12)).replace(microsecond=0)
@@ -135,14 +133,7 @@ def test_refuses_in_one_sentence(run, command, sentence):
 
 
 def test_head_drive_refuses_what_cannot_be_reached_and_warns_of_what_was_not(run):
-    wires = IdentifiedWires(
-        on=datetime(2026, 1, 1, tzinfo=UTC),
-        wires=(made_up(), made_up()),
-        coupling=np.eye(2),
-        limits=WireLimits(),
-        highest=0.2,
-        stores={},
-    )
+    wires = in_a_file(made_up(), made_up(), highest=0.2)
     save_head(HeadFile(serial="twin-head-nominal", identified=wires), "head.json")
     Path("far.csv").write_text("pan [deg],tilt [deg]\n200,30\n")
     drive = "--head head.json --actuator twin:head --hold 20"
@@ -515,14 +506,7 @@ def test_calibrate_refuses_in_one_sentence(refused, options, sentence):
 
 
 def test_wires_that_are_older_than_a_calibration_are_named(run):
-    wires = IdentifiedWires(
-        on=datetime(2026, 1, 1, tzinfo=UTC),
-        wires=(made_up(3), made_up(4)),
-        coupling=np.eye(2),
-        limits=WireLimits(),
-        highest=0.4,
-        stores={},
-    )
+    wires = in_a_file(made_up(3), made_up(4))
     old = HeadFile(serial="H-07", calibration=VIEW, calibrated=LATER, identified=wires)
     save_head(replace(old, calibrated=wires.on), "head.json")
     status, out, _ = run("head calibrate --leds 1,2,3;4,5,6 --head head.json --force")

@@ -111,18 +111,3 @@ def test_a_line_that_is_cut_or_held_up_holds_in_time_and_continues_without_a_jum
     remote.run(0.4)
     assert remote.session.state.mode == "HEAD"
     assert remote.session.state.command == pytest.approx(command, abs=1.7e-3)
-
-
-def test_a_killed_page_holds_as_a_cut_line_does_until_another_pilot_takes_over():
-    remote = Remote(Line()).on_the_way()
-    remote.line = Line()
-    remote.line.cut = True
-    remote.session.receive(messages.Release(seq=0, t=0.0, grant=0), remote.now)
-    seconds, command = held_after(remote)
-    assert seconds <= TICK * 1.01
-    remote.line = Line()
-    remote.pose = right(70.0)
-    remote.run(0.5)
-    remote.say(messages.SetMode, mode="HEAD")
-    remote.run(0.4)
-    assert remote.session.state.command == pytest.approx(command, abs=1.7e-3)

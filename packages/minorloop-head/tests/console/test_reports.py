@@ -1,6 +1,9 @@
+import math
+
 import pytest
 
-from minorloop_head.console.reports import NO_ECHOES, camera_finding, table_of, with_depth
+from minorloop_head.console import units
+from minorloop_head.console.reports import NO_ECHOES, camera_finding, with_depth
 
 HOLE = {"phi": -0.1, "z": 0.03, "diameter": 1e-3, "evidence": 1.234}
 FINDING = camera_finding(7, 2.0, HOLE, 10e-3)
@@ -8,6 +11,12 @@ RESULT = {
     "phi": 0.2, "z": 0.031, "diameter": 1.1e-3, "depth": 0.5e-3, "place_sd": 20e-6,
     "diameter_sd": 30e-6, "depth_sd": 4e-6, "verdict": "measured",
 }  # fmt: skip
+
+
+def test_positions_are_shown_in_degrees_and_millimetres():
+    shown, si = (180.0, -90.0, 12.5, 45.0), (math.pi, -math.pi / 2, 12.5e-3, math.pi / 4)
+    assert units.to_si(shown) == pytest.approx(si)
+    assert units.to_shown(si) == pytest.approx(shown)
 
 
 def test_a_finding_by_its_outline_is_in_degrees_and_millimetres():
@@ -21,10 +30,3 @@ def test_echoes_add_depth_place_and_size():
     assert (found.kind, found.verdict) == ("pit", "measured")
     assert (found.depth, found.depth_sd, found.diameter, found.z) == (0.5, 0.004, 1.1, 31.0)
     assert found.phi_sd == pytest.approx(0.1146)
-
-
-def test_the_table_keeps_the_numbers_of_the_pages():
-    header, row, _ = table_of([FINDING]).split("\n")
-    values = dict(zip(header.split(","), row.split(","), strict=True))
-    assert (values["number"], values["depth [mm]"]) == ("7", "")
-    assert float(values["phi [deg]"]) == pytest.approx(354.27)

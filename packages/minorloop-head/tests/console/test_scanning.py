@@ -65,7 +65,7 @@ def test_a_sweep_is_begun_about_the_middle_of_the_picture_and_its_head_comes_bac
     assert position == pytest.approx(HOME, abs=6e-3)
 
 
-@pytest.mark.parametrize("ticks", [1, 30, 150, 400])
+@pytest.mark.parametrize("ticks", [1, 400])
 def test_a_sweep_that_is_left_at_any_tick_is_mapped_once_and_its_head_comes_back(
     scanning, out, ticks
 ):

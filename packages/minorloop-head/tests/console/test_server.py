@@ -230,11 +230,15 @@ def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
 
 
 def test_findings_are_exported(served):
-    finding = asdict(replace(FINDING, number=1))
-    served.client.portal.call(served.link.received, text("findings", findings=[finding]))
-    told = served.client.get("/api/findings.json").json()
-    assert told["findings"] == [finding]
+    rows = [asdict(replace(FINDING, number=1))]
+    for number, verdict in enumerate(("no coupling", "through-hole", "measured", "no pit"), 5):
+        told = {"verdict": verdict, "diameter": None, "depth": None}
+        rows.append(asdict(with_depth(replace(FINDING, number=number), told, 10e-3)))
+    served.client.portal.call(served.link.received, text("findings", findings=rows))
+    assert served.client.get("/api/findings.json").json()["findings"] == rows
     lines = served.client.get("/api/findings.csv").text.splitlines()
+    kinds = ["1,hole or pit", "5,hole or pit", "6,hole", "7,pit", "8,mark"]
+    assert [",".join(line.split(",")[:2]) for line in lines[1:]] == kinds
     row = dict(zip(lines[0].split(","), lines[1].split(","), strict=True))
     assert (row["verdict"], row["depth [mm]"]) == ("no echoes yet", "")
     assert float(row["z [mm]"]) == 30.0
@@ -316,18 +320,6 @@ def test_no_worker_takes_time_and_memory_before_it_is_needed(tmp_path, monkeypat
         served.client.get("/lab")
         served.client.get("/lab")
         assert begun == ["depth_work"] + 3 * ["lab_work"]
-
-
-def test_exported_findings_keep_their_numbers_and_what_echoes_have_not_decided(served):
-    rows = [asdict(FINDING)]
-    for number, verdict in enumerate(("no coupling", "through-hole", "measured", "no pit"), 5):
-        told = {"verdict": verdict, "diameter": None, "depth": None}
-        rows.append(asdict(with_depth(replace(FINDING, number=number), told, 10e-3)))
-    send(served, "findings", {"findings": rows})
-    lines = served.client.get("/api/findings.csv").text.splitlines()
-    assert [line.split(",")[:2] for line in lines[1:]] == [
-        ["3", "hole or pit"], ["5", "hole or pit"], ["6", "hole"], ["7", "pit"], ["8", "mark"],
-    ]  # fmt: skip
 
 
 def test_a_recording_is_replayed(served):

@@ -8,7 +8,6 @@ import pytest
 from console_rig import PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop_head.console import messages
 from minorloop_head.console.mark import NO_CONTACT, OUT_OF_REACH, TOUCHED
-from minorloop_head.console.scanning import STOPPED
 from minorloop_head.console.session import Session
 from minorloop_head.console.settings import LoopSettings
 from minorloop_head.procedures.actuator_plant import NO_PROBE
@@ -74,20 +73,10 @@ def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
     assert finding.z == pytest.approx(1e3 * PIT[1], abs=2.5 * finding.z_sd)
     assert (finding.depth, finding.verdict) == (None, "no echoes yet")
     seen = []
-    for k in range(60):
+    for k in range(30):
         pose = right(30 * math.sin(k / 8), 30 * math.cos(k / 11))
         pilot.drive(pose=pose, look=lambda s: seen.append(s.seen.target[:2]))
     assert np.abs(np.subtract(seen, np.mean(seen, axis=0))).max() < 2.0
-
-
-def test_a_target_is_brought_to_the_middle():
-    pilot = Pilot().following((500.0, 240.0))
-    pilot.drive(20)
-    assert pilot.session.state.command[0] > 0.02  # to the right
-    pilot.camera.target = (319.5, 440.0, 1.0, True)
-    before = pilot.session.state.command[1]
-    pilot.drive(20)
-    assert pilot.session.state.command[1] < before  # down
 
 
 def test_a_target_out_of_sight_holds():
@@ -167,7 +156,7 @@ def test_the_wires_are_cold_until_a_mode_is_pressed():
     pilot.drive(25)
     assert np.degrees(pilot.plant.stance()[:2]) == pytest.approx([-30.0, -30.0], abs=1.5)
     assert [axis.applied for axis in pilot.session._control.axes] == [0.0, 0.0]
-    pilot.steering(250)
+    pilot.steering(150)
     assert np.degrees(pilot.plant.stance()[:2]) == pytest.approx([0.0, 0.0], abs=3.0)
 
 
@@ -223,7 +212,7 @@ def test_a_pose_of_the_page_that_jumps_holds_and_a_clutch_lets_it_pass():
 
 def test_a_head_that_followed_says_how_far_it_was_behind():
     pilot = Pilot().steering()
-    for n in range(900):
+    for n in range(720):
         pilot.drive(1, pose=right(20.0 * math.sin(0.02 * n)))
     pilot.silence(5)
     said = texts(pilot)[-1]
@@ -598,28 +587,6 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
         (1, "pit", 0.5),
         (2, "crack", None),
     ]
-
-
-def test_a_sweep_is_stopped_at_any_time_and_the_next_mode_brings_the_head_back_first():
-    pilot, before = sweeping()
-    pilot.until(lambda s: pilot.camera.commands.count("fire_on") > 5)
-    pilot.mode("HOLD")
-    pilot.drive()
-    session = pilot.session
-    assert (session.state.mode, session.state.rates, session.scan) == ("HOLD", (0.0, 0.0), None)
-    assert every_command(pilot)[-1] == ("end_sweep", [0.0])
-    assert STOPPED in texts(pilot)
-    there = position(session)
-    assert np.abs(np.subtract(there, before)).max() > 5.0
-    pilot.drive(25)
-    assert np.abs(np.subtract(position(session), there)).max() < 8.0  # the roll runs out
-    pilot.mode("HEAD")
-    pilot.drive()
-    assert (session.state.mode, session._scanning.progress().stage) == ("SCAN", "back")
-    pilot.until(lambda s: s.state.mode != "SCAN")
-    assert session.state.mode == "HEAD"
-    assert position(session) == pytest.approx(before, abs=1.5)
-    assert texts(pilot).count(STOPPED) == 1
 
 
 def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.real_turns import Turns, read_turns, replay
+from benchmarks.real_turns import Turns, replay
 from console_rig import Pilot
 from minorloop.errors import ParameterError
 from minorloop_head.console.head_pose import angle_between
@@ -66,10 +66,7 @@ def test_a_packet_is_a_turn_to_the_right_then_up_then_a_roll(angles):
         packet() + b"\0",
         packet(yaw=math.nan),
         packet(roll=math.inf),
-        packet(pitch=1e308),
-        packet(yaw=-1e308),
         packet(yaw=400.0),
-        packet(place=(math.nan, 0.0, 0.0)),
         packet(place=(0.0, 1e308, 0.0)),
     ],
 )
@@ -162,18 +159,3 @@ def test_a_planted_jump_holds_and_a_fast_turn_does_not(udp):
     assert [round(at, 1) for at, _, _ in seen.holds] == [2.5]
     assert "jumped" in seen.holds[0][2]
     assert seen.beyond == 0
-
-
-@pytest.mark.parametrize("udp", [True, False])
-def test_recorded_turns_hold_at_gaps_only_also_when_they_are_faster(shared_data, udp):
-    path = shared_data / "real" / "headset" / "user1_quaternion.txt"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    turns = read_turns(path)
-    fastest = int(np.abs(np.diff(turns.t)).argmin())
-    begin = max(fastest - 100, 100)
-    part = Turns(turns.t[begin : begin + 300] - turns.t[begin], turns.poses[begin : begin + 300])
-    for times in (1.0, 1.5):
-        seen = replay(part.faster(times), udp=udp)
-        assert all(gap > 0.1 for _, gap, _ in seen.holds)
-        assert seen.beyond == 0

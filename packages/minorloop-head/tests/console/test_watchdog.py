@@ -97,11 +97,6 @@ def test_commands_go_to_the_plant_and_readings_come_back(bench):
     assert bench.wires.done == ["safe", tuple(HELD)]
     assert (bench.plant.tick, bench.plant.stance()) == (0.04, (1.0, 2.0))
     assert bench.handle.beats[0] > 0
-
-
-def test_the_time_of_the_plant_comes_with_its_readings(bench):
-    bench.loop()
-    bench.plant.exchange(HELD)
     assert bench.plant.time is None
     bench.wires.time = 0.4
     bench.plant.exchange(HELD)
@@ -143,13 +138,6 @@ def test_a_command_that_cannot_be_carried_out_makes_it_safe(bench):
     assert np.isnan(bench.plant.exchange(10 * HELD)).all()
     assert "0.5 A is the most" in bench.plant.answer.why
     assert "safe" in bench.wires.done[2:]
-
-
-def test_a_restarted_plant_is_made_safe_and_reports_it():
-    bench = Bench("its process was restarted")
-    bench.loop()
-    assert bench.plant.made_safe
-    bench.end()
 
 
 def test_a_plant_that_does_not_answer_costs_one_wait_and_reads_nothing():

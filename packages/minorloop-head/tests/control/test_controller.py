@@ -100,23 +100,15 @@ def test_heating_goes_by_the_inverse_of_operator_and_lag():
 
 
 @pytest.mark.parametrize(
-    ("name", "option"),
+    ("law", "options", "complaint"),
     [
-        ("observer", {"response": 0.0}),
-        ("observer", {"correction": 1e3}),
-        ("observer", {"steepness": -1.0}),
+        ("observer", {"response": 0.0}, "response"),
+        ("observer", {"correction": 1e3}, "correction"),
+        ("observer", {"steepness": -1.0}, "steepness"),
+        ("best", {}, "give one of 'observer'"),
+        ("observer", {"gain": 1.0}, r"'observer' has no option 'gain'; give .*response"),
     ],
 )
-def test_gains_out_of_range_are_refused(name, option):
-    with pytest.raises(ParameterError):
-        controller(LAWS[name], made_up(), **option)
-
-
-def test_an_unknown_controller_is_refused():
-    with pytest.raises(ParameterError, match="give one of 'observer'"):
-        controller("best", made_up())
-
-
-def test_an_unknown_option_is_refused_with_those_that_there_are():
-    with pytest.raises(ParameterError, match=r"'observer' has no option 'gain'; give .*response"):
-        controller("observer", made_up(), gain=1.0)
+def test_unknown_controllers_and_options_out_of_range_are_refused(law, options, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        controller(law, made_up(), **options)

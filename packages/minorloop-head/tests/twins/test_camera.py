@@ -186,13 +186,6 @@ def test_a_groove_is_bright_on_the_flank_towards_the_camera_and_dark_on_the_othe
     assert faced > 1.1 * far
 
 
-def test_water_has_either_a_surface_or_fills_the_pipe():
-    with pytest.raises(ParameterError, match=r"surface of water at y = 0\.001 m"):
-        Camera(Pipe(length=6.4e-3, water=1e-3), flooded=TurbidWater())
-    with pytest.raises(ParameterError, match=r"scattering of water is -1"):
-        TurbidWater(scattering=-1.0)
-
-
 def test_noise_is_that_of_electrons_and_reading():
     camera = looking_at(
         Pipe(length=25.6e-3, finish=MATT),
@@ -265,6 +258,8 @@ def test_a_specimen_differs_from_its_calibration_by_little_and_from_the_drawing_
         (lambda c: Camera(Pipe(length=6.4e-3), optics=Pinhole(width=641)), ParameterError),
         (lambda c: ImageSensor(read=-1.0), ParameterError),
         (lambda c: ImageSensor(electrons=0.0), ParameterError),
+        (lambda c: Camera(Pipe(length=6.4e-3, water=1e-3), flooded=TurbidWater()), ParameterError),
+        (lambda c: TurbidWater(scattering=-1.0), ParameterError),
     ],
 )
 def test_impossible_values_are_refused(act, error):

@@ -77,7 +77,7 @@ def test_a_waveform_that_rests_is_a_hold(kind):
 
 
 @every_kind
-@pytest.mark.parametrize("delay", [0.04, 0.1, 0.053])
+@pytest.mark.parametrize("delay", [0.1, 0.053])
 def test_a_delayed_reading_is_the_reading_of_then(kind, delay):
     now, late = kind(tick=0.01), kind(tick=0.04, delay=delay)
     sequence = wave(kind, 500)
@@ -164,14 +164,6 @@ def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(kind, wrong):
 
 
 @every_kind
-def test_refuses_inputs_for_another_number_of_channels(kind):
-    with pytest.raises(ParameterError, match="give one number for each of"):
-        kind().exchange(np.zeros(3))
-    with pytest.raises(SignalError, match="give u of shape"):
-        kind().drive([0.0, 1.0], np.zeros((3, 2)))
-
-
-@every_kind
 @pytest.mark.parametrize(
     ("duration", "interval", "complaint"),
     [
@@ -204,16 +196,21 @@ def test_refuses_options_out_of_range(kind, options):
 
 
 @every_kind
-def test_refuses_a_number_that_no_float_can_hold(kind):
-    u = [10**400] * len(kind.inputs)
-    with pytest.raises(ParameterError, match="more than a float can hold"):
-        kind().exchange(u)
-
-
-@pytest.mark.parametrize("kind", [Wire, Head])
-def test_refuses_surroundings_that_are_none(kind):
-    with pytest.raises(ParameterError, match="surroundings is 'air'; give a Surroundings"):
-        kind(surroundings="air")
+@pytest.mark.parametrize(
+    ("act", "complaint"),
+    [
+        (lambda kind: kind().exchange(np.zeros(3)), "give one number for each of"),
+        (lambda kind: kind().drive([0.0, 1.0], np.zeros((3, 2))), "give u of shape"),
+        (lambda kind: kind().exchange([10**400] * len(kind.inputs)), "more than a float can hold"),
+        *(
+            (lambda kind, nothing=nothing: kind().restore(nothing), "give a dict from checkpoint")
+            for nothing in (None, [], 3, "x")
+        ),
+    ],
+)
+def test_refuses_what_is_no_input_and_no_checkpoint(kind, act, complaint):
+    with pytest.raises((ParameterError, SignalError), match=complaint):
+        act(kind)
 
 
 @every_kind
@@ -241,13 +238,6 @@ def test_refuses_a_checkpoint_of_another_or_a_damaged_one(kind, change, complain
     del kept["state"]
     with pytest.raises(ParameterError, match="it has no state"):
         twin.restore(kept)
-
-
-@every_kind
-@pytest.mark.parametrize("nothing", [None, [], 3, "x"])
-def test_refuses_what_is_no_checkpoint(kind, nothing):
-    with pytest.raises(ParameterError, match="give a dict from checkpoint"):
-        kind().restore(nothing)
 
 
 def moved(kind, delay=0.1):

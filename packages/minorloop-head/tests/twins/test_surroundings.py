@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
+from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import GASES, Course, Filling, Surroundings, convection
 
 
@@ -36,8 +37,6 @@ def test_a_course_never_leaves_its_bounds(start, end, at, duration, amplitude, p
 def test_loads_are_one_for_all_or_one_an_axis():
     np.testing.assert_array_equal(Surroundings(load=1e-3).loads(2)[:, 0], [1e-3, 1e-3])
     np.testing.assert_array_equal(Surroundings(load=(1e-3, 2e-3)).loads(2)[:, 0], [1e-3, 2e-3])
-    with pytest.raises(ParameterError, match="there are 3 loads; give one, or 2"):
-        Surroundings(load=(0.0, 0.0, 0.0)).loads(2)
 
 
 def test_still_gases_cool_by_their_properties():
@@ -63,7 +62,11 @@ def test_a_dense_gas_cools_better_and_a_dense_liquid_does_not():
         assert ratio == pytest.approx(gain, rel=1e-12)
 
 
-def test_refuses_an_unknown_medium_and_an_impossible_pressure():
+def test_refuses_what_no_surroundings_are():
+    with pytest.raises(ParameterError, match="there are 3 loads; give one, or 2"):
+        Head(surroundings=Surroundings(load=(0.0, 0.0, 0.0)))
+    with pytest.raises(ParameterError, match="surroundings is 'air'; give a Surroundings"):
+        Head(surroundings="air")
     with pytest.raises(ParameterError, match="medium is 'oil'; give one of 'air'"):
         convection("oil")
     with pytest.raises(ParameterError, match=r"pressure is 1\.0 Pa"):

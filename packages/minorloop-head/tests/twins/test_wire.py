@@ -85,7 +85,7 @@ def test_reaches_the_published_angle_and_the_figures_of_the_design():
     assert truth["martensite"] == 0.0
 
 
-@pytest.mark.parametrize("volts", [0.75, 0.85, 0.95, 1.05, 1.15])
+@pytest.mark.parametrize("volts", [0.75, 0.95, 1.15])
 def test_settles_on_the_cosine_of_liang_and_rogers(volts):
     truth = hot(volts * VOLT)
     z = truth["temperature"] - truth["stress"] / WIRE["stress_influence"]
@@ -163,7 +163,7 @@ def test_the_hottest_and_most_stressed_moment_is_kept_until_reset():
     assert twin._peaks()[0] == [20.0]
 
 
-@pytest.mark.parametrize("film", [1000.0, 2000.0, 3000.0])
+@pytest.mark.parametrize("film", [1000.0, 3000.0])
 def test_a_flooded_wire_warms_by_a_few_kelvin_and_cannot_turn(film):
     truth = hot(surroundings=Surroundings(convection=film))
     assert 2.0 < truth["temperature"] - 20.0 < 7.0

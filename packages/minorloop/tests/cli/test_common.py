@@ -10,7 +10,6 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.errors import OutputError
-from minorloop.lab.conversion import read_column
 from minorloop.report import Report
 
 
@@ -53,20 +52,6 @@ def test_progress_is_shown_on_stderr_only(monkeypatch, capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_every_step_is_done_and_the_first_error_is_raised():
-    done = []
-
-    def fails(name):
-        done.append(name)
-        raise OutputError(name)
-
-    steps = [lambda: fails("a"), lambda: done.append("b"), lambda: fails("c")]
-    with pytest.raises(OutputError, match=r"^a$"):
-        _common.all_done(steps)
-    assert done == ["a", "b", "c"]
-    _common.all_done([])
-
-
 def test_an_interruption_ends_the_steps_at_once():
     def interrupted():
         raise KeyboardInterrupt
@@ -101,12 +86,3 @@ def test_inputs_are_never_replaced(name):
     Path("link.csv").symlink_to("good.csv")
     with pytest.raises(OutputError, match="is an input and is not replaced"):
         _common.check_outputs([Path(name)], inputs=[Path("good.csv")], force=True)
-
-
-def test_a_table_is_written_and_read_back():
-    values = np.array([0.1, 1 / 3, -2e-300])
-    _common.write_csv(Path("new.csv"), {"a, b [µm]": values, "n": [1, 2, 3]}, force=False)
-    np.testing.assert_array_equal(read_column(Path("new.csv"), "a, b"), values)
-    assert Path("new.csv").read_text(encoding="utf-8").splitlines()[0] == '"a, b [µm]",n'
-    with pytest.raises(OutputError, match="exists already"):
-        _common.write_csv(Path("new.csv"), {"a": [1]}, force=False)

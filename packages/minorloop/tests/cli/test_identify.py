@@ -9,10 +9,9 @@ import pytest
 
 import minorloop.identification
 import minorloop.report
-from minorloop import Preisach, Record, __version__, modelfile
+from minorloop import Record, __version__, modelfile
 from minorloop.identification import plane_result
 from minorloop.identification.pipeline import Options
-from minorloop.operators.densities import LorentzianDensity
 
 IDENTIFY = "identify good.csv --input voltage --output length --law levels=8"
 
@@ -141,25 +140,6 @@ def test_curves_of_a_column_are_reset_and_left_out(model, run, answer):
     Path("numbered.csv").write_text("\n".join([header, *named]))
     again = answer(f"{line} --record curves=curve,start_of_curve=positive,skip=2")
     assert again["nrmse_groups"] == found["nrmse_groups"]
-
-
-def test_the_choices_and_the_residual_are_in_the_json(answer, run):
-    found = answer(f"{IDENTIFY} --law lag=auto")
-    assert [choice["name"] for choice in found["choices"]] == ["structure"]
-    assert found["residual"]["worst_sample"] < 400
-    assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html -v")[1]
-    assert "Chosen structure: " in Path("chosen.html").read_text()
-
-
-def test_a_ridge_is_the_mean_of_the_prior(run):
-    u = np.concatenate([np.linspace(-1, 1, 30), np.linspace(1, -1, 30)])
-    ridge = LorentzianDensity(0.3, 0.2, 0.15)
-    y = Preisach.from_density(np.linspace(-1, 1, 9), ridge).simulate(u)
-    rows = np.column_stack([u, y + 1e-3 * np.random.default_rng(1000).normal(size=60)])
-    np.savetxt("loop.csv", rows, delimiter=",", header="u,y", comments="")
-    line = "identify loop.csv --input u --output y --law levels=8,lag=0 --prior gaussian"
-    assert json.loads(run(f"{line}:mean=ridge --json")[1])["ridge"]["coercive"] > 0
-    assert json.loads(run(f"{line} --json")[1])["ridge"] is None
 
 
 def test_a_refused_table_does_not_wait_for_compiled_code(tmp_path):

@@ -9,8 +9,7 @@ import pytest
 from minorloop import Preisach, save
 from offspring import started
 
-KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "3"))
-PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
+KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "2"))
 TWIN = "--actuator twin:ipmc,noise=0.05,specimen=3,seed=4"
 RUN = f"run {TWIN} --plan plan.csv"
 WITHIN = "--corrections 2 --within 3 --hold 30"
@@ -19,8 +18,7 @@ WANTED = [3.0, -4.0, 6.0, 0.5, -7.0]
 
 
 @pytest.fixture(autouse=True)
-def _planned(_somewhere, run):
-    assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
+def _planned(planned):
     model = Preisach(np.linspace(-1.2, 1.2, 5), np.tril(np.full((4, 4), 0.9)))
     save(model, "strip.json", input="voltage [V]", output="curvature [1/m]")
     Path("wanted.csv").write_text("\n".join(["curvature [1/m]", *map(str, WANTED)]) + "\n")

@@ -5,13 +5,10 @@ import pytest
 from minorloop.cli import runs
 from minorloop.lab.store import Store
 
+pytestmark = pytest.mark.usefixtures("planned")
+
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 RUN = "run --actuator twin:ipmc,noise=0.05,specimen=3,seed=4 --plan plan.csv"
-
-
-@pytest.fixture(autouse=True)
-def _planned(_somewhere, run):
-    assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
 
 
 def test_shows_the_content_of_a_store(run, answer):
@@ -22,11 +19,6 @@ def test_shows_the_content_of_a_store(run, answer):
     assert answer("runs list --store .")["runs"][0]["points"] == 11
     shown = run("runs show --store runs.sqlite")[1]
     assert "fresh, from point 0 on; finished" in shown
-    found = answer("runs show --store runs.sqlite")
-    assert found["actuator"] == "twin:ipmc"
-    assert found["settled"] + found["extrapolated"] + found["unsettled"] == 11
-    assert len(found["columns"]["voltage [V]"]) == 11
-    assert answer("runs export --store runs.sqlite")["rows"] == 11
 
 
 def test_a_damaged_store_does_not_hide_the_others(run, answer):

@@ -55,15 +55,6 @@ def test_a_settled_cascade_stays_constant(first, before):
     np.testing.assert_allclose(found.u, before, atol=1e-9)
 
 
-@ORDERS
-def test_slow_inputs_give_the_outputs_of_the_operator(first):
-    t = np.linspace(0, 4e4, 4001)
-    u = np.sin(2 * np.pi * t / 2e4)
-    y = Cascade(PLANE, G.normalised(), first).simulate(t, u, before=0.0, between="straight")
-    w = PLANE.simulate(np.append(0.0, u))[1:]
-    assert np.abs(y - w).max() < 5e-3 * np.ptp(PLANE.range)
-
-
 def growing_sine(reach, centre=0.0, seconds=30.0, interval=0.02):
     t = np.arange(0, seconds, interval)
     return t, centre + reach * np.minimum(t / 10, 1) * np.sin(0.7 * t)

@@ -67,9 +67,15 @@ def test_the_function_equals_the_model(model, start):
     assert as_model(model, parameters) == model
 
 
-@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
-@pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
-@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize(
+    ("start", "relay", "diagonal"),
+    [
+        ("negative", "bipolar", "uniform"),
+        ("positive", "unipolar", "uniform"),
+        ("positive", "bipolar", "reversible"),
+        ("demagnetised", "unipolar", "reversible"),
+    ],
+)
 def test_the_gradient_in_the_weights_is_the_design_matrix(start, relay, diagonal):
     model = preisach(3, relay=relay, diagonal=diagonal)
     u, r = inputs(model, 4), np.random.default_rng(5).normal(size=40)

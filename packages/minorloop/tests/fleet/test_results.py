@@ -1,5 +1,4 @@
 import dataclasses
-import json
 
 import pytest
 
@@ -9,9 +8,7 @@ from minorloop.fleet.results import (
     has_result,
     open_folder,
     write_result,
-    write_summary,
 )
-from minorloop.fleet.summary import Summary
 
 MODEL, DIGEST = b"model", "9372c470eeadd5ecd9c3c74c2b3cb633f8e2f2fad799250a0f70d652b6b825e4"
 FIGURES = {"nrmse": 0.1, "low": -1.0, "high": 1.0, "sha256": "of the record", "model": DIGEST}
@@ -40,18 +37,3 @@ def test_an_outcome_is_found_again_if_record_columns_and_model_are_the_same(plac
     assert earlier_outcome(place, one, "of the record") is None
     (place / "results/s.json").write_text("nonsense")
     assert earlier_outcome(place, one, "of the record") is None
-
-
-def test_a_failure_removes_the_model_and_is_found_again(place, one):
-    failed = write_result(place, one, one.outcome(error="no\nrows", sha256="of the record"))
-    assert failed.error == "no rows"
-    assert not (place / "models/s.json").exists()
-    assert earlier_outcome(place, one, "of the record") == failed
-
-
-def test_the_summary_is_written_as_json_and_as_a_table(place, one):
-    write_summary(place, Summary([one.outcome(**FIGURES)]))
-    assert json.loads((place / "summary.json").read_text())["identified"] == 1
-    header, row = (place / "summary.csv").read_text().splitlines()
-    table = dict(zip(header.split(","), row.split(","), strict=True))
-    assert (table["specimen"], table["nrmse"]) == ("s", "0.1")

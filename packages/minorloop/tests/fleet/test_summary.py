@@ -42,6 +42,7 @@ def test_distributions_are_over_identified_specimens():
     assert [one.specimen for one in summary.failures] == ["lost"]
     assert "10 of 11 specimens identified" in str(summary)
     assert "failed lost: no file" in str(summary)
+    assert Summary(outcomes[10:]).plain()["figures"] == {}
 
 
 def test_a_figure_is_over_the_specimens_that_have_it():
@@ -54,12 +55,6 @@ def test_a_figure_is_over_the_specimens_that_have_it():
     assert "excited" not in summary.distributions()
     (found,) = summary.outliers()
     assert (found.specimen, found.figure) == ("s50", "nrmse_holdout")
-
-
-def test_a_fleet_without_models_has_a_summary_too():
-    summary = Summary([Outcome("lost", error="no file")])
-    assert summary.plain()["figures"] == {}
-    assert "0 of 1" in str(summary)
 
 
 def test_a_model_not_to_be_trusted_is_listed():

@@ -3,9 +3,8 @@ import pytest
 from scipy.optimize import nnls
 
 from benchmarks import fit_times, real_records
-from fixed_options import Plane, identify
 from minorloop.errors import ParameterError
-from minorloop.identification import Smooth, active_set, everett_system, least_squares
+from minorloop.identification import active_set, everett_system, least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import Problem
 from plane_problems import a_problem, objective
@@ -38,7 +37,7 @@ def dense_optimum(problem):
 
 @pytest.mark.parametrize("spec", SPECS)
 def test_the_optimum_is_that_of_scipy(spec, sparse):
-    for seed in range(8):
+    for seed in range(4):
         rng = np.random.default_rng(seed)
         samples, noise = int(rng.choice([5, 30, 300])), float(rng.choice([1e-3, 0.1]))
         problem = a_problem(int(rng.integers(2, 11)), samples, noise, seed, **spec)
@@ -54,24 +53,6 @@ def a_real_problem(bands, samples):
     model, u, y = real_records.a_record(bands, samples)
     every = np.ones(u.size, dtype=bool)
     return Problem(DesignMatrix(PlaneSpec(model.levels), u, every, "negative"), y)
-
-
-def test_the_sparse_system_finds_the_optimum_of_the_dense_one(monkeypatch):
-    problem = a_real_problem(40, 1500)
-    monkeypatch.setattr(least_squares._System, "gram", None)  # the sparse one does not need it
-    sparse = problem.fit(0.0)
-    monkeypatch.undo()
-    monkeypatch.setattr(least_squares, "_LEAST_SPARSE", np.inf)
-    dense = problem.fit(0.0)
-    assert sparse.kkt <= 1e-10
-    assert objective(problem, sparse.x) == pytest.approx(objective(problem, dense.x), rel=1e-8)
-
-
-def test_the_optimality_holds_in_simulated_outputs():
-    model, u, y = real_records.a_record(40, 1500)
-    found = identify(u, y, Plane(model.levels), prior=Smooth(0.0))
-    assert found.kkt <= 1e-10
-    assert real_records.violation(found.model, u, y) <= 1e-10
 
 
 @pytest.mark.parametrize(

@@ -83,15 +83,6 @@ def test_what_is_missing_to_the_end_is_not_scored(done):
     assert np.isfinite(score.nrmse)
 
 
-def test_an_early_outlier_is_left_out_and_replaced():
-    chooser = Adaptive(-1.2, 1.2)
-    u, y = experiment(chooser, outlier_at=3)
-    roles = chooser.roles(u, y)
-    assert roles[3] == "outlier"
-    assert roles.count("design") == 12
-    assert roles.count("validation") == VALIDATION
-
-
 @pytest.mark.parametrize("surprising", ["always", "never"])
 def test_never_spends_the_validation(surprising, monkeypatch):
     """Whatever is repeated, and however that ends."""

@@ -5,7 +5,6 @@ import minorloop as ml
 from fault_records import INPUTS, record, sine
 from fixed_options import Options, Plane, identify
 from minorloop import Preisach, Record, Smooth, excitation
-from minorloop.lab.columns import read_columns
 from minorloop.operators.densities import GaussianDensity
 from plane_records import LEVELS, a_plane, a_record
 
@@ -79,15 +78,6 @@ def test_an_output_that_comes_before_the_input_is_not_said_to_follow_it(shared_d
     assert "the output follows" not in " ".join(found.advice)
 
 
-def test_a_bit_that_never_changes_is_no_noise():
-    u, y = record("levels")
-    bit = np.ptp(y) / 8
-    above = y - y.min()
-    assert not identify(u, y, Plane(12)).warnings
-    found = identify(u, y - bit * (np.floor(above / bit) % 2), Plane(12))
-    assert "beyond noise" in " ".join(found.warnings)
-
-
 def test_a_filter_is_more_than_the_lag_that_was_found():
     u, y = record("sine")
     filtered = np.convolve(y, np.full(12, 1 / 12))[: y.size]
@@ -95,14 +85,6 @@ def test_a_filter_is_more_than_the_lag_that_was_found():
     found = identify(u, filtered, Plane(12, lag="auto"))
     assert found.lag > 0
     assert "beyond noise" in " ".join(found.warnings)
-
-
-def test_advice_names_one_measured_major_loop(shared_data):
-    columns = read_columns(
-        shared_data / "piezo_micromanipulator_model.csv", ["input_V", "displacement_um"]
-    )
-    u, y = (column[200:] for column in columns.values())
-    assert "one major loop" in " ".join(identify(u, y, Plane(25, lag=3), holdout=0.3).advice)
 
 
 def advice(u, y, **options):

@@ -3,7 +3,7 @@ import numpy as np
 import minorloop as ml
 from fixed_options import Plane, identify
 from minorloop import Record, Smooth
-from minorloop.identification.alternation import alternate, earlier, without
+from minorloop.identification.alternation import alternate, without
 from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
 
 T = 0.01 * np.arange(800)
@@ -33,7 +33,3 @@ def test_alternation_finds_poles_on_both_sides():
     np.testing.assert_allclose(found.dynamics.time_constants, [0.08, 0.03], rtol=0.1)
     assert found.error < 3e-3
     assert found.result.model is found.operator
-
-
-def test_outputs_are_moved_to_earlier_samples():
-    np.testing.assert_array_equal(earlier(np.arange(4.0), 1), [1, 2, 3, np.nan])

@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.dynamics.linear import Linear
-from minorloop.identification import arx as identification_arx
 from minorloop.identification.arx import arx
 
 LAGS = Linear.lags(27.0, 6.0)
@@ -56,16 +55,6 @@ def test_a_known_plant_is_found_within_five_percent_despite_noise(noisy):
     t = np.arange(0.0, 300)
     errors = [fit.model.step_response(t) - LAGS.step_response(t) for fit in noisy]
     assert np.abs(errors).max() <= 1e-3
-
-
-def test_deviations_are_those_over_many_records(monkeypatch):
-    monkeypatch.setattr(identification_arx, "HIGHEST_ORDER", 2)
-    monkeypatch.setattr(identification_arx, "LONGEST_DEAD_TIME", 0)
-    fits = [arx(*step(noise=1e-3, seed=seed)) for seed in range(20)]
-    fits = [fit for fit in fits if fit.model.order == 2]
-    spread = np.std([fit.model.time_constants for fit in fits], axis=0)
-    told = np.mean([fit.time_constant_deviations for fit in fits], axis=0)
-    np.testing.assert_allclose(told, spread, rtol=0.5)
 
 
 def test_a_second_record_chooses():

@@ -77,23 +77,6 @@ def test_an_outlier_is_left_out_and_named(place):
     assert not fit.fitted[place]
 
 
-def test_many_samples_are_summed_and_agree_with_few():
-    """What is kept of few and of many samples gives the same where the discrepancy is small."""
-    rng = np.random.default_rng(0)
-    plane = np.tril(np.exp(-np.subtract.outer(np.arange(8), np.arange(8)) / 3.0))
-    model = Preisach(np.linspace(0, 1, 9), plane)
-    u = rng.uniform(0, 1, 900)
-    y = model.simulate(u) + rng.normal(0, 0.02, u.size)
-    many = identify(u, y, Plane(8), prior=Gaussian())
-    few = identify(u[:390], y[:390], Plane(8), prior=Gaussian())
-    truth = np.ptp(model.range)
-    check = rng.uniform(0, 1, 200)
-    for fit in (many, few):
-        error = fit.model.simulate(check) - model.simulate(check)
-        assert np.sqrt(np.mean(error**2)) < 0.004 * truth
-    assert many.posterior is not None
-
-
 def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch):
     monkeypatch.setattr(posterior, "_MOST_CHEAP_CELLS", 10)
     rng = np.random.default_rng(0)

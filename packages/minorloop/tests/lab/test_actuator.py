@@ -9,6 +9,9 @@ from minorloop.lab.actuator import Channel, check_input
 VOLTAGE = Channel("voltage", "V", -1.2, 1.2)
 AXES = (Channel("x", "V", 0.0, 1.2, rate=0.5), Channel("y", "V", -0.6, 0.6))
 
+NO_LIMITS = [(1.0, 1.0), (1.0, 0.0), (np.nan, 1.0), (0.0, np.nan)]
+OBEYED = ["\n", "\x1b", "\x9b", "\u202e"]
+
 
 @given(st.floats(-1.2, 1.2))
 def test_an_input_within_limits_passes_unchanged(u):
@@ -19,12 +22,6 @@ def test_an_input_within_limits_passes_unchanged(u):
 def test_anything_beyond_is_refused_and_never_clipped(u):
     with pytest.raises(LimitError, match=r"voltage .* V is beyond the limits"):
         check_input((VOLTAGE,), u)
-
-
-def test_says_what_was_wrong_and_what_is_allowed():
-    message = r"voltage 1\.3 V is beyond the limits \[-1\.2, 1\.2\] V; nothing was applied"
-    with pytest.raises(LimitError, match=message):
-        check_input((VOLTAGE,), 1.3)
 
 
 def test_rounding_carries_no_input_past_a_limit():
@@ -51,26 +48,20 @@ def test_a_rate_limit_is_a_limit_too():
         check_input(AXES, [0.5, 0.0], before=[0.0, 0.0], interval=0.9)
 
 
-@pytest.mark.parametrize(("low", "high"), [(1.0, 1.0), (1.0, 0.0), (np.nan, 1.0), (0.0, np.nan)])
-def test_limits_are_in_order(low, high):
-    with pytest.raises(ParameterError, match="give low below high"):
-        Channel("voltage", "V", low, high)
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan])
-def test_a_rate_limit_is_positive(rate):
-    with pytest.raises(ParameterError, match="positive rate"):
-        Channel("voltage", "V", rate=rate)
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        *[({"low": low, "high": high}, "give low below high") for low, high in NO_LIMITS],
+        *[({"rate": rate}, "positive rate") for rate in (0.0, -1.0, np.nan)],
+        *[({"name": f"a{c}b"}, "channel .* leave out what cannot be printed") for c in OBEYED],
+        *[({"unit": f"V{c}"}, "the unit of channel a ") for c in OBEYED],
+    ],
+)
+def test_refuses_what_is_no_channel(options, says):
+    with pytest.raises(ParameterError, match=says):
+        Channel(**{"name": "a", "unit": "V", **options})
 
 
 def test_a_channel_reads_like_a_column_header():
     assert str(VOLTAGE) == "voltage [V]"
     assert str(Channel("strain", "")) == "strain"
-
-
-@pytest.mark.parametrize("letter", ["\n", "\x1b", "\x9b", "\u202e"])
-def test_names_that_cannot_be_printed_are_refused(letter):
-    with pytest.raises(ParameterError, match=r"the channel .* leave out what cannot be printed"):
-        Channel(f"a{letter}b", "V")
-    with pytest.raises(ParameterError, match="the unit of channel a "):
-        Channel("a", f"V{letter}")

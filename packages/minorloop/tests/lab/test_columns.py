@@ -253,8 +253,8 @@ def test_headers_with_characters_that_are_obeyed_are_refused(letter, table):
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        (b"," * 1_800_000, "columns or more; give at most 10000"),
-        (b"u,y\n" + b"," * 900_000 + b"\n", "line 2 of .* has more than 102 cells"),
+        (b"," * 60_000, "columns or more; give at most 10000"),
+        (b"u,y\n" + b"," * 60_000 + b"\n", "line 2 of .* has more than 102 cells"),
         (b"u,y\n" + b'"\n",' * 5_000, "a quoted cell has more than 1000 lines"),
         (b",".join(b"c%d" % k for k in range(20_000)) + b"\n", "20000 columns or more"),
     ],

@@ -4,18 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop.lab.conversion import LaserCurvature
 from minorloop.lab.curvature import displacement_from_curvature
 
 D0, H0 = 0.05, 0.015
 curvatures = st.floats(-60.0, 60.0)
-
-
-@given(curvatures, st.floats(0.01, 0.1), st.floats(0.001, 0.016))
-def test_there_and_back(kappa, d0, h0):
-    d = displacement_from_curvature(kappa, d0, h0, length=0.03)
-    back = LaserCurvature(d0, h0, unit="m").convert(d)
-    assert back == pytest.approx(kappa, abs=1e-8, rel=1e-9)
 
 
 @given(curvatures.filter(lambda kappa: abs(kappa) > 1e-3))

@@ -88,7 +88,7 @@ class TestLostRows:
         lost = chance.choice(np.arange(1, u.size - 1), 15, replace=False)
         return u, model.simulate(u), np.delete(np.arange(u.size), lost)
 
-    @pytest.mark.parametrize("seed", [1000, 1001, 1002, 1003])
+    @pytest.mark.parametrize("seed", [1000, 1001])
     def test_a_row_that_hid_a_turn_no_longer_spoils_the_fit(self, seed):
         u, y, kept = self.table(seed)
         times = check_times(20.0 * kept)

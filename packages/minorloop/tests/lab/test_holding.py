@@ -75,7 +75,7 @@ def _measured(path, bench, plan):
         return store.points(), [store.trace(k) for k in range(len(plan))]
 
 
-@pytest.mark.parametrize("answer", [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("answer", [0.001, 0.03, 1.0])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_stored_times_are_true_and_no_constant_is_unsettled(tmp_path, answer, noise):
     plant = Instrument(answer, noise)
@@ -102,21 +102,6 @@ def test_the_longest_hold_ends_by_the_clock(tmp_path):
     assert plant.time - plant.sets[0] == pytest.approx(2.0)
 
 
-def test_a_plan_that_cannot_be_kept_is_refused_before_the_first_hold(tmp_path):
-    plant = Instrument(0.1)
-    bench = _bench(plant)
-    plan = _plan(1.0)
-    with Store.create(tmp_path / "a", plan, SETUP) as store:
-        with pytest.raises(
-            ParameterError,
-            match=r"takes 0\.1 s for an answer, .* 8 of them in a hold and 4 in the window: the "
-            r"plan has a hold of 1 s and a window of 0\.1 s; the shortest .* is 0\.8 s, with",
-        ):
-            run(bench, plan, store)
-        assert len(store) == 0
-    assert plant.sets == []
-
-
 def test_the_shortest_hold_that_is_named_is_possible():
     for answer in (0.001, 0.0123, 0.1, 0.7):
         plant = Instrument(answer)
@@ -127,29 +112,6 @@ def test_the_shortest_hold_that_is_named_is_possible():
         assert 8 * answer <= shortest <= 10 * answer
         check_plan(_bench(plant), _plan(shortest, sample_interval=interval))
         check_plan(_bench(plant), _plan(20 * answer).slowed(answer))
-
-
-def test_points_show_that_a_meter_became_slow(tmp_path):
-    plant = Instrument(0.01)
-    bench = _bench(plant)
-    plan = _plan(1.0, window=0.5)
-
-    def watch(progress):
-        if progress.index == 2:
-            plant.answer = 0.12
-
-    with Store.create(tmp_path / "a", plan, SETUP) as store:
-        run(bench, plan, store, watch=watch)
-        points = store.points()
-        for point in points:
-            t, _ = store.trace(point.index)
-            assert (t > 0).all()
-            assert t[-1] <= point.held <= 1.13
-    assert [p.verdict for p in points] == ["settled"] * 5
-    assert points[1].time_uncertainty == pytest.approx(0.005)
-    assert points[4].time_uncertainty == pytest.approx(0.06)
-    assert points[1].sample_interval < 0.03
-    assert points[4].sample_interval > 0.1
 
 
 def test_a_replay_takes_as_long_as_the_holds_took(tmp_path):

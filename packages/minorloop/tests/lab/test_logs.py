@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fixed_options import Options, Plane, identify
-from minorloop import ParameterError, Preisach, Record, RecordError, Smooth
+from fixed_options import Options
+from minorloop import ParameterError, Preisach, Record, RecordError
 from minorloop.lab.columns import read_headers
 from minorloop.lab.logs import read_log
 from minorloop.lab.timebase import time_column
@@ -39,20 +39,6 @@ def test_a_lag_in_seconds_is_taken_out_of_uneven_samples(file):
 
 def _columns(record):
     return record.u, record.y
-
-
-def test_after_a_gap_the_memory_counts_as_unknown(file):
-    y = MODEL.simulate(U)
-    kept = np.delete(np.arange(T.size), slice(480, 900))
-    log = read_log(write(file, T[kept], U[kept], y[kept]), input="u", output="y", time="time")
-    assert "about 420 samples are missing" in log.notes[0]
-    record = log.with_known_memory()
-    unknown = np.isnan(record.y)
-    assert unknown[480:500].all()
-    assert not unknown[:480].any()
-    with_gap = identify(record.u, record.y, Plane(MODEL.levels), prior=Smooth(0.0))
-    as_logged = identify(log.u, log.y, Plane(MODEL.levels), prior=Smooth(0.0))
-    assert with_gap.nrmse <= as_logged.nrmse
 
 
 def test_dates_and_units_give_seconds(file):
@@ -141,11 +127,3 @@ def test_the_input_of_another_logger_is_interpolated_at_the_times_of_the_output(
     path.write_text("time [s],u [V],y\n" + "\n".join(rows[::-1]) + "\n")
     with pytest.raises(RecordError, match="order of time: sort them"):
         read_log(path, input="u", output="y", time="time")
-
-
-def test_lost_rows_of_a_table_of_holds_are_found_in_a_file(file):
-    u = np.concatenate([np.arange(k % 2, 9 - k % 2) * (-1.0) ** k for k in range(6)])
-    kept = np.delete(np.arange(u.size), [8, 21])
-    log = read_log(write(file, 20.0 * kept, u[kept], u[kept]), input="u", output="y", time="time")
-    assert "2 rows are missing at 2 intervals of 2 or more times the usual 20 s" in log.notes[0]
-    assert log.bridges.after.tolist() == [7, 19]

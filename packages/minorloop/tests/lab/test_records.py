@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from minorloop.errors import OutputError, ParameterError, RecordError
-from minorloop.lab.columns import read_columns
 from minorloop.lab.logs import read_log
 from minorloop.lab.records import Quantity, Record
 
@@ -140,15 +139,6 @@ def test_an_existing_file_is_replaced_only_by_force(tmp_path):
         small().to_csv(tmp_path / "missing" / "record.csv")
 
 
-def test_reads_measured_records(shared_data):
-    file = shared_data / "piezo_micromanipulator_minor_loops.csv"
-    record = read_log(file, input="input_V", output="displacement_um", time="t_s")
-    assert len(record) == 7000
-    np.testing.assert_allclose(np.diff(record.t), 0.005, atol=1e-9)
-    forc = read_columns(shared_data / "forc_feco_nanowires.csv", ["field_Oe", "moment_emu"])
-    assert forc["field_Oe"].size == forc["moment_emu"].size > 10_000
-
-
 def test_a_name_that_begins_as_a_formula_is_read_again(tmp_path):
     record = Record([-1.0, 1.0], [2.0, -3.0], [0.0, 1.0], "=1+1 [V]", "@SUM(A1) [mm]")
     record.to_csv(tmp_path / "r.csv")
@@ -157,15 +147,6 @@ def test_a_name_that_begins_as_a_formula_is_read_again(tmp_path):
     again = read_log(tmp_path / "r.csv", input="=1+1", output="@SUM(A1)", time="time")
     assert (again.input, again.output) == (record.input, record.output)
     np.testing.assert_array_equal(again.u, record.u)
-
-
-def test_a_clock_that_was_set_back_continues_as_in_a_file():
-    t = np.arange(40.0)
-    t[25:] -= 7.5
-    record = Record(t % 9, t, t)
-    np.testing.assert_array_equal(record.t, np.arange(40.0))
-    assert record.breaks.tolist() == [24]
-    assert "the clock was set back 1 time" in record.notes[0]
 
 
 def test_it_is_drawn_and_shown_in_a_notebook():
@@ -191,8 +172,3 @@ def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
     else:
         with pytest.raises(ParameterError, match="give two numbers from 0"):
             record.only(first, last)
-
-
-def test_a_record_without_samples_is_refused_in_its_own_words():
-    with pytest.raises(RecordError, match=r"give inputs and outputs \(T,\) of at least one"):
-        Record([], [])

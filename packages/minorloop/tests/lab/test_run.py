@@ -1,6 +1,5 @@
 import os
 import signal
-import threading
 
 import numpy as np
 import pytest
@@ -118,32 +117,6 @@ class Pulled(Exception):
     """Stands for whatever can go wrong between two samples."""
 
 
-@pytest.mark.parametrize("looks", [3, 18, 20, 33, 47])
-def test_a_twin_goes_on_exactly_where_it_was(tmp_path, store, twin, looks):
-    rows, traces = _undisturbed(tmp_path, twin)
-    for _ in range(100):
-        left = iter(range(looks))
-
-        def watch(progress, left=left):
-            if next(left, None) is None:
-                raise Pulled
-
-        fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
-        try:
-            mode = run(fresh, PLAN, store, watch=watch)
-        except Pulled:
-            continue
-        assert mode in ("fresh", "restored")
-        break
-    if looks == 3:  # no life is long enough for a single point
-        assert len(store) == 0
-        return
-    assert _rows(store) == rows
-    for k, (t, y) in enumerate(traces):
-        for mine, whole in zip(store.trace(k), (t, y), strict=True):
-            np.testing.assert_array_equal(mine, whole)
-
-
 def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
     whole, _ = _undisturbed(tmp_path, Bench())
     first = Bench(fails_after=6)
@@ -160,13 +133,6 @@ def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
     np.testing.assert_allclose([r[2] for r in _rows(store)], [r[2] for r in whole], atol=1e-9)
     assert [session.mode for session in store.sessions()] == ["fresh", "replayed"]
     assert [session.end for session in store.sessions()] == ["the cable was pulled", "finished"]
-
-
-def test_a_finished_run_is_left_alone(store, twin):
-    run(twin, PLAN, store)
-    bench = Bench()
-    assert run(bench, PLAN, store) == "finished"
-    assert bench.sent == []
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
@@ -214,24 +180,6 @@ def test_an_actuator_that_cannot_be_made_safe_is_an_error_of_its_own(store, fail
         run(Stuck(fails_after), PLAN, store)
     assert store.finished == (fails_after is None)
     assert ("the cable was pulled" in str(caught.value)) == (fails_after == 2)
-
-
-def test_a_run_in_a_thread_is_left_safe_too(tmp_path):
-    bench = Bench(fails_after=2)
-    errors = []
-
-    def work():
-        with Store.create(tmp_path / "thread.sqlite", PLAN, SETUP) as store:
-            try:
-                run(bench, PLAN, store)
-            except OSError as error:
-                errors.append(error)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert str(errors[0]) == "the cable was pulled"
-    assert bench.sent[-1] == "safe"
 
 
 def test_a_store_that_cannot_be_written_keeps_what_it_has(store, monkeypatch):
@@ -307,35 +255,6 @@ def test_open_levels_need_somebody_who_chooses(tmp_path):
         pytest.raises(ParameterError, match="level 1 of the plan is open"),
     ):
         run(Bench(), OPEN, store)
-
-
-def test_a_run_with_chosen_levels_goes_on_exactly_where_it_was(tmp_path, twin):
-    with Store.create(tmp_path / "whole.sqlite", OPEN, SETUP) as whole:
-        run(twin, OPEN, whole, choose=_choose)
-        expected = _rows(whole)
-    for _ in range(20):
-        fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
-        seen = iter(range(2))
-
-        def watch(progress, seen=seen):
-            if progress.point is not None and next(seen, None) is None:
-                raise Pulled
-
-        there = (tmp_path / "killed.sqlite").exists()
-        store = (
-            Store.open(tmp_path / "killed.sqlite", write=True)
-            if there
-            else Store.create(tmp_path / "killed.sqlite", OPEN, SETUP)
-        )
-        with store:
-            try:
-                run(fresh, OPEN, store, choose=_choose, watch=watch)
-            except Pulled:
-                continue
-            assert _rows(store) == expected
-            break
-    else:
-        raise AssertionError("the run never ended")
 
 
 def test_a_store_of_another_actuator_is_refused(store):

@@ -76,7 +76,7 @@ class TestTrend:
 
 
 class TestExtrapolation:
-    @pytest.mark.parametrize("tau", [10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 80.0])
+    @pytest.mark.parametrize("tau", [10.0, 30.0, 80.0])
     @pytest.mark.parametrize("goal", [0.0, -3.0, 1e4])
     def test_a_decay_is_carried_to_its_end(self, tau, goal):
         end = extrapolate(T, goal + _decay(tau))
@@ -125,7 +125,7 @@ class TestExtrapolation:
 
 
 class TestStandingStill:
-    @pytest.mark.parametrize("count", [8, 10, 13, 20, 60, 200])
+    @pytest.mark.parametrize("count", [8, 13, 200])
     @pytest.mark.parametrize("kind", ["noise", "last digit"])
     def test_a_constant_in_noise_is_not_unsettled(self, count, kind):
         chance = np.random.default_rng(count)
@@ -138,7 +138,7 @@ class TestStandingStill:
 
     @pytest.mark.parametrize(
         ("count", "shape"),
-        [(8, 1.0), *((count, shape) for count in (10, 20, 200) for shape in (0.5, 1.0, 2.0))],
+        [(8, 1.0), *((count, shape) for count in (10, 200) for shape in (0.5, 2.0))],
     )
     def test_what_moves_is_not_still(self, count, shape):
         """A ramp and two bent ones, with a little noise."""
@@ -205,9 +205,7 @@ class TestVerdict:
 class TestNoise:
     """A verdict compares with the noise of the sensor: each sample of a hold counts."""
 
-    @pytest.mark.parametrize(
-        ("share", "likeness"), [(0.0, 0.0), (0.0002, 0.0), (0.001, 0.0), (0.001, 0.8)]
-    )
+    @pytest.mark.parametrize(("share", "likeness"), [(0.0002, 0.0), (0.001, 0.8)])
     def test_settled_holds_of_the_strip_are_called_settled_and_others_are_not(
         self, share, likeness
     ):
@@ -232,8 +230,8 @@ class TestNoise:
 class TestHonesty:
     """|value - truth| is within three standard deviations, whatever the verdict."""
 
-    @pytest.mark.parametrize("tau", [20.0, 40.0, 65.0])
-    @pytest.mark.parametrize("noise", [0.001, 0.03, 0.3])
+    @pytest.mark.parametrize("tau", [20.0, 65.0])
+    @pytest.mark.parametrize("noise", [0.001, 0.3])
     @pytest.mark.parametrize("tolerance", [1e-4, 5e-3])
     def test_of_decays_in_noise(self, tau, noise, tolerance):
         ends = [
@@ -246,9 +244,7 @@ class TestHonesty:
             >= np.median([end.sd for end in ends]) / 10
         )
 
-    @pytest.mark.parametrize(
-        ("address", "hold"), [("ipmc", 100.0), ("ipmc", 200.0), ("fibre", 200.0), ("fibre", 300.0)]
-    )
+    @pytest.mark.parametrize(("address", "hold"), [("ipmc", 100.0), ("fibre", 300.0)])
     def test_of_the_twins(self, address, hold):
         chance = np.random.default_rng(0)
         for share in (0.0005, 0.005, 0.02):
@@ -265,9 +261,8 @@ class TestHonesty:
                         left.append(abs(y[-1] - truth) / allowed)
             assert len(inside) >= 88
             assert np.mean(inside) >= 0.95
-            all_settle = (address, hold) == ("ipmc", 200.0)
             assert "settled" in verdicts
-            assert share > 0.0005 or all_settle or "extrapolated" in verdicts
+            assert share > 0.0005 or "extrapolated" in verdicts
             # What is left is no more than noise, or than the tolerance allows.
             assert len(left) >= 20
             assert np.quantile(left, 0.95) <= 1.5

@@ -494,7 +494,7 @@ class TestDamage:
         begin, end = {"header": (0, 100), "schema": (100, 4096), "rows": (4096, len(whole))}[part]
         bits = np.arange(8 * begin, 8 * end)
         harmless = []
-        for bit in chance.choice(bits, 120, replace=False):
+        for bit in chance.choice(bits, 40, replace=False):
             damaged = bytearray(whole)
             damaged[bit // 8] ^= 1 << bit % 8
             path.write_bytes(damaged)

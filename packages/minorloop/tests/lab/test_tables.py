@@ -125,9 +125,9 @@ class TestExcel:
     @pytest.mark.parametrize("dimension", ["", "<dimension ref='A1:XFD1048576'/>"])
     def test_cells_count_and_not_what_the_sheet_says_of_its_size(self, dimension):
         row = "<row r='{0}'><c r='A{0}'><v>{0}</v></c><c r='B{0}'><v>1</v></c><c r='XFD{0}'/></row>"
-        far = [(row.format(k), 1) for k in (7, 1_048_576)]
+        far = [(row.format(k), 1) for k in (7, 40_000)]
         file = workbook(self.file, (HEADERS, 1), *far)
-        assert [column.tolist() for _, column in read_each(file)] == [[7, 1_048_576], [1, 1]]
+        assert [column.tolist() for _, column in read_each(file)] == [[7, 40_000], [1, 1]]
 
 
 def test_a_text_is_refused_as_soon_as_it_is_too_long_or_wide(tmp_path, monkeypatch):

@@ -73,10 +73,3 @@ def test_an_update_that_makes_predictions_worse_is_undone():
     spoiled = replace(state.adapted, score=5.0)
     state, _ = work(law, plant, TARGETS[4:6], state=replace(state, adapted=spoiled))
     assert state.adapted.rollbacks >= 1
-
-
-def test_the_observer_uses_the_applied_current():
-    law = adaptive()
-    _, state = law.step(law.begin(), 40.0, 0.0)
-    cut = law.step(replace(state, applied=0.0), 40.0, 0.0)[1]
-    assert cut.estimate.wire.power < law.step(state, 40.0, 0.0)[1].estimate.wire.power

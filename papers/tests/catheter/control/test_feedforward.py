@@ -21,11 +21,3 @@ def test_the_sensor_is_not_read():
     law = Feedforward(wire=made_up())
     state = law.begin()
     assert law.step(state, 20.0, 50.0)[0] == law.step(state, 20.0, math.nan)[0]
-
-
-def test_the_model_follows_the_applied_current():
-    wire = made_up()
-    law = Feedforward(wire=wire)
-    _, state = law.step(law.begin(), 40.0, math.nan)
-    cut = type(state)(state.wire, 0.1)
-    assert law.step(cut, 40.0, math.nan)[1].wire.power < law.step(state, 40.0, 0.0)[1].wire.power

@@ -1,5 +1,3 @@
-import math
-
 import pytest
 
 from papers.catheter.control.internal_model import InternalModel
@@ -37,13 +35,6 @@ def test_an_exact_model_leaves_nothing_to_feed_back():
         past.append(state.lag)
         assert abs(state.missing) < 1e-9
     assert state.lag == pytest.approx(30.0, abs=0.1)
-
-
-def test_a_missing_reading_keeps_the_last_difference():
-    law = InternalModel(wire=made_up())
-    _, state = law.step(law.begin(), 20.0, 3.0)
-    _, after = law.step(state, 20.0, math.nan)
-    assert after.missing == state.missing
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])

@@ -89,13 +89,6 @@ def test_the_first_error_of_several_steps_is_raised_when_all_were_done():
     assert tuple(done) == errors
 
 
-def test_a_plan_knows_the_rest_of_its_channels():
-    lines = (DeviceChannel("lamp", {}, rest=1.0), DeviceChannel("valve", {}))
-    plan = DevicePlan("board", {}, (DeviceChannel("u", {}, rest=0.3),), lines=lines)
-    assert plan.rest.tolist() == [0.3]
-    assert plan.resting_lines == {0: True, 1: False}
-
-
 DRIVERS = {
     "daqmx": ("nidaqmx", {"device": "Dev1"}, {"channel": "ao0"}, {"channel": "port0/line0"}),
     "labjack": ("labjack", {}, {"channel": "DAC0"}, {"channel": "FIO0"}),

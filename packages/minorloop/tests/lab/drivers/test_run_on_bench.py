@@ -184,13 +184,6 @@ def test_a_source_that_stays_on_does_not_hide_what_came_before_nor_the_other_way
     assert said.endswith("1 of 2 levels are kept; continue with minorloop resume --store s.sqlite")
 
 
-def test_a_bench_that_does_not_say_that_it_is_safe_is_not_begun_with(hurried, monkeypatch, capsys):
-    stays_on(monkeypatch, 0)
-    assert main(hurried) == 3
-    assert "switch it off by hand" in capsys.readouterr().err
-    assert not Path("s.sqlite").exists()
-
-
 def test_a_source_that_answers_nothing_is_said_at_the_beginning(simulated, capsys):
     described = json.loads(Path("bench.json").read_text())
     source = {**described["source"], "done": None}

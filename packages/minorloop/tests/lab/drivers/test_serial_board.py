@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -187,18 +186,3 @@ def test_a_board_that_is_pulled_is_missing_and_says_that_it_may_be_on(tmp_path):
         with pytest.raises(InstrumentError, match="cannot be opened") as found:
             connect(address)
         assert str(found.value).count("Errno") == 1  # libraries repeat the error inside theirs
-
-
-@pytest.mark.usefixtures("pyvisa")
-def test_an_unknown_key_of_a_source_is_answered_with_all_that_there_are(tmp_path):
-    file = tmp_path / "stage.toml"
-    text = (Path(__file__).parents[5] / "examples" / "stage.toml").read_text()
-    assert "rate = 2500.0 " in text
-    file.write_text(text.replace("rate = 2500.0 ", "rat = 2500.0 ", 1))
-    with pytest.raises(ParameterError) as found:
-        connect(f"bench:{file}")
-    assert "source 'x voltage' does not describe a source: " in str(found.value)
-    assert str(found.value).endswith(
-        "unknown field `rat`; the fields there are name, low, high, unit, rate, device, rest, "
-        "conversion, channel"
-    )
