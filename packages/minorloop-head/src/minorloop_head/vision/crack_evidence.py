@@ -21,8 +21,8 @@ from minorloop_head.vision.crack_widths import measured_widths
 from minorloop_head.vision.imaging import Image32
 
 LEAST_EVIDENCE = 1.0
-"""Evidence above which a line counts as a crack: with 0, one line in ten
-acquisitions of a wall without one counts too."""
+"""Evidence above which a line counts as a crack: with 0, one line in fifteen acquisitions
+of a wall without a crack counts too."""
 WEIGHTS = Path(__file__).with_name("crack_weights.npz")
 """Trees for places and weights for whole lines, written by ``python -m benchmarks.cracks fit``."""
 _SIDE, _CORE = 24, 9
@@ -53,10 +53,6 @@ class Profiles:
     def widths(self) -> tuple[FloatArray, FloatArray]:
         """Return widths (N,) in texels along the course, and their standard deviations."""
         return measured_widths(self.taken, _SIDE, _CORE, _EVEN)
-
-
-def _core() -> slice:
-    return slice(_SIDE - _CORE, _SIDE + _CORE + 1)
 
 
 def profiles_of(course: FloatArray, levels: Image32) -> Profiles:
