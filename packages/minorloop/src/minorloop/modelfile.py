@@ -66,6 +66,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 import msgspec
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import asdict
 
 from minorloop._modelschema import (
     LONGEST_WARNING,
@@ -93,7 +94,7 @@ from minorloop.lab.logs import check_order, read_times
 from minorloop.lab.records import Quantity
 from minorloop.lab.timebase import TimeCheck
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.memory import Saturation
+from minorloop.operators.memory import Memory, Saturation
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 from minorloop.version import __version__
@@ -527,8 +528,8 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
     known = ModelFile(model.model, *names, lag, scores, said, model.lag_seconds, bands)
     if record is None or record.curves is None:
         return known
-    start = record.start_of_curve or record.start
-    return replace(known, start_of_curve=start if isinstance(start, str) else None)
+    start: Any = record.start_of_curve or record.start
+    return replace(known, start_of_curve=None if isinstance(start, Memory) else start)
 
 
 def load(path: PathLike) -> Model:
@@ -574,19 +575,20 @@ def read(path: PathLike) -> ModelFile:
     _check_header(path, data)
     try:
         content = msgspec.json.decode(data, type=Content)
-        needed = _version(msgspec.structs.asdict(content))
+        needed = _version(asdict(content))
         if content.version != needed:
             raise ParameterError(f"its keys need version {needed}, and it has {content.version}")
         model = build(content.model)
         if content.bands is not None and not isinstance(model, Preisach):
             raise ParameterError("a model of another kind than preisach has no bands")
         _check_words(content.provenance)
-        names = [Quantity(each.name, each.unit) for each in (content.input, content.output)]
+        input, output = (Quantity(**asdict(one)) for one in (content.input, content.output))
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
-    warnings, lag_s = tuple(content.warnings), float(content.lag_s)
-    about: Any = content.lag, content.provenance, warnings, lag_s, content.bands
-    return ModelFile(model, names[0], names[1], *about, content.start_of_curve)
+    return ModelFile(
+        model, input, output, content.lag, content.provenance, tuple(content.warnings),
+        float(content.lag_s), content.bands, content.start_of_curve,
+    )  # fmt: skip
 
 
 def _read_linear(path: PathLike) -> Linear:
