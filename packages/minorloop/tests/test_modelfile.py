@@ -204,8 +204,8 @@ def spoil(content, keys, value):
         (["format"], None, "is not a model file"),
         (["version"], None, "is not a model file"),
         (["version"], "1", "is not a model file"),
-        (["version"], 4, "format version 4, and this minorloop reads up to 3; install a newer"),
-        (["version"], 2, "a file with bands has version 3, another one with warnings 2"),
+        (["version"], 5, "format version 5, and this minorloop reads up to 4; install a newer"),
+        (["version"], 2, "its keys need version 1, and it has 2"),
         (["warnings"], [], "at `warnings`"),
         (["model", "kind"], "bouc-wen", "'bouc-wen' - at `model.kind`; kinds are preisach, relay"),
         (["model", "levels"], [0.0, 1.0, 1.0, 2.0], "not strictly increasing"),
@@ -399,7 +399,7 @@ def test_a_file_with_bands_has_version_3_and_its_bands_are_read_when_they_are_us
     np.testing.assert_allclose(found.posterior.factor, np.tril(found.posterior.factor))
     for version in (1, 2):
         path.write_text(json.dumps({**content, "version": version}))
-        with pytest.raises(ModelFileError, match="a file with bands has version 3"):
+        with pytest.raises(ModelFileError, match="its keys need version 3"):
             read(path)
 
 

@@ -62,6 +62,11 @@ def test_importing_it_imports_nothing_slow():
     assert not slow & set(loaded.split())
 
 
+def test_showing_a_store_imports_no_identification():
+    loaded = run("import sys, minorloop.cli.runs, minorloop.lab.store; print(*sys.modules)").split()
+    assert not {"scipy.special", "minorloop.identification", "minorloop.measurement"} & set(loaded)
+
+
 IMPORTS = [
     "import minorloop",
     "import minorloop.connect",

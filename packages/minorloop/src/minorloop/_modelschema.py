@@ -12,7 +12,16 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union, get_args, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeAlias,
+    Union,
+    get_args,
+    get_type_hints,
+)
 
 import msgspec
 import numpy as np
@@ -26,6 +35,7 @@ from minorloop.files import PathLike, printable
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.memory import Saturation
 from minorloop.operators.operator import Operator
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
@@ -264,6 +274,7 @@ class Content(_Strict):
     lag_s: Annotated[float, msgspec.Meta(ge=0)] = 0.0
     warnings: Annotated[list[_Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
     bands: BandsPart | None = None
+    start_of_curve: Saturation | Literal["as-left"] | None = None
 
 
 def kind_of(model: Any) -> str:

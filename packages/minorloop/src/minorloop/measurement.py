@@ -31,7 +31,7 @@ from minorloop.lab.conversion import Conversion
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity
 from minorloop.lab.run import Choose, ResumeMode, answer_time, check_plan, run
-from minorloop.lab.store import Point, Setup, Store
+from minorloop.lab.store import Point, Setup, Store, summary
 from minorloop.lab.wrapped_actuator import SingleChannel, single_channel
 from minorloop.modelfile import ModelFile
 
@@ -533,26 +533,3 @@ def _doubts(figures: Mapping[str, Any]) -> Iterator[str]:
             f"the meter was slow at times: samples were up to {most:.3g} s apart, not {planned:g} "
             "s; their times are the true ones"
         )
-
-
-def summary(store: Store) -> dict[str, Any]:
-    """Return the actuator, the specimen and the progress of a store, by name."""
-    totals = store.totals()
-    return {
-        "store": str(store.path),
-        "actuator": store.setup.address,
-        "specimen": store.setup.specimen,
-        "seed": store.setup.seed,
-        **store.setup.options,
-        "input": store.setup.input,
-        "output": store.setup.output,
-        "levels": len(store.plan),
-        "points": totals["points"],
-        "finished": store.finished,
-        **{name: totals[name] for name in ("settled", "extrapolated", "unsettled")},
-        "held_s": totals["held"],
-        "sample_interval_s": store.plan.sample_interval,
-        "median_interval_s": totals["median_interval"],
-        "longest_interval_s": totals["longest_interval"],
-        "time_uncertainty_s": totals["time_uncertainty"],
-    }

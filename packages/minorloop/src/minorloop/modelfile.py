@@ -46,8 +46,10 @@ The weights of the first two, and those of the creep for each time, are rows up 
 i has i + 1 numbers. Decimal numbers
 are read as exactly the same float64. ``warnings`` are sentences that say why the model is not to be
 trusted. ``bands`` is what the bands of a Preisach model follow from (`BandModel`): the posterior on
-a plane of at most 12 bands, and the error beyond it. A reader refuses unknown keys, so files with
-bands have version 3, others with warnings version 2, and all others version 1.
+a plane of at most 12 bands, and the error beyond it. ``start_of_curve`` is the memory before each
+curve of its record: ``negative``, ``positive``, ``demagnetised`` or ``as-left``. A reader refuses
+unknown keys, so a file has the highest version of those that its keys need: 2 for ``warnings``, 3
+for ``bands``, 4 for ``start_of_curve``, and else 1.
 """
 
 from __future__ import annotations
@@ -59,11 +61,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import asdict
 
 from minorloop._modelschema import (
     LONGEST_WARNING,
@@ -91,6 +94,7 @@ from minorloop.lab.logs import check_order, read_times
 from minorloop.lab.records import Quantity
 from minorloop.lab.timebase import TimeCheck
 from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.memory import Memory, Saturation
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 from minorloop.version import __version__
@@ -104,7 +108,9 @@ __all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "ModelWarning",
 __all__ += ["load", "plain", "read", "save"]
 
 FORMAT = "minorloop model"
-VERSION = 3
+_SINCE = {"warnings": 2, "bands": 3, "start_of_curve": 4}
+"""Keys that not all files have, and the version that added them."""
+VERSION = max(_SINCE.values())
 """Newest version that this package writes and reads."""
 LARGEST = 64 * 2**20
 """Bytes of the largest model file: a plane of some 2,000 bands."""
@@ -207,6 +213,8 @@ class ModelFile:
 
     bands: Any = None
     """What bands follow from: a `BandsPart`, as in a file, or a `BandModel`; None without bands."""
+    start_of_curve: Saturation | Literal["as-left"] | None = None
+    """Memory before each curve of its record; None without curves."""
 
     @property
     def has_time(self) -> bool:
@@ -469,7 +477,7 @@ def save(
     bands: Any = known.bands
     content = {
         "format": FORMAT,
-        "version": _version(bands is not None, bool(said)),
+        "version": 1,
         "input": _named(input),
         "output": _named(output),
         "lag": known.lag if lag is None else lag,
@@ -484,6 +492,9 @@ def save(
         content["bands"] = (
             bands.in_file() if hasattr(bands, "in_file") else msgspec.to_builtins(bands)
         )
+    if known.start_of_curve is not None:
+        content["start_of_curve"] = known.start_of_curve
+    content["version"] = _version(content)
     try:
         _check_words(msgspec.convert(content, Content).provenance)
         data = f"{layout(content)}\n".encode()
@@ -513,8 +524,12 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
         return ModelFile(model, *names, 0, Provenance())
     lag = getattr(model, "lag_of_model", model.lag)
     scores, said = Provenance(scores=dict(model.scores)), tuple(model.warnings)
-    bands = getattr(model, "band_model", None)
-    return ModelFile(model.model, *names, lag, scores, said, model.lag_seconds, bands)
+    bands, record = getattr(model, "band_model", None), getattr(model, "record", None)
+    known = ModelFile(model.model, *names, lag, scores, said, model.lag_seconds, bands)
+    if record is None or record.curves is None:
+        return known
+    start: Any = record.start_of_curve or record.start
+    return replace(known, start_of_curve=None if isinstance(start, Memory) else start)
 
 
 def load(path: PathLike) -> Model:
@@ -560,20 +575,20 @@ def read(path: PathLike) -> ModelFile:
     _check_header(path, data)
     try:
         content = msgspec.json.decode(data, type=Content)
-        if content.version != _version(content.bands is not None, bool(content.warnings)):
-            raise ParameterError(
-                "a file with bands has version 3, another one with warnings 2, all others 1"
-            )
+        needed = _version(asdict(content))
+        if content.version != needed:
+            raise ParameterError(f"its keys need version {needed}, and it has {content.version}")
         model = build(content.model)
         if content.bands is not None and not isinstance(model, Preisach):
             raise ParameterError("a model of another kind than preisach has no bands")
         _check_words(content.provenance)
-        names = [Quantity(each.name, each.unit) for each in (content.input, content.output)]
+        input, output = (Quantity(**asdict(one)) for one in (content.input, content.output))
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
-    warnings, lag_s = tuple(content.warnings), float(content.lag_s)
-    about: Any = content.lag, content.provenance, warnings, lag_s, content.bands
-    return ModelFile(model, names[0], names[1], *about)
+    return ModelFile(
+        model, input, output, content.lag, content.provenance, tuple(content.warnings),
+        float(content.lag_s), content.bands, content.start_of_curve,
+    )  # fmt: skip
 
 
 def _read_linear(path: PathLike) -> Linear:
@@ -589,9 +604,9 @@ def _read_linear(path: PathLike) -> Linear:
         raise ModelFileError(f"{path} is not a linear part: {reason(error)}") from None
 
 
-def _version(bands: bool, warnings: bool) -> int:
-    """Return the version of a file, by what it has."""
-    return VERSION if bands else 2 if warnings else 1
+def _version(content: Mapping[str, Any]) -> int:
+    """Return the version of a file, by the keys that it has."""
+    return max([1, *(since for key, since in _SINCE.items() if content.get(key))])
 
 
 def _bytes_of(path: PathLike) -> bytes:

@@ -124,13 +124,17 @@ def simulate(
         The model.
     record : Record
         The inputs, and what each row has beside them, as `read` returns it; outputs are not used.
-        The memory is reset where the label of the curve changes, and continues over gaps of the
-        times as far as they show the input. The first input of dynamics has been applied for long.
+        The memory is reset where the label of the curve changes, as in the record of the model
+        unless a start is given, and continues over gaps of the times as far as they show the input.
+        The first input of dynamics has been applied for long.
     between : {"band", "straight", "held"}, optional
         Force of an oscillator between rows; ``"band"`` if not given.
     """
     known, log = as_file(model), _checked(record).cut()
     u = _in_unit(np.asarray(log.u), log.input, known.input)
+    unsaid = log.curves is not None and log.start_of_curve is None and log.start == "negative"
+    if unsaid and known.start_of_curve is not None:
+        log, unsaid = log.replace(start_of_curve=known.start_of_curve), False
     parts = as_curves(log.curves, u.size, log.start, log.start_of_curve)
     if isinstance(known.model, Oscillator):
         if parts.start != "negative":
@@ -153,7 +157,6 @@ def simulate(
     if parts.begins.size > 1:
         log = log.with_memory_reset()
     notes = list(log.notes)
-    unsaid = log.curves is not None and log.start_of_curve is None and log.start == "negative"
     if unsaid and not isinstance(known.model, Polynomial | Oscillator):
         notes.append(
             "each curve begins with the memory 'negative'; the model does not hold how those of "
@@ -616,7 +619,8 @@ def score(
     for name in get_args(Saturation) if isinstance(begin, str) else ():
         with suppress(ParameterError):  # some operators have fewer starts
             if name != begin:
-                again = simulate(known, log.replace(start=name, start_of_curve=None))
+                of_curve = None if log.curves is None else name
+                again = simulate(known, log.replace(start=name, start_of_curve=of_curve))
                 others[name] = replace(result, simulation=again).nrmse
     return replace(result, starts=others)
 
@@ -665,13 +669,13 @@ def read_inputs(
     input, time, curves : str, optional
         Columns, as of `minorloop.read`.
     start_of_curve : {"negative", "positive", "demagnetised", "as-left"}, optional
-        Memory before each curve, as of `Record`.
+        Memory before each curve, as of `Record`; that of the model if not given.
     """
     column = known.input.name if input is None else input
     u = read_column(path, column, known.input.unit)
     labels = None if curves is None else read_labels(path, curves)
     names = known.input, known.output
     record = Record(u, np.full(u.size, np.nan), None, *names, curves=labels)
-    reset = curves is not None and start_of_curve != AS_LEFT
+    reset = curves is not None and (start_of_curve or known.start_of_curve) != AS_LEFT
     record = with_times(record, path, column, time, strictly=known.has_time, reset=reset)
     return record.replace(start_of_curve=start_of_curve)

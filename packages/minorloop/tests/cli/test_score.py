@@ -27,6 +27,17 @@ def other(model):
 CURVES = "--record curves=curve,start_of_curve=positive"
 
 
+@pytest.mark.parametrize("start", ["positive", "as-left"])
+def test_curves_begin_as_in_the_record_of_the_model(start, run):
+    line = "identify other.csv --input voltage --output length --law levels=6,slope=no,lag=0"
+    run(f"{line} --record curves=curve,start_of_curve={start} --save curves.json")
+    line = "simulate curves.json other.csv --time none --json --record curves=curve"
+    found = run(line)
+    assert "start_of_curve" not in found[1]
+    assert found == run(f"{line},start_of_curve={start}")
+    assert found != run(f"{line},start_of_curve=negative")
+
+
 def test_residuals_are_those_of_the_outputs_that_simulate_writes(other, answer, run):
     found = answer(f"{SCORE} {CURVES} --record skip=2 --save residuals.csv")
     assert run(f"simulate model.json other.csv {CURVES} --save predicted.csv")[0] == 0

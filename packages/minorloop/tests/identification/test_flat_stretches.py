@@ -81,6 +81,31 @@ def test_few_inputs_at_random_to_an_output_that_saturates_seldom_look_clipped():
     assert found <= 4
 
 
+def wire(u):
+    """Phase of a wire with memory of its shape: logistic branches, scaled between reversals."""
+
+    def branch(value, middle):
+        return 1 / (1 + np.exp(-12 * (value - middle)))
+
+    phase, last, y = 0.0, u[0], np.empty(u.size)
+    for k, value in enumerate(u):
+        if value > last:
+            phase = 1 - (1 - phase) * (1 - branch(value, 0.65)) / (1 - branch(last, 0.65))
+        elif value < last:
+            phase *= branch(value, 0.4) / branch(last, 0.4)
+        last, y[k] = value, phase
+    return y
+
+
+def test_readings_of_a_wire_that_happen_to_be_dense_at_an_end_are_not_clipped():
+    found = 0
+    for seed in range(1000, 1030):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(np.r_[0, 1, rng.uniform(size=80)], 3)
+        found += "clipped" in kinds(u, wire(u) + 0.05 * u + 0.005 * rng.normal(size=u.size))
+    assert found <= 2  # 6 by the density alone
+
+
 @pytest.mark.parametrize("shape", ["sine", "levels"])
 def test_a_short_rail_without_the_noise_of_the_other_readings_is_found(shape):
     u, y = record(shape)

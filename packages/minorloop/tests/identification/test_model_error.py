@@ -6,6 +6,7 @@ from minorloop.identification import _prior_kernels as kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.model_error import Reach, contiguous_parts
 from minorloop.identification.prior import prior_of
+from minorloop.operators.preisach import Preisach
 
 CELLS = PlaneSpec(np.linspace(0, 1, 26))
 
@@ -83,3 +84,18 @@ def test_bands_of_a_major_loop_are_wide_on_minor_loops(prior):
     assert "their bands are assumed, not measured" in str(band)
     assert found.predict(u, bands=0.9).beyond == 0
     assert found.predict([5.0, -5.0], bands=0.9).beyond == 1
+
+
+def test_loops_that_close_make_bands_as_narrow_as_those_of_the_posterior():
+    rng = np.random.default_rng(1080)
+    levels = np.linspace(0, 1, 81)
+    width = (levels[1:, None] + levels[:-1, None] - levels[1:] - levels[:-1]) / 2
+    plant = Preisach(levels, np.tril(np.exp(-30 * (width - 0.2) ** 2)) / 500)
+    u, fresh = walk(rng, 900, 0.08), walk(rng, 400, 0.1)
+    y = plant.simulate(u)
+    noise = 1e-3 * np.ptp(y) * rng.normal(size=u.size + fresh.size)
+    found = identify(u, y + noise[: u.size], holdout=0.3)
+    band = found.predict(fresh, bands=0.9)
+    assert 0.85 < band.covers(plant.simulate(fresh) + noise[u.size :]) < 0.97
+    sd = np.hypot(found.uncertainty.deviation(u, found.start), band.noise)[found.held_out]
+    assert found.predict(u, bands=0.9).sd[found.held_out].mean() < 1.2 * sd.mean()

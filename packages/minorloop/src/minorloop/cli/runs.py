@@ -69,8 +69,7 @@ def run(
 
 def _list(place: Path, as_json: bool) -> None:
     from minorloop.lab._store_file import is_store
-    from minorloop.lab.store import Store
-    from minorloop.measurement import summary
+    from minorloop.lab.store import Store, summary
 
     files = sorted(filter(is_store, place.iterdir())) if place.is_dir() else [place]
     if not files:
@@ -119,7 +118,7 @@ def _figures(store: Store) -> dict[str, Any]:
 
     The time left and the hold that would settle are NaN where they are not known.
     """
-    from minorloop.measurement import summary
+    from minorloop.lab.store import summary
 
     figures, sessions = summary(store), store.sessions()
     left = enough = math.nan

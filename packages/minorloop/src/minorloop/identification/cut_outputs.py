@@ -45,10 +45,11 @@ _AT = 2.0
 """Distance below the level up to which readings are at it, in standard deviations of the noise."""
 
 
-def cut_depth(record: RoughRecord, way: int) -> float | None:
+def cut_depth(record: RoughRecord, way: int, *, rail: bool = False) -> float | None:
     """Return how far below the highest output (``way`` 1; -1: above the lowest) it is cut.
 
-    In the unit of the output, with the noise of readings; None where it is not cut.
+    In the unit of the output, with the noise of readings; None where it is not cut. Where the
+    density of the readings shows a ``rail``, a cut needs to be as likely as none only.
     """
     places = few(record.places)
     off = record.y[places] - record.rough[places]
@@ -63,16 +64,18 @@ def cut_depth(record: RoughRecord, way: int) -> float | None:
     top = float(y.max())
     levels = [top - depth * noise for depth in _LEVELS]
     cut, level = min((fit.cost(noise, level), level) for fit in fits for level in levels)
+    depth = (top - level + _AT * noise) * record.span
+    gain = min(fit.cost(noise) for fit in fits) - cut
+    if rail:
+        return depth if gain >= 0 else None
     rare = np.mean(y >= level - _AT * noise) < _OFTEN
-    if rare or min(fit.cost(noise) for fit in fits) - cut < _SURE:
+    if rare or gain < _SURE:
         return None
     bent = min(
         fit.cost(noise, top + above * bend, bend)
         for fit in fits for bend in _BENDS for above in _ABOVE
     )  # fmt: skip
-    if bent - cut < _SURE:
-        return None
-    return (top - level + _AT * noise) * record.span
+    return depth if bent - cut >= _SURE else None
 
 
 def _bases(record: RoughRecord, places: IntArray) -> Iterator[FloatArray]:

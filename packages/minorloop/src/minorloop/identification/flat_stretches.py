@@ -159,7 +159,8 @@ def clipped(record: RoughRecord) -> Iterator[Fault]:
     """Find extremes where the output suddenly stays within its noise while the input goes on.
 
     The density of the readings shows it where the noise is small or inputs are few, the shape of
-    the branches where it is larger.
+    the branches where it is larger. Where noisy readings are dense, the branches must not
+    contradict it.
     """
     u, size, places = _landings(record)
     y, noise = record.y[places], noise_of(np.diff(record.values, 2), 2)
@@ -167,8 +168,9 @@ def clipped(record: RoughRecord) -> Iterator[Fault]:
         depth = float((way * record.values).max()) - way * record.values
         live = noise_above_resolution(record.values[depth > _EQUAL * record.span]) > 0
         width = _rail(way * u, way * y, way * size, record.span, noise, live)
-        if width is None:
-            width = cut_depth(record, way)
+        if width is None or width > _EQUAL * record.span:
+            cut = cut_depth(record, way, rail=width is not None)
+            width = cut and (width or cut)
         if width is None:
             continue
         yield faults.clipped(record.y, record.places[depth <= width], word)

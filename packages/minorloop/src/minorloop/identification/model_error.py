@@ -47,7 +47,7 @@ _BEGIN = np.array([1.0, 0.12, 0.7])
 """Standard deviations of the components to begin with: of the posterior in its own; of a closed
 travel and of a distance of one range in that scale."""
 _WEIGHT = np.array([20.0, 2.0, 2.0])
-"""Samples that these count as."""
+"""Samples that these count as: twice the inverse variances of the logarithms of their squares."""
 _STEPS, _ROUNDS = 40, 3
 _WIDTH = 0.06
 """Width of the average of squared errors along the input, in ranges."""
@@ -226,9 +226,9 @@ def learn(
         excess = square - known - components[:, 1:] @ factors[1:]
         inputs, variance = by_input(matrix.u, excess, float(np.mean(square)))
         components[:, 0] = known + np.interp(matrix.u, inputs, variance)
-        factors = _factors(components, square, weight, scale)
+        factors = _factors(components, square, weight)
     if errors is None:
-        factors = _factors(components, square, weight, scale)
+        factors = _factors(components, square, weight)
     scores = np.sort(np.sqrt(square / (components @ factors)))
     factors = factors * np.array([1.0, scale**2, scale**2])
     reach = Reach.of(spec, coarse.corner)
@@ -276,19 +276,19 @@ def _scale(model: Preisach, span: float) -> float:
     return max(min(opening, 0.3 * span), _TINY * span)
 
 
-def _factors(
-    components: FloatArray, square: FloatArray, weight: FloatArray, scale: float
-) -> FloatArray:
-    """(3,) factors of the components (M, 3) of greatest likelihood of squared errors (M,)."""
-    unit = np.array([float(np.mean(components[:, 0])), scale**2, scale**2])
-    rows = np.vstack([components, np.diag(unit)])
-    seen = np.append(square, _BEGIN**2 * unit)
-    counts, factors = np.append(weight, _WEIGHT), _BEGIN**2
+def _factors(components: FloatArray, square: FloatArray, weight: FloatArray) -> FloatArray:
+    """(3,) factors of the components (M, 3) of greatest posterior density of squared errors (M,).
+
+    The logarithm of each is normal about that of its beginning: a record without such errors makes
+    it small, however large it began.
+    """
+    factors = _BEGIN**2
     for _ in range(_STEPS):
-        variance = rows @ factors
-        factors = factors * np.sqrt(
-            (counts * seen / variance**2) @ rows / ((counts / variance) @ rows)
-        )
+        variance, more = components @ factors, np.log(factors / _BEGIN**2)
+        prior = _WEIGHT * (1 + np.maximum([-more, more], 0.0)) / factors
+        shown = np.array([weight * square / variance**2, weight / variance]) @ components
+        up, down = prior + shown
+        factors = factors * np.sqrt(up / down)
     return factors
 
 

@@ -16,7 +16,6 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, ndtr, stdtr
 
 from minorloop.arrays import FloatArray
 
@@ -108,6 +107,8 @@ class Extrapolation:
 
     def probability(self, limit: float) -> float:
         """Return how likely another such hold changes the output by no more than a limit > 0."""
+        from scipy.special import ndtr  # every command that reads a file would import it
+
         spread = np.maximum(self.change_sds, np.finfo(float).tiny)
         edges = np.array([[limit], [-limit]]) - self.changes
         upper, lower = ndtr(edges / spread)
@@ -183,6 +184,8 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     It is False if there are fewer than eight samples: seven samples of noise rise from first to
     last too often.
     """
+    from scipy.special import betainc, stdtr
+
     times, values = _trailing(*_measured(t, y), STRETCH * window)
     if times.size < FEWEST_STILL or times[-1] == times[0]:
         return False

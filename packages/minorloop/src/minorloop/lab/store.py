@@ -56,7 +56,21 @@ _COUNTS = (
     "SELECT (SELECT coalesce(max(id) + 1, 0) FROM point WHERE id < ?1), "
     "(SELECT coalesce(max(id) + 1, 0) FROM trace WHERE id < ?1)"
 )
-_FIGURES = "SELECT verdict, held, value, sample_interval, time_uncertainty FROM point WHERE id < ?"
+_TOTALS = (
+    "SELECT count(*) AS points, "
+    "count(*) FILTER (WHERE verdict = 'settled') AS settled, "
+    "count(*) FILTER (WHERE verdict = 'extrapolated') AS extrapolated, "
+    "count(*) FILTER (WHERE verdict = 'unsettled') AS unsettled, "
+    "total(held) AS held, min(value) AS lowest, max(value) AS highest, "
+    "max(sample_interval) AS longest_interval, max(time_uncertainty) AS time_uncertainty "
+    "FROM point WHERE id < ?1"
+)
+_INTERVALS = "FROM point WHERE id < ?1 AND sample_interval > 0"
+_MEDIAN_INTERVAL = (
+    f"SELECT avg(x) FROM (SELECT sample_interval AS x {_INTERVALS} ORDER BY x "
+    f"LIMIT 2 - (SELECT count(*) {_INTERVALS}) % 2 "
+    f"OFFSET (SELECT (count(*) - 1) / 2 {_INTERVALS}))"
+)
 
 
 @dataclass(frozen=True)
@@ -337,21 +351,10 @@ class Store:
         where nothing is known.
         """
         with explained(self.path):
-            rows = self._execute(_FIGURES, self._end).fetchall()
-        verdicts = [row[0] for row in rows]
-        figures = np.array([row[1:] for row in rows], dtype=np.float64).reshape(-1, 4).T
-        held, values, intervals, doubts = (each[np.isfinite(each)] for each in figures)
-        sampled = intervals[intervals > 0]
-        found = {
-            "lowest": values.min() if values.size else None,
-            "highest": values.max() if values.size else None,
-            "median_interval": np.median(sampled) if sampled.size else None,
-            "longest_interval": intervals.max() if intervals.size else None,
-            "time_uncertainty": doubts.max() if doubts.size else None,
-        }
-        found = {name: None if each is None else float(each) for name, each in found.items()}
-        counts = {name: verdicts.count(name) for name in ("settled", "extrapolated", "unsettled")}
-        return {"points": len(rows), **counts, "held": float(held.sum()), **found}
+            found = self._execute(_TOTALS, self._end)
+            totals = dict(zip((one[0] for one in found.description), found.fetchone(), strict=True))
+            (median,) = self._execute(_MEDIAN_INTERVAL, self._end).fetchone()
+        return {**totals, "median_interval": median}
 
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Return times and outputs of the whole hold of a point, (T,) each.
@@ -562,6 +565,29 @@ class Store:
                         "its points are kept, and the run can be continued from there"
                     ) from None
                 raise
+
+
+def summary(store: Store) -> dict[str, Any]:
+    """Return the actuator, the specimen and the progress of a store, by name."""
+    totals = store.totals()
+    return {
+        "store": str(store.path),
+        "actuator": store.setup.address,
+        "specimen": store.setup.specimen,
+        "seed": store.setup.seed,
+        **store.setup.options,
+        "input": store.setup.input,
+        "output": store.setup.output,
+        "levels": len(store.plan),
+        "points": totals["points"],
+        "finished": store.finished,
+        **{name: totals[name] for name in ("settled", "extrapolated", "unsettled")},
+        "held_s": totals["held"],
+        "sample_interval_s": store.plan.sample_interval,
+        "median_interval_s": totals["median_interval"],
+        "longest_interval_s": totals["longest_interval"],
+        "time_uncertainty_s": totals["time_uncertainty"],
+    }
 
 
 def _now() -> str:
