@@ -14,12 +14,11 @@ from scipy import ndimage
 
 from minorloop.arrays import FloatArray
 
-BLUR = 1.0
-"""Standard deviation in texels of the blur of an edge on the map."""
-KINDS = ((0.93, 0.15), (0.0, 2.0))
-"""Mean and standard deviation of the share of light that a flank takes: of a black crack, and of a
-groove that returns light, which may be brighter than the wall. With the blur by trial on 18 dark
-and 13 lit grooves of our own walls and 18 of a path tracer: bias 1, -13 and 1 um."""
+KINDS = ((0.93, 0.15, 0.6), (0.93, 0.15, 1.0), (0.93, 0.15, 2.0), (0.0, 2.0, 1.0))
+"""Mean and standard deviation of the share of light that a flank takes, and standard deviation in
+texels of the blur of an edge on the map: of a black crack, and of a groove that returns light,
+which may be brighter than the wall. By trial on 18 dark and 13 lit grooves of our own walls and 18
+of a path tracer."""
 _WIDTHS = np.geomspace(0.4, 8.0, 25)
 """In texels, 20 to 400 um."""
 _SHIFTS = (-1.0, 0.0, 1.0)
@@ -47,10 +46,9 @@ def measured_widths(
     smooth = ndimage.gaussian_filter1d(taken, even, axis=1, mode="nearest")
     beside = np.abs(np.arange(-side, side + 1)) > core
     noise = _CORRELATED * max(float((smooth[..., beside] ** 2).mean()), _LEAST)
-    tried = _flanks(side)
-    costs = np.empty((len(KINDS), len(tried), taken.shape[1]))
-    for (mean, sd), cost in zip(KINDS, costs, strict=True):
-        for flanks, one in zip(tried, cost, strict=True):
+    costs = np.empty((len(KINDS), len(_SHIFTS) * len(_WIDTHS), taken.shape[1]))
+    for (mean, sd, blur), cost in zip(KINDS, costs, strict=True):
+        for flanks, one in zip(_flanks(side, blur), cost, strict=True):
             normal = flanks.T @ flanks / noise + np.eye(2) / sd**2
             share = (smooth @ flanks / noise + mean / sd**2) @ np.linalg.inv(normal)
             share = np.minimum(share, 1.0)
@@ -68,7 +66,7 @@ def measured_widths(
 
 
 @cache
-def _flanks(side: int) -> FloatArray:
+def _flanks(side: int, blur: float) -> FloatArray:
     """Return how much of each half texel both flanks cover, (shifts x widths, M, 2), blurred."""
     fine = np.arange(-side, side + _FINE, _FINE)
     texels = np.arange(-side, side + 1) / 2
@@ -77,6 +75,6 @@ def _flanks(side: int) -> FloatArray:
         for half in 0.5 * _WIDTHS:
             off = fine - shift
             both = np.array([(off > -half) & (off <= 0), (off > 0) & (off < half)], dtype=float)
-            blurred = ndimage.gaussian_filter1d(both, BLUR / _FINE, axis=1)
+            blurred = ndimage.gaussian_filter1d(both, blur / _FINE, axis=1)
             tried.append([np.interp(texels, fine, one) for one in blurred])
     return np.array(tried).swapaxes(1, 2)
