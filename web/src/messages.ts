@@ -231,7 +231,17 @@ export interface DepthPatch {
   through?: [number, number][];
 }
 
-/** A measured defect; in mm and degrees, None where not known. */
+/** A measured defect; in mm and degrees, None where not known.
+ *
+ * ``number``: from 1.
+ * ``t``: time of the measurement, in seconds since the session began.
+ * ``kind``: ``pit``, ``hole`` or ``mark``; ``hole or pit`` where echoes have not decided; of a
+ * sweep also ``crack``, ``cut by the edge`` or ``no echo`` with its reason.
+ * ``verdict``: of the echoes; ``no echoes yet`` before there are any.
+ * ``phi``, ``z``: place on the wall.
+ * ``phi_sd``, ``z_sd``, ``diameter_sd``, ``depth_sd``: standard deviations.
+ * ``evidence``: logarithm of the odds, by the camera, that it is a hole or a pit; None if
+ * infinite, and of a sweep. */
 export interface ReportedFinding {
   number: number;
   t: number;

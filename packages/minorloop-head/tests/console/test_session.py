@@ -10,9 +10,9 @@ from minorloop_head.console import messages
 from minorloop_head.console.mark import NO_CONTACT, OUT_OF_REACH, TOUCHED
 from minorloop_head.console.session import Session
 from minorloop_head.console.settings import LoopSettings
-from minorloop_head.procedures.actuator_plant import NO_PROBE
 from minorloop_head.procedures.mark import tool_pixel
 from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.values import NO_PROBE
 from minorloop_head.reconstruction.findings import outlined
 from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.ultrasound.c_scan import EchoFind

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from minorloop_head.console.head_pose import HeadPoseMap
 from minorloop_head.console.modes import StickMap, TeleopConfig
-from minorloop_head.procedures.actuator_plant import NO_PROBE
+from minorloop_head.procedures.values import NO_PROBE
 
 PIPE = "twin:pipe"
 """Address of the simulated head in a simulated pipe, the only plant with a tip of its own."""

@@ -14,7 +14,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.actuator import Actuator
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.values import Tip
+from minorloop_head.procedures.values import NO_PROBE, Tip
 from minorloop_head.sources import Frame, Shot
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.frame_checks import (
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 _PUMP = "pump"
 """Name of the digital line that floods the pipe."""
-NO_PROBE = "this head has no ultrasonic probe, so the depth cannot be measured"
 _LED = re.compile(r"led (\d+)")
 _INPUTS, _OUTPUTS = ("A", "A", "mm/s", "deg/s"), ("deg", "deg", "mm", "deg")
 _DEGREE = math.radians(1.0)

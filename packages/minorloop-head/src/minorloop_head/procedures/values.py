@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from minorloop_head.vision.calibrated_camera import Image
 
 ALL_LIGHTS = (True, True, True)
+NO_PROBE = "this head has no ultrasonic probe, so the depth cannot be measured"
 
 
 def _zeros() -> FloatArray:
