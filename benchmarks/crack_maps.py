@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import BoolArray, FloatArray
 from minorloop_head.procedures.trace import between
 from minorloop_head.vision.calibrated_camera import Window
 from minorloop_head.vision.imaging import Image32
@@ -97,7 +97,7 @@ def painted(plain: CrackMap, grooves: int, blobs: int, key: int = 0) -> CrackMap
     return replace(plain, stack=stack, course=np.concatenate(courses))
 
 
-def _course(rng: np.random.Generator, seen: FloatArray) -> FloatArray | None:
+def _course(rng: np.random.Generator, seen: BoolArray) -> FloatArray | None:
     """Return a wandering course (N, 2) of 40 to 300 texels, in rows and columns."""
     rows, columns = np.nonzero(ndimage.binary_erosion(seen, iterations=8))
     for _ in range(60 if len(rows) else 0):
@@ -161,7 +161,7 @@ def _slow(rng: np.random.Generator, count: int, size: float) -> FloatArray:
     return np.asarray(ndimage.gaussian_filter1d(rng.normal(0, np.sqrt(size), count), size))
 
 
-def _blob(rng: np.random.Generator, seen: FloatArray) -> Image32:
+def _blob(rng: np.random.Generator, seen: BoolArray) -> Image32:
     """Return what a bead, a deposit or a stain adds to the logarithms (K, rows, columns)."""
     rows, columns = np.nonzero(seen)
     middle = rng.integers(len(rows))

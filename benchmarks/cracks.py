@@ -202,7 +202,7 @@ def print_left_out(plain: Sequence[Lined], all_of: Sequence[Lined]) -> None:
         if others:
             odds = fit(others)
             found = [(one, traced_with(odds, one)) for one in plain if one.map.kind == kind]
-            for least in (-1.0, LEAST_EVIDENCE, 1.0, 2.0):
+            for least in (0.0, LEAST_EVIDENCE, 2.0):
                 figures = summary(figures_of(found, least))
                 print(f"{kind} left out, evidence of {least:+.1f}: {figures}")
 

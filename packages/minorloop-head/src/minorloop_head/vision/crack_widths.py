@@ -49,10 +49,12 @@ def measured_widths(
     costs = np.empty((len(KINDS), len(_SHIFTS) * len(_WIDTHS), taken.shape[1]))
     for (mean, sd, blur), cost in zip(KINDS, costs, strict=True):
         for flanks, one in zip(_flanks(side, blur), cost, strict=True):
-            normal = flanks.T @ flanks / noise + np.eye(2) / sd**2
-            share = (smooth @ flanks / noise + mean / sd**2) @ np.linalg.inv(normal)
+            square, product = flanks.T @ flanks, smooth @ flanks
+            normal = square / noise + np.eye(2) / sd**2
+            share = (product / noise + mean / sd**2) @ np.linalg.inv(normal)
             share = np.minimum(share, 1.0)
-            left = ((smooth - share @ flanks.T) ** 2).sum(axis=-1) / noise
+            # The squares of the profile are the same for all, and are left out.
+            left = (share * (share @ square - 2 * product)).sum(axis=-1) / noise
             far = ((share - mean) ** 2).sum(axis=-1) / sd**2
             each = 0.5 * (left + far + np.linalg.slogdet(normal)[1]) + 2 * np.log(sd)
             one[:] = each.sum(axis=0)
