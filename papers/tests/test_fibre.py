@@ -53,12 +53,3 @@ def test_the_report_shows_every_figure_of_the_paper(study):
         assert f"Fig {number}" in html
     assert html.count("<img") == 8
     assert "Eq. (2)" in html
-
-
-def test_its_sensor_has_noise_of_its_own_in_every_experiment():
-    first, second = (
-        np.asarray(fibre.fibre_at_rest(1000, experiment).apply(0.2, 400.0, 1.0).y)
-        for experiment in (0, 1)
-    )
-    assert np.std(first[-200:]) == pytest.approx(1.0, rel=0.2)  # um
-    assert np.std((first - second)[-200:]) == pytest.approx(np.sqrt(2), rel=0.2)
