@@ -2,7 +2,7 @@ import pytest
 
 from minorloop.errors import RecordError
 from minorloop.fleet._fitting import Task, identify_one
-from minorloop.fleet.manifest import LARGEST, Specimen, read_manifest
+from minorloop.fleet.manifest import Specimen, read_manifest
 
 HEADER = "specimen,file,input,output"
 
@@ -39,13 +39,6 @@ def test_the_apostrophe_for_spreadsheets_is_removed_from_names(tmp_path):
     assert (one.name, one.input) == ("=1+1", "@u")
 
 
-def test_a_file_that_is_too_large_for_a_manifest_is_not_read(tmp_path):
-    with open(tmp_path / "m.csv", "wb") as file:
-        file.truncate(LARGEST + 1)
-    with pytest.raises(RecordError, match="a manifest is smaller"):
-        read_manifest(tmp_path / "m.csv")
-
-
 @pytest.mark.parametrize("how", ["above", "absolute", "link"])
 def test_messages_do_not_quote_files_outside_the_folder(how, tmp_path):
     secret, folder = tmp_path / "secret", tmp_path / "fleet"
@@ -61,26 +54,12 @@ def test_messages_do_not_quote_files_outside_the_folder(how, tmp_path):
         assert "root:x" not in said or one.name == "b"  # whose row names the columns itself
 
 
-def test_messages_quote_files_inside_the_folder(tmp_path):
-    (tmp_path / "a.csv").write_text("drive,tip\n1,2\n")
-    (tmp_path / "m.csv").write_text(f"{HEADER}\na,a.csv,u,y\n")
-    (one,) = read_manifest(tmp_path / "m.csv")
-    said = identify_one(Task(one, one.read(), {}), tmp_path / "scratch")[0].error
-    assert "'drive', 'tip'" in said
-
-
 def test_refuses_a_manifest_that_is_missing_or_not_text(tmp_path):
     with pytest.raises(RecordError, match=r"nothing.csv does not exist; give a table"):
         read_manifest(tmp_path / "nothing.csv")
     (tmp_path / "m.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(RecordError, match="cannot be read"):
         read_manifest(tmp_path / "m.csv")
-
-
-def test_columns_may_be_given_once_for_all(tmp_path):
-    (tmp_path / "m.csv").write_text("specimen,file\na,x/a.csv\n")
-    (one,) = read_manifest(tmp_path / "m.csv", input="u", output="y")
-    assert (one.input, one.output, one.file) == ("u", "y", tmp_path / "x" / "a.csv")
 
 
 def test_a_column_of_time_is_found_named_or_left_out(tmp_path):
