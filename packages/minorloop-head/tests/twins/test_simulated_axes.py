@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop import Actuator, LimitError, ParameterError, SignalError
+from minorloop import LimitError, ParameterError, SignalError
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import SimulatedFault
@@ -32,17 +32,6 @@ def wave(kind, count, seed=0):
 
 
 @every_kind
-def test_it_implements_the_protocol(kind):
-    twin = kind()
-    assert isinstance(twin, Actuator)
-    y = twin.exchange(inputs(kind, [0.5, 0.5]))
-    if len(kind.outputs) == 1:
-        assert isinstance(y, float)
-    else:
-        assert y.shape == (2,)
-
-
-@every_kind
 def test_exchange_is_a_hold_of_one_tick(kind):
     loop, bench = kind(tick=0.5), kind(tick=0.5)
     for u in wave(kind, 40):
@@ -63,17 +52,6 @@ def test_a_hold_does_not_depend_on_how_it_is_sampled(kind):
     for _ in range(500):
         last = pieces.exchange(u)
     np.testing.assert_allclose(last, expected, rtol=1e-6)
-
-
-@every_kind
-def test_a_waveform_that_rests_is_a_hold(kind):
-    u = inputs(kind, [0.9, 0.8])
-    t = np.linspace(0, 20, 201)
-    driven = kind().drive(t + 5, np.multiply.outer(u, np.ones(t.size)))
-    held = kind().apply(u, 20.0, 0.1)
-    np.testing.assert_allclose(driven.t, t, atol=1e-12)
-    np.testing.assert_allclose(driven.y[..., 1:], held.y, atol=1e-9)
-    np.testing.assert_allclose(driven.y[..., 0], 0.0, atol=1e-9)
 
 
 @every_kind

@@ -18,7 +18,8 @@ def block(seed, **how):
 
 
 @pytest.mark.parametrize(
-    ("seed", "how"), [(1001, {}), (1003, {}), (1019, {}), (1101, {"raster": True})]
+    ("seed", "how"),
+    [(1001, {}), (1019, {}), pytest.param(1101, {"raster": True}, marks=pytest.mark.whole)],
 )
 def test_drawn_holes_are_found_where_they_are_and_nothing_else(seed, how):
     drawn, found = block(seed, **how)
@@ -38,9 +39,8 @@ def test_thicknesses_of_layers_are_those_that_were_drawn():
     assert thick == pytest.approx(drawn.scan.thicknesses[1:], abs=0.3e-3)
 
 
-@pytest.mark.parametrize("seed", [1000, 1002])
-def test_a_block_without_holes_has_no_flaws(seed):
-    assert scan_flaws(drawn_block(seed, holes=0).scan).flaws == ()
+def test_a_block_without_holes_has_no_flaws():
+    assert scan_flaws(drawn_block(1000, holes=0).scan).flaws == ()
 
 
 def test_a_repeat_names_the_flaw_that_it_repeats():
@@ -128,6 +128,7 @@ def measured(folder, name):
     return path
 
 
+@pytest.mark.whole
 def test_the_tilt_of_a_raster_is_found_along_both_axes():
     drawn = drawn_block(1102, raster=True)
     turned = replace(drawn.scan, traces=drawn.scan.traces.transpose(0, 2, 1).copy())

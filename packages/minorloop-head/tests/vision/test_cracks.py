@@ -38,8 +38,8 @@ def line(points, width, *, gap=None):
 
 
 @pytest.mark.parametrize("width", [2.5, 3.5])
-@pytest.mark.parametrize("bend", [-0.5, 0.0, 0.5])
-@pytest.mark.parametrize("turn", [0.0, 0.6, 1.2, 1.8, 2.4, 3.0])
+@pytest.mark.parametrize("bend", [0.0, 0.5])
+@pytest.mark.parametrize("turn", [0.0, 1.2, 2.4])
 def test_course_length_and_width_are_those_of_the_line(turn, bend, width):
     ways = turn + np.array([0.0, bend])
     steps = 45 * np.stack([np.cos(ways), np.sin(ways)], axis=1)

@@ -35,7 +35,7 @@ def test_a_lens_is_found_within_its_uncertainty(lens):
     assert not fit.warnings
 
 
-@pytest.mark.parametrize("count", [3, 4, 5, 6])
+@pytest.mark.parametrize("count", [3, 5])
 def test_few_pictures_say_that_they_know_little(count):
     off = []
     for seed in range(1000, 1010):
@@ -95,7 +95,7 @@ def test_thin_coverage_is_said(pictures, sentence):
     ("pictures", "sentence"),
     [
         (all_over(count=2), "2 pictures with a target; give 3 or more"),
-        (all_over(tilt=0.0), "nowhere tilted by more than"),
+        pytest.param(all_over(tilt=0.0), "nowhere tilted by more than", marks=pytest.mark.whole),
         (
             [*all_over(count=8), *all_over(count=6, lens=replace(LENS, focal=600.0), seed=1001)],
             "the pictures are of two cameras, or the zoom was changed: ",
