@@ -509,6 +509,18 @@ class TestDamage:
         with pytest.raises(StoreError, match=says):
             Store.open(path, write=True)
 
+    def test_points_of_another_plan(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.create(tmp_path / "b", Plan([0.0], 40.0), SETUP):
+            pass
+        hand = sqlite3.connect(path, isolation_level=None)
+        hand.execute("ATTACH ? AS other", (str(tmp_path / "b"),))
+        hand.execute("REPLACE INTO about SELECT * FROM other.about WHERE name = 'plan'")
+        hand.close()
+        for write in (False, True):
+            with pytest.raises(StoreError, match=r"point \d is missing or is not that of the plan"):
+                Store.open(path, write=write)
+
 
 @contextmanager
 def _files_no_longer_than(size):
