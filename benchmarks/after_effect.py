@@ -20,7 +20,7 @@ from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 from papers.harness import medians
-from papers.short_holds import SHORT, TARGETS, run_short_holds
+from papers.ipmc import SHORT, TARGETS, run_short_holds
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "forc"
 ROCK = "tiva_canyon_05A_pause_{}s.frc"

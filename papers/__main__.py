@@ -22,7 +22,7 @@ from papers.harness import Specimens, Study, study_of
 STUDIES = {
     "ipmc": "papers.ipmc_report",
     "fibre": "papers.fibre_report",
-    "design": "papers.design_report",
+    "design": "papers.design",
     "benchmark": "papers.benchmark",
     "stage": "papers.stage",
     "head": "papers.catheter.head_report",

@@ -15,12 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, uniform_levels
+from minorloop.arrays import FloatArray, Levels, uniform_levels
 from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade
-from minorloop.identification import excitation
+from minorloop.identification import Viscosity, excitation, identify
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.frequency import FrequencyResponse
+from minorloop.identification.recursive import Recursive
 from minorloop.identification.representability import representability
 from minorloop.identification.sine_response import Preamble, frequency_response
 from minorloop.lab.records import Record
@@ -32,23 +33,16 @@ from minorloop.twins.ipmc import Ipmc
 from minorloop.twins.ipmc_laser import NOISE
 from papers.facts import ProbeInputs, identify_settled, twin_facts
 from papers.harness import Results, rms
-from papers.short_holds import run_short_holds
-from papers.tracking import run_tracking
 
-CURVATURE_NOISE = 0.025
-"""Standard deviation of the curvature in the other experiments, in 1/m: the laser's, converted."""
-FINE = 20
-"""Bands of the finer identification."""
-AMPLITUDES = (0.7, 1.0)
+VOLTAGE, BANDS, SETTLED = 1.2, 10, 200.0
+"""Largest voltage in V, bands of the models, and seconds of a settled hold."""
 FREQUENCIES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0)
 HALF_HERTZ, HERTZ = 0.5, 1.0
-SETTLING = 300.0
-"""Seconds before a sine is measured: five times the slowest time constant of the strip."""
-PROBES = ProbeInputs(low=-1.2, high=1.2, bands=10, hold=200.0, loop=(0.1, 0.6), excursion=-0.24)
-REPEATS = 2
-RANDOM_HOLDS = 60
-SWEEP_PERIOD, SWEEP_REACH, SWEEP_INTERVAL = 40.0, 5.0, 0.05
-"""Period, amplitude and sample interval of the trajectory: seconds, 1/m, seconds."""
+PROBES = ProbeInputs(-VOLTAGE, VOLTAGE, BANDS, SETTLED, loop=(0.1, 0.6), excursion=-0.24)
+SWEEP_PERIOD = 40.0
+"""Period of the trajectory in seconds."""
+SHORT, TARGETS = 10.0, 14
+"""Seconds of a hold that is too short to settle, and number of targets at the ends of such."""
 
 
 def run_study(seed: int) -> Results:
@@ -60,7 +54,7 @@ def run_study(seed: int) -> Results:
     laser = ExperimentProtocol(laser=True)
     uniform = run_positioning(seed, NOISE, replace(laser, diagonal="uniform"))
     ours = run_positioning(seed, NOISE, laser)
-    fine = run_positioning(seed, NOISE, replace(laser, bands=FINE))
+    fine = run_positioning(seed, NOISE, replace(laser, bands=20))
     plays = GeneralisedPrandtlIshlinskii.fit(uniform.voltages, uniform.settled)
     inputs = plays.invert(uniform.targets, unreachable="clip").u
     driven = drive(seed, NOISE, laser, inputs, uniform.targets, 3)
@@ -138,10 +132,13 @@ def _spreads(response: FrequencyResponse) -> dict[str, float]:
     }
 
 
-def _strip(seed: int, experiment: int) -> Ipmc:
-    """Return a specimen with a curvature sensor; every experiment has noise of its own."""
+def _strip(seed: int, experiment: int, noise: float = 0.025) -> Ipmc:
+    """Return a specimen with a curvature sensor; every experiment has noise of its own.
+
+    ``noise`` is in 1/m; without it, it is that of the laser, converted.
+    """
     noise_seed = seed + FURTHER * experiment
-    strip = connect("twin:ipmc", specimen=seed, noise=CURVATURE_NOISE, seed=noise_seed)
+    strip = connect("twin:ipmc", specimen=seed, noise=noise, seed=noise_seed)
     assert isinstance(strip, Ipmc)  # the only twin with waveforms here
     return strip
 
@@ -170,9 +167,9 @@ def _responses(seed: int, models: dict[str, Preisach]) -> dict[str, FrequencyRes
         name: frequency_response(
             driven(itertools.count(100)),
             FREQUENCIES,
-            AMPLITUDES,
-            preamble=Preamble(-1.2, 200.0),
-            settling=SETTLING,
+            (0.7, 1.0),
+            preamble=Preamble(-VOLTAGE, SETTLED),
+            settling=300.0,  # five times the slowest time constant of the strip
             operator=model,
         )
         for name, model in models.items()
@@ -185,10 +182,10 @@ def _sweep(seed: int, cascade: Cascade) -> Results:
     Figures are rms errors in 1/m over the second half, with the inverse of the operator alone and
     with that of the cascade.
     """
-    t = np.arange(0.0, 4 * SWEEP_PERIOD, SWEEP_INTERVAL)
+    t = np.arange(0.0, 4 * SWEEP_PERIOD, 0.05)
     rest = float(cascade.operator.simulate([-1.2, 0.0])[-1])
     swell = np.minimum(t / SWEEP_PERIOD, 1.0)
-    targets = rest + SWEEP_REACH * swell * np.sin(2 * np.pi * t / SWEEP_PERIOD)
+    targets = rest + 5.0 * swell * np.sin(2 * np.pi * t / SWEEP_PERIOD)
     start = cascade.operator.step("negative", -1.2)[1]
     inversion = cascade.invert(t, targets, start, before=0.0, unreachable="clip")
     alone = cascade.operator.invert(targets, cascade.operator.step(start, 0.0)[1], "clip").u
@@ -212,8 +209,8 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Results:
     """
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     stairs = excitation.decaying_staircase(grid)
-    random = np.random.default_rng(seed).choice(grid, RANDOM_HOLDS)
-    u = np.concatenate([*[stairs] * REPEATS, random])
+    random = np.random.default_rng(seed).choice(grid, 60)
+    u = np.concatenate([stairs, stairs, random])
     _, y = hold_each(_strip(seed, 7), u, setup.hold, setup.sample_interval)
     fit = identify_settled(u, y, levels=grid)
     plays = GeneralisedPrandtlIshlinskii.fit(u, y)
@@ -224,3 +221,110 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Results:
         "quadratic": nrmse(quadratic - y, y),
     }
     return Results({}, found=representability(u, y), nrmse=errors)
+
+
+def run_tracking(seed: int) -> Results:
+    """Follow a fading strip through three staircases and then random voltages.
+
+    The recursion is compared with a batch fit to the most recent samples, repeated at every sample.
+    The exponential window has the same mean age as that batch, so that both use the same history.
+
+    ``measured`` (n,) has its outputs in 1/m over the part that is scored, ``predicted`` those from
+    the samples before: ``recursive``, ``batch``, and ``fixed`` of a model identified once, before.
+    """
+    grid = uniform_levels(-VOLTAGE, VOLTAGE, BANDS)
+    stairs = excitation.decaying_staircase(grid)
+    random = np.random.default_rng(seed).uniform(-VOLTAGE, VOLTAGE, stairs.size // 2)
+    u = np.concatenate([stairs, stairs, stairs, random])
+    strip = Ipmc(seed, 0.05, seed, drift=-0.02)  # the loss of bending an hour
+    _, y = hold_each(strip, u, SETTLED)
+    strip.safe()
+    scored = slice(2 * stairs.size, u.size)
+    once = identify_settled(u[: stairs.size], y[: stairs.size], levels=grid)
+    predicted = {
+        "recursive": _recursive_predictions(grid, u, y, stairs.size)[scored],
+        "batch": _batch_predictions(grid, u, y, stairs.size, scored.start),
+        "fixed": once.model.simulate(u)[scored],
+    }
+    errors = {name: rms(each - y[scored]) for name, each in predicted.items()}
+    figures = {
+        f"twin_over_{other}": errors["recursive"] / errors[other] for other in ("batch", "fixed")
+    }
+    return Results(figures, measured=y[scored], predicted=predicted)
+
+
+def _recursive_predictions(grid: Levels, u: FloatArray, y: FloatArray, window: int) -> FloatArray:
+    """Return the prediction of each sample before the update with it."""
+    age = window / 2  # the forgetting factor that gives samples this mean age
+    recursion = Recursive(grid, forgetting=age / (age + 1), diagonal="reversible")
+    state, predicted = recursion.begin(), np.empty_like(y)
+    for k in range(u.size):
+        predicted[k] = recursion.model(state).step(state.memory, u[k])[0]
+        state = recursion.update(state, u[k], y[k])
+    return predicted
+
+
+def _batch_predictions(
+    grid: Levels, u: FloatArray, y: FloatArray, window: int, first: int
+) -> FloatArray:
+    """Return the prediction of each sample by a fit to the window before it."""
+    predicted = np.empty(u.size - first)
+    for k in range(first, u.size):
+        recent = y[:k].copy()
+        recent[: k - window] = np.nan
+        fit = identify_settled(u[:k], recent, levels=grid)
+        predicted[k - first] = fit.model.simulate(u[: k + 1])[-1]
+    return predicted
+
+
+def run_short_holds(seed: int) -> Results:
+    """Identify one strip, and drive it to targets at the end of short holds with three inverses.
+
+    One staircase with settled holds and one with short ones give a plane with a generic spectrum of
+    creep. ``targets`` (n,) are curvatures in 1/m; ``errors`` those of what is read at the end of
+    each short hold, by the model of the inverse: ``creep``, ``settled``, of the settled values of
+    the long holds, and ``early``, of values at the end of short holds.
+    """
+    grid, noise = uniform_levels(-VOLTAGE, VOLTAGE, BANDS), 0.03
+    voltages = excitation.decaying_staircase(grid)
+    strip = _settled_strip(seed, 20, noise)  # the experiments before are above
+    long, short = _held(strip, voltages, SETTLED), _held(strip, voltages, SHORT)
+    record = Record.joined([*long, *short])
+    creeping = identify(
+        Record(record.u, record.y, record.t), Viscosity(grid, creep="spectrum", rate=False)
+    ).model
+    quick = _held(_settled_strip(seed, 21, noise), voltages, SHORT)
+    settled, early = (
+        identify_settled(voltages, _ends(holds), levels=grid).model for holds in (long, quick)
+    )
+    targets = np.random.default_rng(seed).uniform(-7.5, 7.5, TARGETS)
+    inputs = {
+        "creep": creeping.invert(SHORT * np.arange(1, TARGETS + 1), targets, unreachable="clip").u,
+        "settled": settled.invert(targets, unreachable="clip").u,
+        "early": early.invert(targets, unreachable="clip").u,
+    }
+    errors = {
+        name: _ends(_held(_settled_strip(seed, 22, 0.0), u, SHORT)) - targets
+        for name, u in inputs.items()
+    }
+    ends = {f"rms_{name}": rms(each) for name, each in errors.items()}
+    ratio = ends["rms_settled"] / ends["rms_creep"]
+    saved = targets.size * (SETTLED - SHORT) / 60
+    figures = {**ends, "ratio": ratio, "ratio_min": ratio, "minutes_saved": saved}
+    return Results(figures, targets=targets, errors=errors)
+
+
+def _settled_strip(seed: int, experiment: int, noise: float) -> Ipmc:
+    """Return a specimen that has settled at the least voltage."""
+    strip = _strip(seed, experiment, noise)
+    strip.apply(-VOLTAGE, 2 * SETTLED, 1.0)
+    return strip
+
+
+def _held(strip: Ipmc, inputs: FloatArray, hold: float) -> list[Record]:
+    return [strip.apply(float(np.clip(u, -VOLTAGE, VOLTAGE)), hold, 1.0) for u in inputs]
+
+
+def _ends(holds: list[Record]) -> FloatArray:
+    """(n,) last samples of holds."""
+    return np.array([hold.y[-1] for hold in holds])

@@ -70,8 +70,6 @@ ELSEWHERE = {
     "papers/catheter/picture_sensor.py": "papers/catheter/test_head_camera.py",
     "papers/catheter/sight.py": "papers/catheter/test_head_study.py",
     "papers/catheter/tracking_trials.py": "papers/catheter/test_head_study.py",
-    "papers/tracking.py": "papers/test_ipmc.py",
-    "papers/design_report.py": "papers/test_design.py",
     "papers/drawing.py": "papers/test_design.py",
     "papers/fibre_report.py": "papers/test_fibre.py",
     "papers/ipmc_report.py": "papers/test_ipmc.py",

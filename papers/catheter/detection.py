@@ -37,8 +37,7 @@ from minorloop_head.vision.defects import (
 )
 from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 from papers.catheter import scoring
-from papers.catheter.scene_view import SceneView, draw_view
-from papers.catheter.sized_view import DIAMETERS, draw_sized_view
+from papers.catheter.scene_view import DIAMETERS, SceneView, draw_sized_view, draw_view
 from papers.harness import mean
 
 PIVOT, ANGLE = 0.2e-3, math.radians(0.05)

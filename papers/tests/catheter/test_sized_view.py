@@ -6,8 +6,7 @@ import pytest
 
 from minorloop_head.geometry import wrapped
 from minorloop_head.twins.pipe import Pipe
-from papers.catheter.scene_view import minor_axis
-from papers.catheter.sized_view import DIAMETERS, LEAST_AXIS, draw_sized_view
+from papers.catheter.scene_view import DIAMETERS, LEAST_OF_SIZES, draw_sized_view, minor_axis
 
 
 @pytest.mark.parametrize("hole", [True, False])
@@ -19,7 +18,7 @@ def test_every_view_has_slots_and_corrosion_clear_of_a_rim_that_is_large_enough(
         if hole:
             low, high = DIAMETERS
             assert low <= view.hole.diameter <= high
-            assert minor_axis(view.mount.pose(view.pan, view.tilt), view.hole) >= LEAST_AXIS
+            assert minor_axis(view.mount.pose(view.pan, view.tilt), view.hole) >= LEAST_OF_SIZES
             phi, z = view.place
             for there in view.marks:
                 x = Pipe.radius * float(wrapped(there[0] - phi))
