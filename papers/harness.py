@@ -133,6 +133,12 @@ def mean(values: npt.ArrayLike) -> float:
     return float(found.mean()) if found.size else math.nan
 
 
+def deviation(values: npt.ArrayLike) -> float:
+    """Return the standard deviation of numbers, estimated from a sample; NaN of fewer than two."""
+    found = np.asarray(values, dtype=np.float64)
+    return float(found.std(ddof=1)) if found.size > 1 else math.nan
+
+
 def median(values: npt.ArrayLike) -> float:
     """Return the median of numbers; NaN of none."""
     found = np.asarray(values, dtype=np.float64)

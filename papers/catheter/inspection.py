@@ -25,10 +25,9 @@ from papers.catheter.detection import (
     score_kind,
     score_scene,
 )
-from papers.catheter.flooded import reach_figures
 from papers.catheter.inspection_servo import Scene, servo_figures
 from papers.catheter.mission import gather as gather_missions
-from papers.catheter.mission import run_mission
+from papers.catheter.mission import reach_figures, run_mission
 from papers.catheter.scan_trials import SCANS, run_scans, scan_figures
 from papers.catheter.sweep_trials import c_scan_figures, run_sweep
 from papers.harness import Results, for_each, mean, medians

@@ -2,7 +2,7 @@
 
 import math
 
-from papers.catheter.head_rivals_report import STEP, rivals_table, where_better
+from papers.catheter.head_report import STEP, rivals_table, where_better
 
 OBSERVER = {"settle_s": 7.0, "overshoot_pct": 0.6, "steady_rms_deg": 0.08}
 PI = {"settle_s": math.inf, "overshoot_pct": 0.64, "steady_rms_deg": 0.031}

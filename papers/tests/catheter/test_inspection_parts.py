@@ -23,7 +23,6 @@ from minorloop_head.twins.rig import Rig
 from minorloop_head.ultrasound.c_scan import CScan, EchoFind
 from minorloop_head.vision.cracks import TracedCrack
 from papers.catheter import (
-    flooded,
     inspection,
     inspection_report,
     inspection_servo,
@@ -41,8 +40,7 @@ from papers.catheter.detection import (
 )
 from papers.catheter.inspection_report import missed_holes
 from papers.catheter.inspection_servo import ServoRun
-from papers.catheter.pipe_map import pipe_map
-from papers.catheter.sweep_trials import ScoredSweep
+from papers.catheter.sweep_trials import ScoredSweep, pipe_map
 from papers.claims import claim_table, figure
 from papers.harness import Results
 
@@ -313,7 +311,7 @@ def test_everything_is_gathered_and_reported():
     parts = {
         "servo": servo, "runs": dict.fromkeys(RUNS, run), "outcomes": tuple(outcomes),
         "cracks": tuple(cracks), "edges": np.full(48, 0.3), "scored": kinds, "mission": mission,
-        "sweep": swept(), "reach": flooded.reach_figures(1),
+        "sweep": swept(), "reach": missions.reach_figures(1),
     }  # fmt: skip
     study = inspection.results(1, parts, 1.0)
     runs = [study.figures()] * 2

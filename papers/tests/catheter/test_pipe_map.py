@@ -13,7 +13,7 @@ from minorloop_head.reconstruction.depth_map import (
     WaterLine,
 )
 from minorloop_head.ultrasound.c_scan import CScan
-from papers.catheter.pipe_map import blend, echo_map, pipe_map
+from papers.catheter.sweep_trials import blend, pipe_map
 
 PATCH = Patch(-0.05, 20e-3, 2, 11)  # phi from -0.05 to 0.05 in steps of 0.01
 
@@ -84,12 +84,3 @@ def test_blending_weighs_by_inverse_variance(a, b):
 def test_a_hole_stays_a_hole():
     both = blend(filled(np.inf, np.nan, ECHOES), filled(0.0, 1e-5, CAMERA))
     assert np.isposinf(both.depth).all()
-
-
-def test_the_sonar_fills_what_its_footprints_reach():
-    wall = echo_map(SMALL, [(0.3, 20e-3), (0.3, 25e-3)], [0.2e-3, 9.0], [1e-6, np.nan])
-    middle = SMALL.rows // 2
-    assert wall.depth[middle, middle] == pytest.approx(0.2e-3)
-    assert wall.source[middle, middle] == ECHOES
-    assert wall.source[0, 0] == UNSEEN
-    assert np.isnan(wall.depth[0, 0])

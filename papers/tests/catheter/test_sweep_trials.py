@@ -10,7 +10,6 @@ from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch,
 from minorloop_head.twins.pipe import Crack, Dent
 from minorloop_head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
 from papers.catheter import sweep_trials
-from papers.catheter.pipe_map import pipe_map
 from papers.catheter.sweep_trials import (
     ScoredSweep,
     c_scan_figures,
@@ -18,6 +17,7 @@ from papers.catheter.sweep_trials import (
     map_figures,
     on_pit,
     pictures,
+    pipe_map,
     sweep,
     true_depth,
     within_reach,

@@ -22,7 +22,7 @@ from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.ultrasound.pits import PITCH
 from papers.catheter import scoring
-from papers.catheter.flooded import water
+from papers.catheter.mission import water
 from wires import identified
 
 from .fakes import CALIBRATION, Loop
