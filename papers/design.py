@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ from minorloop.identification.design import design, next_input
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.memory import Memory
-from papers.drawing import draw, level, panel
+from papers.drawing import draw, level, on_axes, panel
 from papers.facts import identify_settled
 from papers.harness import Results, Study, rms
 
@@ -211,15 +210,11 @@ def draw_curves(runs: Sequence[Mapping[str, Any]]) -> Any:
             errors = 100 * np.array([curve["positioning"] for curve in curves])
             low, middle, high = np.quantile(errors, [0.25, 0.5, 0.75], axis=0)
             lines.append((holds, middle, f"{colour} {mark}- 1.2", words))
-            lines.append(partial(_band, x=holds, ends=(low, high), color=colour))
+            lines.append(on_axes("fill_between", holds, low, high, color=colour, alpha=0.15, lw=0))
         y = "positioning error, rms [% of full scale]"
         frame: dict[str, Any] = {"title": twin.title, "xscale": "log", "yscale": "log"}
         panels.append(panel("settled holds", y, *lines, _ticks, legend={"fontsize": 9}, **frame))
     return draw(*panels, columns=2, height=4.2, sharey=True)
-
-
-def _band(axes: Any, x: Any, ends: Any, color: str) -> None:
-    axes.fill_between(x, *ends, color=color, alpha=0.15, lw=0)
 
 
 def _ticks(axes: Any) -> None:
@@ -239,11 +234,11 @@ def draw_bands(one: Results) -> Any:
     return draw(
         panel(
             "unseen input", y, level(0.0),
-            lambda axes: axes.errorbar(np.arange(one.truth.size), error, half, **style),
+            on_axes("errorbar", np.arange(one.truth.size), error, half, **style),
         ),
         panel(
             "hold", "input chosen [V]", (hold, one.inputs, "C0 o- 0.7"),
-            lambda axes: axes.axvline(12.5, color="0.5", lw=0.8, ls="--"),
+            on_axes("axvline", 12.5, color="0.5", lw=0.8, ls="--"),
         ),
         columns=2, width_ratios=[2, 1],
     )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, Levels, uniform_levels
+from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
 from minorloop.dynamics.trajectory import Trajectory
 from minorloop.identification import excitation
@@ -38,10 +38,6 @@ LEVELS = np.array([0.20, 0.28, 0.34, 0.36, 0.40, 0.45, 0.50, 0.54, 0.60, 0.65])
 paper does not give its levels; a dot is switched by inputs on levels only."""
 NOISE = 1.0
 """Standard deviation of the measured length, in um: that of a good laser extensometer."""
-_DEGREE, _TARGETS = 3, 14
-"""Degree of the polynomial, a cubic, and number of targets, as of the ionic polymer."""
-_MARGIN = 0.1
-"""Share of the range at each end without targets, by trial."""
 
 
 def run_steady(seed: int) -> Results:
@@ -65,16 +61,17 @@ def run_steady(seed: int) -> Results:
         # Part of the doping responds to the smallest reversal at once.
         "curves": identify_settled(*settled, levels=even).model,
         "plays": GeneralisedPrandtlIshlinskii.fit(*settled),
-        "polynomial": Polynomial.fit(*settled, degree=_DEGREE, low=LOW, high=HIGH),
+        "polynomial": Polynomial.fit(*settled, degree=3, low=LOW, high=HIGH),
     }
     record, validation = hold_each(fibre_at_rest(seed, 2), VALIDATION, HOLD)
     predictions = {name: model.simulate(VALIDATION) for name, model in models.items()}
     for name in ("square", "dots"):
         relays = RelayModel.fit(*settled, even, signed=name == "square")
-        predictions[f"{name}_even"] = relays.simulate(_nearest(even, VALIDATION))
+        nearest = np.abs(even - np.array(VALIDATION)[:, None]).argmin(axis=1)
+        predictions[f"{name}_even"] = relays.simulate(even[nearest])
     low, high = models["curves"].range
-    edge = _MARGIN * (high - low)
-    targets = np.random.default_rng(seed).uniform(low + edge, high - edge, _TARGETS)
+    edge = 0.1 * (high - low)  # by trial
+    targets = np.random.default_rng(seed).uniform(low + edge, high - edge, 14)
     achieved = {}
     for experiment, name in enumerate(("curves", "plays", "polynomial"), start=3):
         wanted = models[name].invert(targets, unreachable="clip").u
@@ -110,10 +107,6 @@ def _settled(seed: int, experiment: int, voltages: FloatArray) -> tuple[FloatArr
     return voltages, hold_each(new_fibre(seed, experiment), voltages, HOLD)[1]
 
 
-def _nearest(levels: Levels, u: tuple[float, ...]) -> FloatArray:
-    return np.asarray(levels[np.abs(levels - np.array(u)[:, None]).argmin(axis=1)])
-
-
 PROBES = ProbeInputs(low=LOW, high=HIGH, bands=9, hold=HOLD, loop=(0.35, 0.45), excursion=0.35)
 STEPS = (0.40, 0.45, 0.50, 0.45)
 """Voltages of the step experiment in V: the paper's step, one to score it on, and one down."""
@@ -129,7 +122,8 @@ def run_study(seed: int) -> Results:
     unit steps up and down; ``single``, ``updown`` and ``ours`` (T,) what the joined models give at
     the times of the record of the seven voltages, in um: the first two with the paper's relays.
     """
-    steady, steps = run_steady(seed), _steps(seed)
+    steady, fibre = run_steady(seed), fibre_at_rest(seed, 7)
+    steps = [fibre.apply(u, HOLD if k else REST, INTERVAL) for k, u in enumerate(STEPS)]
     fit = arx(*_joined(steps[0], steps[1]))
     down = step_response(*_joined(steps[2], steps[3])).falling
     up = step_response(*_joined(steps[0], steps[1])).rising
@@ -184,12 +178,6 @@ def unit_step(before: Record, after: Record) -> FloatArray:
     span = float(np.ptp(np.concatenate([before.y, after.y])))
     rest, end = settled_value(before, span), settled_value(after, span)
     return np.asarray((after.y - rest) / (end - rest))
-
-
-def _steps(seed: int) -> list[Record]:
-    """Measure the steps once, from saturation, as the paper does."""
-    fibre = fibre_at_rest(seed, 7)
-    return [fibre.apply(u, HOLD if k else REST, INTERVAL) for k, u in enumerate(STEPS)]
 
 
 def _averaged(y: FloatArray) -> FloatArray:

@@ -34,9 +34,7 @@ _NAMES = {
     "plays": ("play operators", COLOURS["plays"]),
     "polynomial": ("cubic", COLOURS["polynomial"]),
 }
-_SHOWN = ("square", "uniform", "curves", "polynomial")
 _LENGTH = "change of length [um]"
-_AROUND = {"xlim": (LOW - 0.02, HIGH + 0.02), "ylim": (LOW - 0.02, HIGH + 0.02)}
 
 
 def voltages_table(steady: Results) -> Table:
@@ -118,7 +116,8 @@ def _between(corners: Any, points: int) -> FloatArray:
 def draw_errors(study: Results) -> Any:
     """Draw the errors of four models at the seven voltages."""
     steady, place = study.steady, np.arange(len(VALIDATION)) + 1
-    errors = {name: steady.predictions[name] - steady.validation for name in _SHOWN}
+    shown = ("square", "uniform", "curves", "polynomial")
+    errors = {name: steady.predictions[name] - steady.validation for name in shown}
     groups = {
         f"{_NAMES[name][0]}: {rms(error):.1f} um rms": (error, _NAMES[name][1])
         for name, error in errors.items()
@@ -141,7 +140,7 @@ def draw_inverse(study: Results) -> Any:
     }
     left = panel(
         "length wanted [um]", "voltage [V]", (wanted, model.invert(wanted).u, "C0"),
-        title="Inverse hysteresis", ylim=_AROUND["ylim"],
+        title="Inverse hysteresis", ylim=(LOW - 0.02, HIGH + 0.02),
     )  # fmt: skip
     return draw(left, bars("target", "achieved minus target [um]", groups), columns=2)
 
@@ -166,11 +165,8 @@ def draw_step(study: Results) -> Any:
 def draw_steps(study: Results) -> Any:
     """Draw the measured unit steps with the models: two up, and one down."""
     rest, up, second, down = study.steps
-    t, rising, falling = (
-        up.t - rest.t[-1],
-        study.responses.rising.model,
-        study.responses.falling.model,
-    )
+    t, responses = up.t - rest.t[-1], study.responses
+    rising, falling = responses.rising.model, responses.falling.model
     lines = (
         (t, unit_step(second, down), "C3 - 0.6", "0.50 to 0.45 V, fitted"),
         (t, unit_step(rest, up), "C1 - 0.8", "0.40 to 0.45 V, fitted"),

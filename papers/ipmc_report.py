@@ -23,8 +23,8 @@ MODELS = {
 FIG_10 = ("wanted", "inverse of the operator", "voltage", "strip", "curvature")
 FIG_15 = ("voltage u", "operator", "w", "linear dynamics G(s)", "curvature y")
 
-_RELAY, _INPUTS, _DISCRETE = (-0.5, 0.5), (-1.2, 0.8, -0.4, 0.3), 4
-"""Thresholds of the relay of Fig 5; inputs and bands of Fig 6."""
+_DISCRETE = 4
+"""Bands of Fig 6."""
 
 
 def names(study: Results, *_: Any) -> dict[str, Any]:
@@ -79,9 +79,9 @@ def draw_plane() -> Any:
     """Draw Fig 5, a relay, and Fig 6, cells with the relays that are on after some inputs."""
     up = np.linspace(-1.2, 1.2, 241)
     loop = np.concatenate([up, up[::-1]])
-    relay = RelayModel(np.array(_RELAY), np.array([[0.0, 0.0], [1.0, 0.0]]))
+    relay = RelayModel(np.array((-0.5, 0.5)), np.array([[0.0, 0.0], [1.0, 0.0]]))
     fine = RelayModel(up, np.zeros((up.size, up.size)))
-    edges, on = uniform_levels(-1.2, 1.2, _DISCRETE), fine.states(_INPUTS)
+    edges, on = uniform_levels(-1.2, 1.2, _DISCRETE), fine.states((-1.2, 0.8, -0.4, 0.3))
     middle = (edges[1:] + edges[:-1]) / 2
 
     def cells(axes: Any) -> None:

@@ -37,7 +37,7 @@ from papers.catheter.head_loop import (
 from papers.catheter.head_static import COMMAND, MESH
 from papers.catheter.picture_sensor import DROPPED
 from papers.claims import cell
-from papers.drawing import WITH_ROOM, draw, level, panel
+from papers.drawing import WITH_ROOM, draw, level, on_axes, panel
 from papers.harness import Results, Study, rms
 
 _COLOURS = {"pi": "C3", "feedforward_pi": "C4", "internal_model": "C1", "observer": "C0"}
@@ -274,7 +274,8 @@ def draw_history() -> Any:
         frame: dict[str, Any] = {"xlim": (0, 3.2), "ylim": (0, COMMAND)}
         upper.append(panel("time", "command [V]", time, title=f"({name})", **frame))
         shown = np.where(np.tri(u.size, dtype=bool), plane.states(way), np.nan)
-        cells = partial(_cells, u=u, shown=shown)
+        look = {"cmap": "Blues", "vmin": -0.4, "vmax": 1.4, "rasterized": True}
+        cells = on_axes("pcolormesh", u, u, shown, **look)
         words = "beta [V]", "alpha [V]"
         lower.append(panel(*words, cells, title=f"({chr(ord(name) + 3)})", aspect="equal"))
     return draw(*upper, *lower, columns=3, height=5.4)
@@ -300,10 +301,6 @@ def draw_mesh(study: Results) -> Any:
     diagonal = ([0.0, COMMAND], [0.0, COMMAND], "0.3 - 0.8")
     words = "beta: where the fall ends [V]", "alpha: where the rise ends [V]"
     return draw(panel(*words, *lines, diagonal, nodes, aspect="equal"), height=4.4)
-
-
-def _cells(axes: Any, u: Any, shown: Any) -> None:
-    axes.pcolormesh(u, u, shown, cmap="Blues", vmin=-0.4, vmax=1.4, rasterized=True)
 
 
 def draw_ramps(study: Results) -> Any:
@@ -358,7 +355,7 @@ def draw_disturbed(study: Results) -> Any:
         panel("time [s]", "angle [deg]", *steps, goal, title=title),
         panel(
             "time [s]", "error [deg]", *errors,
-            lambda axes: axes.axvspan(RAMP_AT, RAMP_AT + 10, **words),
+            on_axes("axvspan", RAMP_AT, RAMP_AT + 10, **words),
         ),
         columns=2,
     )  # fmt: skip
@@ -395,7 +392,7 @@ def draw_hopeless(study: Results) -> Any:
         said = f"no alarm: in the end it comes to {study.reach[what]:.0f} degrees"
         for alarm in run.alarms[:1]:
             said = f"{alarm.verdict.reason}, after {alarm.t:.1f} s"
-        given_up = [partial(_mark, at=alarm.t) for alarm in run.alarms]
+        given_up = [on_axes("axvline", each.t, color="C3", lw=1.0) for each in run.alarms]
         angle = (run.t, run.truth.angle[:, 0], "C0", "angle")
         target = (run.t, run.wanted[:, 0], "0.2 -- 0.8", "target")
         title = f"{what}\n{said}"
@@ -403,10 +400,6 @@ def draw_hopeless(study: Results) -> Any:
         current = (run.t, run.current[:, 0], "C1")
         lower.append(panel("time [s]", "current [A]", current, *given_up))
     return draw(*upper, *lower, columns=2, height=5.0, sharex=True, sharey="row")
-
-
-def _mark(axes: Any, at: float) -> None:
-    axes.axvline(at, color="C3", lw=1.0)
 
 
 def to_rounding(error: float) -> str:

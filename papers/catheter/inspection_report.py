@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from papers.catheter.inspection import gather, run_study
 from papers.catheter.inspection_servo import SETTLED_PX, SWAY_WAIT
 from papers.catheter.judged import JUDGE, SCENES
 from papers.catheter.scan_trials import ScoredScan
-from papers.drawing import Paint, draw, level, panel, photo
+from papers.drawing import Paint, draw, level, on_axes, panel, photo
 from papers.harness import Results, Study
 
 _WORDS = {
@@ -28,17 +27,10 @@ _WORDS = {
     SINGLE: ("one frame", "C1 -- 1.8"),
     DITHER: ("five turns of 2 degrees", "C2 : 1.8"),
 }
-_CRACKS = {"100um": "100 to 200 um", "50um": "50 to 100 um", "30um": "30 to 50 um"}
-_WALLS_SHOWN = 4
-"""Most walls with cracks that are drawn of each kind of error, by trial."""
-_REQUIRED = (0.05, 0.98)
-"""Required: most false findings in an acquisition, and least recall."""
 _LEAST_SHOWN = 3e-3
 """Left end of the logarithmic axis of false findings, which cannot show 0; by trial."""
 _SHOWN = 6
 """Most scenes that are drawn of each kind of error, by trial."""
-_HALF = 75
-"""Half the side of a drawn cutout in pixels: 3 mm, within which a glint is, 20 mm away."""
 _LIGHTS = {0: "first light", 1: "second light", 2: "third light", 4: "all lights"}
 """Drawn frames of an acquisition, and their lights; the one without light is left out."""
 
@@ -59,7 +51,7 @@ def missed_holes(outcomes: Sequence[SceneOutcome]) -> dict[str, int]:
 
 def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
     """Draw recall against false findings for each kind of acquisition."""
-    most, least = _REQUIRED
+    most, least = 0.05, 0.98  # required
     lines: list[Any] = [([_LEAST_SHOWN, most, most], [least, least, 1.0], "0.3 --")]
     for mode, (words, look) in _WORDS.items():
         own = [each for each in outcomes if each.mode == mode]
@@ -80,33 +72,35 @@ def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
 def draw_missed(outcomes: Sequence[SceneOutcome]) -> Any:
     """Draw holes that were missed, and the outlines with the most evidence there; None of none."""
     own = [each for each in outcomes if each.mode == SWITCHED and each.hole and not each.found]
-    panels: list[Paint] = []
-    for each in own[:_SHOWN]:
-        (search,) = search_scene(each.seed, True)
-        near = next((hole for hole in search.holes if hole.evidence == each.evidence), None)
-        panels += _scene(f"scene {each.seed}\n{each.inside}", search, near)
-    return _scenes(panels)
+    return _scenes([(each, each.evidence, each.inside) for each in own])
 
 
 def draw_false(outcomes: Sequence[SceneOutcome]) -> Any:
     """Draw findings that were none, the strongest of each scene; None of none."""
-    own = [each for each in outcomes if each.mode == SWITCHED and each.false]
+    shown = []
+    for each in outcomes:
+        if each.mode == SWITCHED and each.false:
+            most = max(value for value in each.alarms if value >= LEAST_EVIDENCE[SWITCHED])
+            shown.append((each, most, f"evidence {most:+.1f}"))
+    return _scenes(shown)
+
+
+def _scenes(shown: Sequence[tuple[SceneOutcome, float, str]]) -> Any:
+    """Draw the first scenes about the findings with some evidence, with words; None of none."""
     panels: list[Paint] = []
-    for each in own[:_SHOWN]:
+    for each, evidence, words in shown[:_SHOWN]:
         (search,) = search_scene(each.seed, each.hole)
-        most = max(value for value in each.alarms if value >= LEAST_EVIDENCE[SWITCHED])
-        hole = next((hole for hole in search.holes if hole.evidence == most), None)
-        panels += _scene(f"scene {each.seed}\nevidence {most:+.1f}", search, hole)
-    return _scenes(panels)
-
-
-def _scenes(panels: Sequence[Paint]) -> Any:
+        hole = next((hole for hole in search.holes if hole.evidence == evidence), None)
+        panels += _scene(f"scene {each.seed}\n{words}", search, hole)
     rows = len(panels) // len(_LIGHTS)
     return draw(*panels, columns=len(_LIGHTS), height=2.35 * rows) if panels else None
 
 
 def _scene(words: str, search: Search, hole: Hole | None) -> list[Paint]:
-    """Return pictures under each light about a finding, with its outline and the true edge."""
+    """Return pictures under each light about a finding, with its outline and the true edge.
+
+    Half a side is 75 pixels: 3 mm, within which a glint is, 20 mm away.
+    """
     rim = None if hole is None else search.rim(hole)
     true = search.true_rim() if search.view.hole is not None else None
     about = true if rim is None else rim
@@ -124,7 +118,7 @@ def _scene(words: str, search: Search, hole: Hole | None) -> list[Paint]:
     return [
         photo(
             root, f"{words}\n{light}" if light == first else light, *lines, middle=middle,
-            half=_HALF, vmax=16,
+            half=75, vmax=16,
         )
         for light, root in roots.items()
     ]  # fmt: skip
@@ -133,7 +127,8 @@ def _scene(words: str, search: Search, hole: Hole | None) -> list[Paint]:
 def crack_table(found: Mapping[str, Any]) -> Table:
     """Return a table of recall by width."""
     rows = []
-    for name, words in _CRACKS.items():
+    classes = {"100um": "100 to 200 um", "50um": "50 to 100 um", "30um": "30 to 50 um"}
+    for name, words in classes.items():
         if of := found[f"scenes_{name}"]:
             low, high = found[f"recall_{name}_interval"]
             share = f"{found[f'recall_{name}']:.1%} ({low:.1%} to {high:.1%})"
@@ -147,8 +142,8 @@ def verdict_words(found: Mapping[str, Any]) -> str:
 
 
 def draw_walls(outcomes: Sequence[CrackOutcome]) -> Any:
-    """Draw the unrolled wall of the widest cracks, with true and traced courses; None of none."""
-    shown = sorted(outcomes, key=lambda one: -one.width)[:_WALLS_SHOWN]
+    """Draw the unrolled wall of the four widest cracks, with true and traced courses."""
+    shown = sorted(outcomes, key=lambda one: -one.width)[:4]
     panels = [_wall(one) for one in shown]
     return draw(*panels, columns=2, height=2.6 * -(-len(shown) // 2)) if shown else None
 
@@ -173,17 +168,12 @@ def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
         depth = [1e3 * one.site.depth for one in known]
         error = [1e6 * (one.found.depth - one.site.depth) for one in known]
         band = [1e6 * PER_DEVIATION * one.found.depth_sd for one in known]
-        style = {"yerr": band, "fmt": "o", "ms": 3, "lw": 0.8, "capsize": 1.5}
-        points = partial(_points, x=depth, y=error, **style)
+        style = {"fmt": "o", "ms": 3, "lw": 0.8, "capsize": 1.5}
+        points = [on_axes("errorbar", depth, error, band, **style)] if known else []
         words = "true depth [mm]", "measured less true [um], 90 % band"
         title = f"{title}: {len(known)} of {len(each)} measured"
-        panels.append(panel(*words, points, level(0.0), title=title))
+        panels.append(panel(*words, *points, level(0.0), title=title))
     return draw(*panels, columns=2, height=3.4)
-
-
-def _points(axes: Any, x: Sequence[float], y: Sequence[float], **style: Any) -> None:
-    if x:
-        axes.errorbar(x, y, **style)
 
 
 def names(
