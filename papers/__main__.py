@@ -21,12 +21,12 @@ from papers.harness import Specimens, Study, study_of
 
 STUDIES = {
     "ipmc": "papers.ipmc_report",
-    "fibre": "papers.fibre_report",
+    "fibre": "papers.fibre",
     "design": "papers.design",
     "benchmark": "papers.benchmark",
     "stage": "papers.stage",
     "head": "papers.catheter.head_report",
-    "inspection": "papers.catheter.inspection_report",
+    "inspection": "papers.catheter.inspection",
 }
 """The module of each."""
 _FIGURES, _UNFINISHED = "figures.json", "unfinished.json"

@@ -64,14 +64,11 @@ ELSEWHERE = {
     "papers/catheter/head_loop.py": "papers/catheter/test_head_study.py",
     "papers/catheter/head_static.py": "papers/catheter/test_head_study.py",
     "papers/catheter/inspection.py": "papers/catheter/test_inspection_parts.py",
-    "papers/catheter/inspection_report.py": "papers/catheter/test_inspection_parts.py",
-    "papers/catheter/judged.py": "tests/test_judge.py",
     "papers/catheter/mission.py": "papers/catheter/test_inspection_parts.py",
     "papers/catheter/picture_sensor.py": "papers/catheter/test_head_camera.py",
     "papers/catheter/sight.py": "papers/catheter/test_head_study.py",
     "papers/catheter/tracking_trials.py": "papers/catheter/test_head_study.py",
     "papers/drawing.py": "papers/test_design.py",
-    "papers/fibre_report.py": "papers/test_fibre.py",
     "papers/ipmc_report.py": "papers/test_ipmc.py",
 }
 

@@ -25,9 +25,8 @@ from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Course, Surroundings
 from minorloop_head.twins.wire import Wire
 from papers.catheter import inspection_servo
-from papers.catheter.control.internal_model import InternalModel
+from papers.catheter.control.internal_model import InternalModel, robust_margins
 from papers.catheter.control.laws import LAWS, slow_pole
-from papers.catheter.control.robustness import robust_margins
 from papers.catheter.head_camera import run_camera
 from papers.catheter.head_loop import (
     DELAY,

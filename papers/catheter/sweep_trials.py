@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -100,7 +101,7 @@ def draw_sweep(seed: int, pits: int = PITS) -> Results:
         if _is_clear(one, bores, drawn.dents):
             bores.append(one)
     crack = draw_crack(rng, *_somewhere(rng))
-    while any(_off(crack, bore.phi, bore.z) < _APART for bore in bores):
+    while any(_off(crack, bore) < _APART for bore in bores):
         crack = draw_crack(rng, *_somewhere(rng))
     thickness = float(rng.uniform(1.5e-3, 4e-3))
     pipe = replace(drawn, bores=tuple(bores), cracks=(crack,), thickness=thickness)
@@ -142,20 +143,20 @@ def _is_clear(one: Bore, others: Sequence[Bore], dents: Sequence[Dent]) -> bool:
 
     A dent is shallower than 30 um there: a pit in a dent is another defect.
     """
-    place = one.phi, one.z
-    return all(_apart(place, (pit.phi, pit.z)) > _APART for pit in others) and all(
-        _apart(place, (dent.phi, dent.z)) > one.diameter / 2 + 2.5 * dent.size for dent in dents
+    return all(_apart(one, pit) > _APART for pit in others) and all(
+        _apart(one, dent) > one.diameter / 2 + 2.5 * dent.size for dent in dents
     )
 
 
-def _apart(one: tuple[float, float], other: tuple[float, float]) -> float:
-    return float(wall_distance(one, other, Pipe().radius))
+def _apart(one: Any, other: Any) -> float:
+    """Return the distance on the wall in metres of two things with a place."""
+    return float(wall_distance((one.phi, one.z), (other.phi, other.z), Pipe.radius))
 
 
-def _off(crack: Crack, phi: float, z: float) -> float:
-    """Return the distance of a place from the course of a crack, in metres."""
+def _off(crack: Crack, other: Any) -> float:
+    """Return the distance in metres of something with a place from the course of a crack."""
     course, _ = fine_course(crack, Pipe.radius)
-    return float(wall_distance(course, (phi, z), Pipe.radius).min())
+    return float(wall_distance(course, (other.phi, other.z), Pipe.radius).min())
 
 
 @one_thread()
@@ -277,18 +278,18 @@ def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
 def pit_found(run: ScoredSweep, bore: Bore) -> EchoFind | None:
     """Return the pit of a map that is nearest to a true one; None if none is near."""
     pits = [find for find in run.scan.finds if find.kind == PIT]
-    off = [_apart(find.place, (bore.phi, bore.z)) for find in pits]
+    off = [_apart(find, bore) for find in pits]
     return pits[int(np.argmin(off))] if off and min(off) <= SAME else None
 
 
 def on_crack(run: ScoredSweep, find: EchoFind) -> bool:
     """Return whether a find is on a true crack."""
-    return any(_off(crack, *find.place) <= SAME for crack in run.pipe.cracks)
+    return any(_off(crack, find) <= SAME for crack in run.pipe.cracks)
 
 
 def on_pit(run: ScoredSweep, find: EchoFind) -> bool:
     """Return whether a find is on a true pit."""
-    return any(_apart(find.place, (bore.phi, bore.z)) <= SAME for bore in run.pipe.bores)
+    return any(_apart(find, bore) <= SAME for bore in run.pipe.bores)
 
 
 def within_reach(run: ScoredSweep, crack: Crack) -> bool:
@@ -345,7 +346,7 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
     finds = [one for one in every if one[1].kind != CUT]
     errors = 1e6 * np.array([find.depth - bore.depth for find, bore in hits])
     bands = 1e6 * PER_DEVIATION * np.array([find.depth_sd for find, _ in hits])
-    off = [1e3 * _apart(find.place, (bore.phi, bore.z)) for find, bore in hits]
+    off = [1e3 * _apart(find, bore) for find, bore in hits]
     mapped = sum(float(np.isfinite(run.scan.amplitude).sum()) for run in runs)
     gaps = sum(float(run.scan.gap.sum()) for run in runs)
     area = 1e4 * mapped * runs[0].scan.wall.patch.step ** 2
