@@ -20,7 +20,7 @@ from papers.claims import claim_table
 from papers.harness import Specimens, Study, study_of
 
 STUDIES = {
-    "ipmc": "papers.ipmc_report",
+    "ipmc": "papers.ipmc",
     "fibre": "papers.fibre",
     "design": "papers.design",
     "benchmark": "papers.benchmark",

@@ -69,7 +69,6 @@ ELSEWHERE = {
     "papers/catheter/sight.py": "papers/catheter/test_head_study.py",
     "papers/catheter/tracking_trials.py": "papers/catheter/test_head_study.py",
     "papers/drawing.py": "papers/test_design.py",
-    "papers/ipmc_report.py": "papers/test_ipmc.py",
 }
 
 
