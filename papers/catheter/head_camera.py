@@ -177,49 +177,43 @@ def run_circle(
     the pipe from the hole, in millimetres, of which the second is where the true optical axis met
     the wall, and ``rms`` is their root-mean-square distance.
     """
-    kept: list[tuple[PictureSensor, FloatArray]] = []
+    sensors: list[PictureSensor] = []
+    picked = np.empty(2)
 
     def give(head: Head) -> PictureSensor:
-        sensor = camera(head)
-        kept.append((sensor, _picked(sensor, circle.hole, seed)))
+        """Return the camera, and pick the hole: half a pixel of 320 off, centred on the outline."""
+        nonlocal picked
+        sensors.append(sensor := camera(head))
+        noise = 0.5 * np.random.default_rng([seed, 59]).standard_normal(2)
+        pixel = true_pixel(sensor.tip.camera, circle.hole.phi, circle.hole.z) + noise
+        sight = sensor.view.line_of_sight(np.zeros(2)).tolist()
+        picked = sensor.estimator.camera.place(pixel, *sight)
         return sensor
 
+    def off(t: float) -> FloatArray:
+        """Return the place (2,) from the hole in metres at a time, after the wait."""
+        phase = 2 * np.pi * max(t - WAIT, 0.0) / circle.period
+        return circle.radius * np.array([np.cos(phase), np.sin(phase)])
+
     def way(t: float) -> tuple[float, float]:
-        # Ahead by the response of the laws and the age of the pictures; the path is known.
-        return _aimed(*kept[0], _on_circle(t + 0.7, circle))
+        """Return the joints in degrees that aim the optical axis at the path.
+
+        They are ahead by the response of the laws and the age of the pictures; the path is known.
+        """
+        view, known = sensors[0].view, sensors[0].estimator.camera
+        phi, z = picked + off(t + 0.7) / np.array([known.radius, 1.0])
+        pan, tilt = view.joints(known.mount.aim(wall_point(phi, z, known.radius))).tolist()
+        return pan, tilt
 
     seconds = WAIT + circle.period
     run = run_loop(LAWS[0], control, way, seconds, specimen=seed, seed=seed, camera=give)
-    late, sensor = run.t > WAIT, kept[0][0]
-    wanted = np.array([_on_circle(t, circle) for t in run.t[late]])
-    reached = places_seen(sensor.mount, run.truth.angle[late], circle.hole, sensor.tip.pipe.radius)
-    wanted, reached = 1e3 * wanted, 1e3 * reached
+    late, sensor = run.t > WAIT, sensors[0]
+    wanted = 1e3 * np.array([off(t) for t in run.t[late]])
+    reached = 1e3 * places_seen(
+        sensor.mount, run.truth.angle[late], circle.hole, sensor.tip.pipe.radius
+    )
     missed = rms(np.linalg.norm(reached - wanted, axis=1))
     return Results(t=run.t[late], wanted=wanted, reached=reached, rms=missed, run=run)
-
-
-def _on_circle(t: float, circle: Circle) -> FloatArray:
-    """Return the place (2,) from the hole in metres at a time, after the wait."""
-    phase = 2 * np.pi * max(t - WAIT, 0.0) / circle.period
-    return circle.radius * np.array([np.cos(phase), np.sin(phase)])
-
-
-def _picked(sensor: PictureSensor, hole: Bore, seed: int) -> FloatArray:
-    """Return phi and z of the hole by its pixel in the first picture, as the camera knows them.
-
-    It was centred on the outline: half a pixel of 320 is left.
-    """
-    noise = 0.5 * np.random.default_rng([seed, 59]).standard_normal(2)
-    pixel = true_pixel(sensor.tip.camera, hole.phi, hole.z) + noise
-    return sensor.estimator.camera.place(pixel, *sensor.view.line_of_sight(np.zeros(2)).tolist())
-
-
-def _aimed(sensor: PictureSensor, place: FloatArray, off: FloatArray) -> tuple[float, float]:
-    """Return the joints in degrees that aim the optical axis at a place off another."""
-    camera = sensor.estimator.camera
-    phi, z = place + off / np.array([camera.radius, 1.0])
-    pan, tilt = sensor.view.joints(camera.mount.aim(wall_point(phi, z, camera.radius))).tolist()
-    return pan, tilt
 
 
 def identify_seen(seed: int) -> Results:

@@ -297,7 +297,7 @@ def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
         each = [one for run in runs for kind in kinds for one in run["scored"][kind]]
         known = [one for one in each if one.found.measured]
         depth = [1e3 * one.site.depth for one in known]
-        error = [1e6 * (one.found.depth - one.site.depth) for one in known]
+        error = [1e6 * one.error for one in known]
         band = [1e6 * PER_DEVIATION * one.found.depth_sd for one in known]
         style = {"fmt": "o", "ms": 3, "lw": 0.8, "capsize": 1.5}
         points = [on_axes("errorbar", depth, error, band, **style)] if known else []

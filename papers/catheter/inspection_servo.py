@@ -167,41 +167,36 @@ class Watch:
 
     def __init__(self, scene: Scene, rig: InspectionRig, point: Centred | None = None) -> None:
         assert isinstance(rig.plant, Rig)
-        self.point = point
         self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
-        self.place: list[tuple[float, float]] = []
-        self.left: list[float] = []
-        self.verdicts: list[str] = []
-        self.pixel = self.true_pixel()
+        self._point, self._pixel = point, self.true_pixel()
+        self._seen: list[tuple[float, float, float, str]] = []
 
     def __call__(self) -> None:
         """Record the truth after a tick; ticks before the first tracked frame are omitted."""
-        before, self.pixel = self.pixel, self.true_pixel()
+        before, self._pixel = self._pixel, self.true_pixel()
         verdict, shown = TRACKED, None
-        if self.point is not None:
-            verdict, shown = self.point.verdict, self.point.shown
-        if not verdict:
-            return
-        x, y, z = self._point()
-        self.place.append((float(FOCAL * x / z), float(FOCAL * y / z)))
-        self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
-        self.verdicts.append(verdict)
+        if self._point is not None:
+            verdict, shown = self._point.verdict, self._point.shown
+        if verdict:
+            x, y, z = self._hole()
+            left = np.nan if shown is None else 0.5 * math.dist(before, shown)
+            self._seen.append((float(FOCAL * x / z), float(FOCAL * y / z), left, verdict))
 
     def run(self, after: int = 0) -> ServoRun:
         """Return the run from a tick on."""
-        place, left = np.array(self.place[after:]), np.array(self.left[after:])
+        x, y, left, verdicts = zip(*self._seen[after:], strict=True)
+        place = np.stack([x, y], axis=1)
         t = TICK * np.arange(1.0, len(place) + 1.0)
-        off = np.hypot(*place.T)
-        return ServoRun(t, off, tuple(self.verdicts[after:]), left, place)
+        return ServoRun(t, np.hypot(*place.T), verdicts, np.array(left), place)
 
-    def _point(self) -> FloatArray:
+    def _hole(self) -> FloatArray:
         """Return the hole (3,) in camera coordinates."""
         hole, radius = self._scene.hole, self._scene.pipe.radius
         return scoring.middle_of(self._scene.mount, self._plant, (hole.phi, hole.z), radius)
 
     def true_pixel(self) -> FloatArray:
         """Return the pixel (2,) of the hole, by the calibrated lens."""
-        return np.asarray(self._lens.project(self._point()))
+        return np.asarray(self._lens.project(self._hole()))
 
 
 def run_servo(

@@ -330,6 +330,18 @@ class ScoredScan:
     modality: str
     """By the first burst."""
 
+    @property
+    def error(self) -> float:
+        """Of the depth, in metres."""
+        return self.found.depth - self.site.depth
+
+    @property
+    def miss(self) -> float:
+        """Distance of the place from the true one, in metres."""
+        found, truth = self.found, self.site.truth
+        places = (found.phi, found.z), (truth.phi, truth.z)
+        return float(wall_distance(*places, self.site.probe.radius))
+
 
 def run_trial(trial: ScanTrial) -> ScoredScan:
     """Scan, measure and fuse one place."""
@@ -351,11 +363,11 @@ def measured(trial: ScanTrial, bursts: Sequence[Burst], modality: str = "ultraso
 def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return bias and standard deviation of depths in micrometres, and the number measured."""
     runs = list(scored)
-    errors = np.array([1e6 * _error(run) for run in runs if run.found.measured])
+    errors = np.array([1e6 * run.error for run in runs if run.found.measured])
     return {
         "bias_um": mean(errors),
         "sd_um": deviation(errors),
-        "worst_um": float(np.abs(errors).max()) if errors.size else math.nan,
+        "worst_um": max(np.abs(errors).tolist(), default=math.nan),
         "measured_fraction": errors.size / max(len(runs), 1),
         "measured": errors.size,
         "scans": len(runs),
@@ -365,19 +377,18 @@ def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 
 def dished_figure(scored: Iterable[ScoredScan]) -> float:
     """Return the largest error in millimetres of the mean depth of unflagged dished floors."""
-    return max((1e3 * abs(_error(run)) for run in scored if run.found.measured), default=math.nan)
+    return max((1e3 * abs(run.error) for run in scored if run.found.measured), default=math.nan)
 
 
 def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return the largest errors of findings, and the share of texels inside their 90 % band."""
     runs = [run for run in scored if run.found.measured]
-    depths = np.array([1e3 * _error(run) for run in runs])
-    sizes = [run.found.diameter / run.site.truth.diameter - 1 for run in runs]
+    sizes = [abs(run.found.diameter / run.site.truth.diameter - 1) for run in runs]
     texels = np.concatenate([_covered(run) for run in runs]) if runs else np.zeros(1, bool)
     return {
-        "position_mm": max((1e3 * _miss(run) for run in runs), default=math.nan),
-        "diameter_error_pct": 100 * float(np.abs(sizes).max()) if runs else math.nan,
-        "depth_error_mm": float(np.abs(depths).max()) if runs else math.nan,
+        "position_mm": max((1e3 * run.miss for run in runs), default=math.nan),
+        "diameter_error_pct": 100 * max(sizes, default=math.nan),
+        "depth_error_mm": dished_figure(runs),
         "texel_coverage": float(texels.mean()),
     }
 
@@ -385,7 +396,7 @@ def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 def band_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return the share of depths inside their 90 % band, half its width, and their number."""
     runs = [run for run in scored if run.found.measured]
-    depths = np.array([abs(1e3 * _error(run)) for run in runs])
+    depths = np.array([abs(1e3 * run.error) for run in runs])
     bands = np.array([1e3 * PER_DEVIATION * run.found.depth_sd for run in runs])
     return {
         "coverage": mean(depths <= bands),
@@ -402,16 +413,6 @@ def modality_wrong(scored: Iterable[ScoredScan]) -> int:
         made_up = bool((dry or hole) and np.isfinite(run.found.depth))
         wrong += made_up or run.modality != ("camera" if dry else "ultrasound")
     return wrong
-
-
-def _error(run: ScoredScan) -> float:
-    return run.found.depth - run.site.depth
-
-
-def _miss(run: ScoredScan) -> float:
-    found, truth = run.found, run.site.truth
-    places = (found.phi, found.z), (truth.phi, truth.z)
-    return float(wall_distance(*places, run.site.probe.radius))
 
 
 def _covered(run: ScoredScan) -> BoolArray:

@@ -91,12 +91,6 @@ def reaches(head: Head, surroundings: Surroundings, needs: FloatArray) -> bool:
     )
 
 
-def touch_off(tip: Any, bore: Bore, radius: float) -> float:
-    """Return how far from a bore the tool last came to the wall, in metres; infinite if never."""
-    touches = tip.tool.touches
-    return apart(touches[-1], bore, radius) if touches else math.inf
-
-
 def off_middle(tip: Any, bore: Bore) -> float:
     """Return the distance of a bore from the true optical axis in the image, in pixels."""
     middle = np.array(tip.camera._optics.centre)
