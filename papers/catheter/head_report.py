@@ -184,33 +184,28 @@ def _drawn(study: Results) -> dict[str, dict[str, float]]:
 
 
 def laws_table(camera: Results, sensed: Mapping[tuple[str, str], HeadRun]) -> Table:
-    """Return the steps by every law, on pictures and on sensors at the joints."""
-    steps, end = tuple(sorted({target for _, target in camera.steps})), end_of(camera)
-    found = {("camera", *key): run for key, run in camera.steps.items()}
-    for name, target in product(LAWS, steps):
-        if (f"step {target:g}", name) in sensed:
-            found["joint sensors", name, target] = sensed[f"step {target:g}", name]
+    """Return the steps by every law, on pictures and on sensors at the joints.
+
+    The last column is over the last seconds of the steps by the camera, which are shorter.
+    """
+    steps = tuple(sorted({target for _, target in camera.steps}))
+    end = float(min(run.t[-1] for run in camera.steps.values()))
+    sensors = {
+        (law, target): sensed.get((f"step {target:g}", law)) for law in LAWS for target in steps
+    }
     rows = []
-    several = dict.fromkeys((steps, steps[-1:]))
-    for targets, name, how in product(several, LAWS, ("camera", "joint sensors")):
-        runs = [run for target in targets if (run := found.get((how, name, target))) is not None]
-        if len(runs) == len(targets) and (name, targets[0]) in camera.steps:
-            of, which = step_figures(runs), ", ".join(f"{target:g}" for target in targets)
-            late = max(_late(run, end) for run in runs)
-            cells = (*(each.text(of) for each in STEP), f"{late:.2f}")
-            rows.append((WORDS[name], how, which, *cells))
+    for targets, name in product(dict.fromkeys((steps, steps[-1:])), LAWS):
+        for how, found in (("camera", camera.steps), ("joint sensors", sensors)):
+            runs = [run for each in targets if (run := found.get((name, each))) is not None]
+            if len(runs) == len(targets) and (name, targets[0]) in camera.steps:
+                of, which = step_figures(runs), ", ".join(f"{target:g}" for target in targets)
+                late = max(
+                    rms(run.error[(run.t > end - STEADY) & (run.t <= end), 0]) for run in runs
+                )
+                cells = (*(each.text(of) for each in STEP), f"{late:.2f}")
+                rows.append((WORDS[name], how, which, *cells))
     columns = ("controller", "sensor", "steps, deg", *(each.heading for each in STEP))
     return Table((*columns, f"rms from {end - STEADY:.0f} to {end:.0f} s, deg"), rows)
-
-
-def end_of(camera: Results) -> float:
-    """Return the duration of the steps by the camera alone, in seconds."""
-    return float(min(run.t[-1] for run in camera.steps.values()))
-
-
-def _late(run: HeadRun, end: float) -> float:
-    """Return the rms error of the first axis in the last seconds before a time, in degrees."""
-    return rms(run.error[(run.t > end - STEADY) & (run.t <= end), 0])
 
 
 def draw_loops(study: Results) -> Any:
