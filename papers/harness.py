@@ -59,10 +59,6 @@ class Study:
         """Names of what `run` takes."""
         return tuple(inspect.signature(self.run).parameters)
 
-    def gathered(self, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return the figures over all specimens."""
-        return (self.gather or medians)(runs)
-
     def report(
         self, first: Any, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
     ) -> Report:
@@ -191,7 +187,7 @@ class Specimens:
         """Add the figures of the next specimen, say how long it took, and write those so far."""
         seed = self.next_seed
         self.runs.append(figures)
-        self.gathered = self._study.gathered(self.runs)
+        self.gathered = (self._study.gather or medians)(self.runs)
         done = len(self.runs)
         now(f"specimen {done} of {self._wanted}, seed {seed}: {seconds:.0f} s", kept=True)
         if done < self._wanted:

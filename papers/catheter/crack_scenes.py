@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop_head.geometry import Mount, Pose, wall_lengths, wall_point
+from minorloop_head.geometry import Pose, wall_lengths, wall_point
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.pipe import Crack, Pipe, Scratch, Weld, draw_dent, draw_dirt, draw_finish
 from minorloop_head.vision.reflectance_map import LEAST_SEEN
-from papers.catheter.scene_view import SceneView, aimed, first_view, heads
+from papers.catheter.scene_view import Drawn, SceneView, aimed, first_view
 
 WIDTHS, LENGTHS = (30e-6, 200e-6), (2e-3, 15e-3)
 """Of the cracks, in metres: those of the claim."""
@@ -30,8 +30,7 @@ _EDGE = 12.0
 def draw_crack_view(seed: int, *, crack: bool, lit: bool = False) -> SceneView:
     """Draw a view of a wall with a crack, 30 to 200 um wide and 2 to 15 mm long, or without.
 
-    The head turns 18 to 30 degrees from the axis, as for holes. A ``lit`` crack is a groove whose
-    flanks return light.
+    A ``lit`` crack is a groove whose flanks return light.
 
     Raises
     ------
@@ -40,9 +39,8 @@ def draw_crack_view(seed: int, *, crack: bool, lit: bool = False) -> SceneView:
     """
     rng = np.random.default_rng([seed, int(crack), 21])
 
-    def view_of(
-        mount: Mount, pan: float, tilt: float, place: tuple[float, float]
-    ) -> SceneView | None:
+    def view_of(head: Drawn) -> SceneView | None:
+        mount, pan, tilt, place = head
         cracks, width = _cracks(rng, *place)
         if not _in_view(mount.pose(pan, tilt), cracks[0]):
             return None
@@ -57,7 +55,7 @@ def draw_crack_view(seed: int, *, crack: bool, lit: bool = False) -> SceneView:
         seen = width if crack else 0.0
         return SceneView(camera, mount, pan, tilt, gain, pipe=wall, width=seen)
 
-    return first_view(seed, heads(rng), view_of)
+    return first_view(seed, rng, view_of)
 
 
 def fine_course(crack: Crack, radius: float) -> tuple[FloatArray, FloatArray]:

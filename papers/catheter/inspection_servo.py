@@ -248,12 +248,11 @@ def clicked(
 ) -> Results:
     """Bring the head to where it starts, and pick the hole as an operator who clicks beside it.
 
-    ``click`` (2,) is the pixel of the click, by where the hole is seen; ``pixel`` and ``place``
-    (2,) are those of the point that the procedure puts on the outline.
+    ``true`` (2,) is the pixel of the hole, ``click`` (2,) that of the click; ``pixel`` and
+    ``place`` (2,) are those of the point that the procedure puts on the outline.
     """
-    seconds = 1.0
-    rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - seconds))
-    rig.run(meter(rig.calibration, rig.light, seconds))
+    rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - 1.0))
+    rig.run(meter(rig.calibration, rig.light, 1.0))
     rng = np.random.default_rng([scene.seed, 71])
     true = (true_pixel or Watch(scene, rig).true_pixel)()
     click = true + CLICK / math.sqrt(2) * rng.standard_normal(2)

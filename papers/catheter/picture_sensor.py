@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.twins.rig import Rig, SimulatedTip
-from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.wall_patches import Sight
 
 DROPPED = 0.02
@@ -77,8 +76,7 @@ def known_view(tip: SimulatedTip, mount: Mount, seed: int) -> HeadCalibration:
     )
 
 
-@dataclass(frozen=True)
-class Missed:
+class Missed(NamedTuple):
     """A picture that did not show the angles: tick, and why."""
 
     tick: int
@@ -119,7 +117,6 @@ class PictureSensor:
         self.estimator = seen_by(self.view)
         self.missed: list[Missed] = []
         self.sight: Sight | None = None
-        self.picture: Image | None = None
         self.latest: FloatArray = np.zeros(2)
         self._rng, self._dropped, self._disturb = rng, dropped, disturb
         self._gain, self.ticks = 1.0, 0
@@ -153,7 +150,6 @@ class PictureSensor:
         if frame is None or self._rng.random() < self._dropped:
             self.missed.append(Missed(self.ticks, "no picture came"))
             return np.full(2, np.nan)
-        self.picture = frame.image
         self._meter(frame)
         self.sight, self._state = self.estimator.step(self._state, frame.image, frame.t)
         if self.sight.reason:

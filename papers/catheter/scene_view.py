@@ -10,7 +10,7 @@ slots and corrosion.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeAlias
@@ -100,9 +100,8 @@ def draw_view(
     """
     rng, lens = np.random.default_rng([seed, int(hole)]), LENS.in_water() if flooded else LENS
 
-    def view_of(
-        mount: Mount, pan: float, tilt: float, place: tuple[float, float]
-    ) -> SceneView | None:
+    def view_of(head: Drawn) -> SceneView | None:
+        mount, pan, tilt, place = head
         bore, pose = drawing.draw_hole(rng, *place), mount.pose(pan, tilt)
         shown = "dark" if plain else inside
         if shown is not None:
@@ -126,7 +125,7 @@ def draw_view(
         glint = (bright_spots > rim + _CLEAR).all() and near.sum() >= 4
         return view if (not near.any() if plain else glint) else None
 
-    return first_view(seed, heads(rng, lens), view_of)
+    return first_view(seed, rng, view_of, lens)
 
 
 def draw_sized_view(seed: int, *, hole: bool) -> SceneView:
@@ -143,9 +142,8 @@ def draw_sized_view(seed: int, *, hole: bool) -> SceneView:
     # An edge is broken by up to a tenth of a small mouth.
     drawn = replace(drawn, diameter=wide, chamfer=min(drawn.chamfer, 0.1 * wide))
 
-    def view_of(
-        mount: Mount, pan: float, tilt: float, place: tuple[float, float]
-    ) -> SceneView | None:
+    def view_of(head: Drawn) -> SceneView | None:
+        mount, pan, tilt, place = head
         bore = replace(drawn, phi=place[0], z=place[1])
         if minor_axis(mount.pose(pan, tilt), bore) < LEAST_OF_SIZES:
             return None
@@ -157,41 +155,39 @@ def draw_sized_view(seed: int, *, hole: bool) -> SceneView:
         about = (camera, mount, pan, tilt, gain, False, place, bore if hole else None)
         return SceneView(*about, marks=(*slots, *marks))
 
-    return first_view(seed, heads(rng), view_of)
+    return first_view(seed, rng, view_of)
 
 
 def first_view(
-    seed: int, drawn: Iterator[Drawn], view_of: Callable[..., SceneView | None]
+    seed: int,
+    rng: np.random.Generator,
+    view_of: Callable[[Drawn], SceneView | None],
+    lens: Pinhole = LENS,
 ) -> SceneView:
-    """Return the first view that can be made of what is drawn.
+    """Return the first view that can be made of a head and a place that are drawn.
+
+    The head turns 18 to 30 degrees from the axis of the pipe, its pivot is up to 1 mm off it, and
+    the place is away from the edges of the picture.
 
     Raises
     ------
     ParameterError
         If there is none in 400 tries, which happens for fewer than one seed in a hundred thousand.
     """
-    for _, one in zip(range(_TRIES), drawn, strict=False):
-        view = view_of(*one)
+    for _ in range(_TRIES):
+        away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
+        off, side = rng.uniform(0, 1e-3), rng.uniform(0, 2 * np.pi)
+        offset = (off * np.cos(side), off * np.sin(side))
+        roll, advance = rng.uniform(-np.pi, np.pi), rng.uniform(0, 4e-3)
+        mount = Mount(offset=offset, roll=roll, advance=advance)
+        pan, tilt = float(away * np.cos(way)), float(away * np.sin(way))
+        pose = mount.pose(pan, tilt)
+        pixel = rng.uniform([70, 70], [lens.width - 70, lens.height - 70])
+        phi, z, _ = meet_wall(pose.position, pose.rotation @ lens.rays(pixel), 10e-3)
+        view = view_of((mount, pan, tilt, (float(phi), float(np.clip(z, 0.0, 50e-3)))))
         if view is not None:
             return view
     raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
-
-
-def heads(rng: np.random.Generator, lens: Pinhole = LENS) -> Iterator[Drawn]:
-    """Draw heads and places: 18 to 30 degrees off the axis of the pipe, its pivot up to 1 mm."""
-    while True:
-        away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
-        off, side = rng.uniform(0, 1e-3), rng.uniform(0, 2 * np.pi)
-        mount = Mount(
-            offset=(off * np.cos(side), off * np.sin(side)),
-            roll=rng.uniform(-np.pi, np.pi),
-            advance=rng.uniform(0, 4e-3),
-        )
-        pan, tilt = float(away * np.cos(way)), float(away * np.sin(way))
-        pose = mount.pose(pan, tilt)
-        pixel = rng.uniform([70, 70], [lens.width - 70, lens.height - 70])  # away from the edges
-        phi, z, _ = meet_wall(pose.position, pose.rotation @ lens.rays(pixel), 10e-3)
-        yield mount, pan, tilt, (float(phi), float(np.clip(z, 0.0, 50e-3)))
 
 
 def minor_axis(pose: Pose, bore: Bore, lens: Pinhole = LENS) -> float:
