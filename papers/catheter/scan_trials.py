@@ -383,11 +383,11 @@ def dished_figure(scored: Iterable[ScoredScan]) -> float:
 def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return the largest errors of findings, and the share of texels inside their 90 % band."""
     runs = [run for run in scored if run.found.measured]
-    sizes = [abs(run.found.diameter / run.site.truth.diameter - 1) for run in runs]
+    sizes = [100 * abs(run.found.diameter / run.site.truth.diameter - 1) for run in runs]
     texels = np.concatenate([_covered(run) for run in runs]) if runs else np.zeros(1, bool)
     return {
         "position_mm": max((1e3 * run.miss for run in runs), default=math.nan),
-        "diameter_error_pct": 100 * max(sizes, default=math.nan),
+        "diameter_error_pct": max(sizes, default=math.nan),
         "depth_error_mm": dished_figure(runs),
         "texel_coverage": float(texels.mean()),
     }
