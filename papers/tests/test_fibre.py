@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.identification import excitation
-from papers import fibre, fibre_report
+from papers import fibre
 from truth import hidden_truth
 
 
@@ -14,7 +14,7 @@ def study():
 
 def test_one_specimen_keeps_every_bound(study):
     figures = study.figures()
-    rows = {claim.key: claim.row(figures) for claim in fibre_report.STUDY.claims}
+    rows = {claim.key: claim.row(figures) for claim in fibre.STUDY.claims}
     assert {key: row[-1] for key, row in rows.items() if row[-1] == "not met"} == {}
 
 
@@ -48,7 +48,7 @@ def test_the_marker_leaves_the_left_two_columns_on():
 @pytest.mark.usefixtures("without_pictures")
 def test_the_report_shows_every_figure_of_the_paper(study):
     figures = study.figures()
-    html = fibre_report.STUDY.report(study, figures, [figures]).html()
+    html = fibre.STUDY.report(study, figures, [figures]).html()
     for number in range(2, 6):
         assert f"Fig {number}" in html
     assert html.count("<img") == 8

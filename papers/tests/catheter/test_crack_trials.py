@@ -14,7 +14,7 @@ from minorloop_head.vision.cracks import TracedCrack
 from papers.catheter import crack_trials
 from papers.catheter.crack_scenes import FINE
 from papers.catheter.crack_trials import CrackOutcome, crack_figures, score_cracks
-from papers.catheter.inspection_report import crack_table, draw_walls, verdict_words
+from papers.catheter.inspection import crack_table, draw_walls, verdict_words
 
 
 def outcome(width, *, found=True, false=0, scan="", depth=math.nan):

@@ -22,6 +22,7 @@ from papers.catheter.head_loop import constant, run_loop
 from papers.catheter.inspection_servo import IntegralStudy
 from papers.catheter.picture_sensor import PictureSensor
 from papers.claims import claim_table
+from papers.harness import Results
 from servo_runs import held_points
 
 
@@ -65,14 +66,15 @@ def seen_wires(seed):
     """Wires identified by sensors, which takes less time than pictures."""
     found, moves = zip(*(head_static._wire(seed, axis) for axis in range(2)), strict=True)
     view = PictureSensor(Head(seed), seed).survey()
-    return head_camera.SeenWires(found, identify_coupling(moves), view, 0)
+    wires, coupling = [one.model for one in found], identify_coupling(moves)
+    return Results(wires=wires, coupling=coupling, view=view, lost=0)
 
 
 def circled(seed, control, circle, camera):
     """A circle that is not driven."""
     run = run_loop("observer", control, constant(0.0), 0.2, specimen=seed, seed=seed)
     around = np.stack([4 * np.cos(run.t), 4 * np.sin(run.t)], axis=1)
-    return head_camera.WallCircle(run.t, around, around + 0.1, run)
+    return Results(t=run.t, wanted=around, reached=around + 0.1, rms=0.1 * 2**0.5, run=run)
 
 
 @pytest.fixture(scope="module")

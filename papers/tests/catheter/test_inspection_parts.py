@@ -23,9 +23,7 @@ from minorloop_head.twins.rig import Rig
 from minorloop_head.ultrasound.c_scan import CScan, EchoFind
 from minorloop_head.vision.cracks import TracedCrack
 from papers.catheter import (
-    flooded,
     inspection,
-    inspection_report,
     inspection_servo,
     scan_trials,
     scoring,
@@ -37,10 +35,9 @@ from papers.catheter.detection import (
     recall_curve,
     score_scene,
 )
-from papers.catheter.inspection_report import missed_holes
+from papers.catheter.inspection import missed_holes
 from papers.catheter.inspection_servo import STROKE_SHARE, IntegralStudy, Scene, ServoRun
-from papers.catheter.pipe_map import pipe_map
-from papers.catheter.sweep_trials import ScoredSweep
+from papers.catheter.sweep_trials import ScoredSweep, pipe_map
 from papers.claims import claim_table, figure
 from papers.harness import Results
 from servo_runs import held_points
@@ -81,7 +78,7 @@ def test_a_mission_keeps_the_files_of_the_inspection_and_what_it_took(mission, t
     assert figures["reachable"]
     assert not figures["refused"]
     assert figures["processor_s"] > 0
-    (said,) = inspection_report.save_beside(SimpleNamespace(mission=mission), tmp_path)
+    (said,) = inspection.save_beside(SimpleNamespace(mission=mission), tmp_path)
     assert said == f"written: {tmp_path / 'inspection' / 'report.html'}"
     assert (tmp_path / "inspection" / "report.html").read_bytes() == mission.files["report.html"]
 
@@ -285,14 +282,12 @@ def test_everything_is_gathered_and_reported():
     parts = {
         "servo": servo, "runs": dict.fromkeys(RUNS, run), "outcomes": tuple(outcomes),
         "cracks": tuple(cracks), "edges": np.full(48, 0.3), "scored": kinds, "mission": mission,
-        "sweep": swept(), "reach": flooded.reach_figures(1),
+        "sweep": swept(), "reach": missions.reach_figures(1),
     }  # fmt: skip
     study = inspection.results(1, parts, 1.0)
     runs = [study.figures()] * 2
     found = inspection.gather(runs)
-    assert len(claim_table(inspection_report.STUDY.claims, found).rows) == len(
-        inspection_report.STUDY.claims
-    )
+    assert len(claim_table(inspection.STUDY.claims, found).rows) == len(inspection.STUDY.claims)
     assert found["modality"]["wrong"] == 0
     alone = scan_trials.gather([{"scored": kinds}] * 2)
     assert all(found[name] == alone[name] for name in ("depth", "fusion", "modality"))
@@ -303,7 +298,7 @@ def test_everything_is_gathered_and_reported():
     assert figure(found, "cscan.depth_bias_um") == pytest.approx(-10.0)
     assert figure(found, "cscan.false_per_cm2") == pytest.approx(1 / 0.05)
     assert figure(found, "cscan.seconds_per_cm2") == pytest.approx(60 / 0.05)
-    page = inspection_report.STUDY.report(study, found, runs).html()
+    page = inspection.STUDY.report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3
     assert page.count("<img") == 4
     assert "Fig 14" in page

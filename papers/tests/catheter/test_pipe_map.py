@@ -13,7 +13,7 @@ from minorloop_head.reconstruction.depth_map import (
     WaterLine,
 )
 from minorloop_head.ultrasound.c_scan import CScan
-from papers.catheter.pipe_map import blend, pipe_map
+from papers.catheter.sweep_trials import blend, pipe_map
 
 PATCH = Patch(-0.05, 20e-3, 2, 11)  # phi from -0.05 to 0.05 in steps of 0.01
 

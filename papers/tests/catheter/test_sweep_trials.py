@@ -10,13 +10,13 @@ from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch
 from minorloop_head.twins.pipe import Dent
 from minorloop_head.ultrasound.c_scan import c_scan
 from papers.catheter import sweep_trials
-from papers.catheter.pipe_map import pipe_map
 from papers.catheter.sweep_trials import (
     ScoredSweep,
     c_scan_figures,
     draw_sweep,
     map_figures,
     pictures,
+    pipe_map,
     sweep,
     true_depth,
 )

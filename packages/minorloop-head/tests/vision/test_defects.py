@@ -12,8 +12,7 @@ from minorloop_head.procedures.extract import acquire
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import Hole, find_holes, strongest
 from minorloop_head.vision.reflectance_map import LitFrame, check_frames, lay_flat
-from papers.catheter.scene_view import draw_view
-from papers.catheter.sized_view import draw_sized_view
+from papers.catheter.scene_view import draw_sized_view, draw_view
 
 
 def taken(seed, **options):
