@@ -8,19 +8,11 @@ from minorloop_head.reconstruction.depth_map import (
     CAMERA,
     UNSEEN,
     Patch,
-    WaterLine,
     camera_map,
     find_water,
 )
 
 PATCH = Patch.around(0.3, 20e-3, size=2e-3)
-
-
-def test_a_patch_is_centred_and_a_tenth_of_a_millimetre_fine():
-    assert PATCH.places[PATCH.rows // 2, PATCH.columns // 2] == pytest.approx((0.3, 20e-3))
-    off = PATCH.off(0.3, 20e-3)
-    assert np.diff(off[..., 0], axis=1) == pytest.approx(1e-4)
-    assert np.diff(off[..., 1], axis=0) == pytest.approx(1e-4)
 
 
 def test_off_goes_the_short_way_round():
@@ -62,12 +54,6 @@ def test_nine_in_ten_levels_are_in_their_band(place_sd):
     assert 0.86 < np.mean(inside) < 0.94
 
 
-def test_below_the_axis_the_face_of_the_probe_gives_the_water_line():
-    phi = np.radians(np.arange(-180, 180, 5.0))
-    line = find_water(phi, 2e-3 * np.sin(phi) > 1.1e-3, 10e-3, face=2e-3)
-    assert line.height == pytest.approx(1.1e-3, abs=0.15e-3)
-
-
 def test_a_lost_echo_does_not_move_the_water_line():
     phi = np.radians(np.arange(-90, 91, 5.0))
     heard = np.sin(phi) > 0.21
@@ -91,14 +77,6 @@ def test_a_dry_and_a_full_pipe_have_their_line_at_an_end():
     assert find_water(phi, np.ones(phi.size, bool), 10e-3).height == pytest.approx(-10e-3)
     assert find_water(phi, np.zeros(phi.size, bool), 10e-3).height == pytest.approx(10e-3)
     assert np.isnan(find_water([], [], 10e-3).height)
-
-
-@pytest.mark.parametrize(
-    ("height", "words"),
-    [(-4e-3, "4.0 ± 0.3 mm (90 %) above the axis"), (2e-3, "2.0 ± 0.3 mm (90 %) below the axis")],
-)
-def test_the_level_of_the_water_is_above_or_below_the_axis(height, words):
-    assert WaterLine(height, 0.2e-3, 0.0).words == words
 
 
 def test_where_no_surface_was_seen_the_pipe_is_full_or_without_an_echo():

@@ -31,12 +31,6 @@ def test_the_floor_and_the_wall_are_where_they_should_be():
     assert (wall.source[OFF < 0.8e-3] == BOTH).all()
 
 
-def test_a_wall_that_was_only_seen_is_not_known_to_micrometres():
-    wall = fuse(PIT, heard(TRUTH), PATCH)
-    assert (wall.sd[wall.source == CAMERA] >= 40e-6).all()
-    assert (wall.sd[OFF > 0.8e-3] >= 10e-6).all()
-
-
 def test_echoes_show_a_dimple_beside_the_pit():
     dimple = 0.15e-3 * np.exp(-0.5 * (PATCH.off(0.0, 20.9e-3) ** 2).sum(axis=-1) / 0.25e-3**2)
     wall = fuse(PIT, heard(TRUTH + np.where(OFF > 0.5e-3, dimple, 0.0)), PATCH)

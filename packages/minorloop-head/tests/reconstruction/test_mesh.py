@@ -46,16 +46,6 @@ def test_a_hole_is_cut_out():
     assert not np.isin(faces_of(HOLE), inside).any()
 
 
-def test_what_nobody_knows_is_cut_out():
-    unknown = replace(PIT, depth=np.where(OFF > 1e-3, np.nan, PIT.depth))
-    assert not np.isin(faces_of(unknown), np.flatnonzero(np.isnan(unknown.depth))).any()
-
-
-def test_a_ply_says_its_unit(tmp_path):
-    head = save_mesh(PIT, tmp_path / "wall.ply").read_bytes()[:400]
-    assert b"comment units: metres" in head
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_what_is_written_can_be_read_again(tmp_path, suffix):
     import trimesh

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from minorloop_head.geometry import Mount, wall_point
-from minorloop_head.twins._camera_kernels import _in_groove
 from minorloop_head.twins.camera import Camera, ImageSensor, led_positions
 from minorloop_head.twins.pipe import Bore, Crack, Finish, Pipe
 from minorloop_head.twins.turbid_water import TurbidWater
@@ -38,25 +37,6 @@ def middle(image, half=3):
     return float(image[v - half : v + half, u - half : u + half].mean())
 
 
-def test_the_truth_is_private():
-    shown = {name for name in dir(Camera(Pipe(length=6.4e-3))) if not name.startswith("_")}
-    assert shown == {
-        "calibration",
-        "clock",
-        "expose",
-        "focus",
-        "focus_at",
-        "frame",
-        "kind",
-        "leds",
-        "look",
-        "move",
-        "repaint",
-        "sensor",
-        "switch",
-    }
-
-
 @pytest.mark.parametrize("led", range(3))
 def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
     lights = tuple(n == led for n in range(3))
@@ -67,17 +47,6 @@ def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
     cosine = -(to_led @ [math.cos(PLACE[0]), math.sin(PLACE[0]), 0.0]) / far
     expected = 100 * 0.5 * 0.6 * cosine * 1e-4 / far**2
     assert middle(camera.frame().image) == pytest.approx(expected, rel=0.03, abs=0.5)
-
-
-def test_lights_add_up():
-    camera, single = looking_at(Pipe(length=25.6e-3), sensor=CLEAN), []
-    whole = middle(camera.frame().image)
-    for lights in np.eye(3, dtype=bool):
-        camera.switch(lights)
-        single.append(middle(camera.frame().image))
-    assert sum(single) == pytest.approx(whole, abs=1.5)
-    camera.switch((False,) * 3)
-    assert middle(camera.frame().image) == 0
 
 
 def test_a_hole_is_where_the_score_expects_it():
@@ -139,45 +108,6 @@ def test_a_crack_that_reaches_out_of_sight_is_seen_under_water():
     assert seen[0] == pytest.approx(seen[1], abs=2)
 
 
-@pytest.mark.parametrize("slope", [0.5, 3.0])
-@pytest.mark.parametrize("light", [-0.8, 0.3, 0.8])
-@pytest.mark.parametrize("ray", [-1.2, 0.4])
-def test_flanks_of_a_groove_hide_and_shadow_each_other(slope, light, ray):
-    """Against rays that are followed in small steps, for dull metal of nearly no reflectance."""
-    half, step, metal = 0.1, 1e-4, np.array([1e-3, 0.0, 0.2, 0.2, 0.0])
-
-    def above(x, height):
-        return height >= -slope * max(half - abs(x), 0.0)
-
-    def radiance(x):
-        depth = 0.0
-        while above(x + ray * (depth + step), -depth - step):
-            depth += step
-        at, side = x + ray * depth, np.sign(x + ray * depth)
-        heights = np.arange(2 * step, slope * half, step)
-        free = all(above(at + light * up, up - depth) for up in heights)
-        return free * max(1 - side * slope * light, 0.0) / math.hypot(1, slope)
-
-    fields = np.array([0, 0, 0, 0, 0, ray, 0, 1, light, 0, 0, 0, 0.0])
-    places = np.linspace(-half, half, 41)[:-1] + half / 40
-    seen = [_in_groove(fields, x, half / 20, half, 1.0, 0.0, slope, 1.0, metal) for x in places]
-    assert 1e3 * np.mean(seen) == pytest.approx(np.mean([radiance(x) for x in places]), abs=0.02)
-
-
-def test_a_groove_is_bright_on_the_flank_towards_the_camera_and_dark_on_the_other():
-    phi, z = PLACE
-    ends = ((phi - 0.1, z), (phi + 0.1, z))
-    levels = []
-    for cracks in ((), (Crack(ends, (1e-3, 1e-3), albedo=1.0, flanks=0.3),)):
-        camera = looking_at(Pipe(finish=MATT, cracks=cracks), sensor=CLEAN)
-        places = [np.rint(camera._pixel(phi, z + off)).astype(int) for off in (-3.4e-4, 2e-4)]
-        image = camera.frame().image.astype(float)
-        levels.append([image[v, u] for u, v in places])
-    (near, far), (turned, faced) = levels
-    assert turned < 0.8 * near
-    assert faced > 1.1 * far
-
-
 def steepness(image):
     """Largest step from column to column across the hole in the middle."""
     return int(np.abs(np.diff(image[image.shape[0] // 2, 280:360].astype(int))).max())
@@ -208,12 +138,3 @@ def test_a_rolling_shutter_sees_rows_one_after_the_other():
     turned.look(AIM[0] + 0.5 * 0.02, AIM[1])
     expected = turned._pixel(*PLACE)[0] - still._pixel(*PLACE)[0]
     assert shift == pytest.approx(expected, abs=0.5)
-
-
-def test_a_specimen_differs_from_its_calibration_by_little_and_from_the_drawing_by_more():
-    camera = Camera(Pipe(length=6.4e-3), specimen=3)
-    true, seen = camera._optics, camera.calibration
-    assert true.focal != 520
-    assert abs(true.focal / 520 - 1) <= 0.1
-    assert 0 < abs(true.focal / seen.focal - 1) < 5e-3
-    assert true.centre == seen.centre

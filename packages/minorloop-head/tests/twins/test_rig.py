@@ -6,7 +6,7 @@ from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Pipe
-from minorloop_head.twins.rig import STRAIGHT, Rig, SimulatedTip
+from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import FULL, Filling, Sway
 
 
@@ -31,17 +31,6 @@ def test_a_rig_is_a_head_and_a_catheter_on_one_clock():
         place = catheter.exchange(np.array([1e3 * u[2], np.degrees(u[3])]))
         np.testing.assert_allclose([1e3 * y[2], np.degrees(y[3])], place, rtol=1e-9)
     both.safe()
-
-
-def test_a_stance_is_where_the_rig_is():
-    rig = Rig(Head(), Catheter())
-    assert rig.stance() == pytest.approx((np.radians(-30), np.radians(-30), 0.0, 0.0, 0.0, 0.0))
-    for _ in range(100):
-        y = rig.exchange(np.array([0.35, 0.0, 10e-3, 0.5]))
-    pan, tilt, faster, _, advance, roll = rig.stance()
-    assert (pan, tilt) == pytest.approx(y[:2] - STRAIGHT, abs=1e-9)
-    assert faster > 0
-    assert (advance, roll) == pytest.approx(tuple(y[2:]))
 
 
 def test_a_tip_has_echoes_in_water_only_and_the_image_of_a_camera_there():

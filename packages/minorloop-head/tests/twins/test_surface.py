@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop_head.twins.pipe import Bore, Dent, Dirt, Finish, Pipe, Weld
-from minorloop_head.twins.surface import COLUMNS, lay_out, with_dirt
+from minorloop_head.twins.surface import lay_out, with_dirt
 
 SMOOTH = Finish(brush=1e-9, streak=1e-9, stain=1e-9)
 
@@ -17,17 +17,6 @@ def finest(pipe):
     first, rows, columns = surface.shapes[0]
     whole = surface.texels[first : first + (rows + 1) * (columns + 1)]
     return whole.reshape(rows + 1, columns + 1, 4), surface
-
-
-def test_each_level_is_half_as_fine_and_has_the_same_mean():
-    pipe = Pipe(length=20e-3, dirt=(Dirt(0.0, 10e-3, 2e-3, 0.5),))
-    surface = lay_out(pipe)
-    means = []
-    for first, rows, columns in surface.shapes:
-        level = surface.texels[first : first + (rows + 1) * (columns + 1)]
-        means.append(level.reshape(rows + 1, columns + 1, 4)[:rows, :columns].mean(axis=(0, 1)))
-    assert [columns for _, _, columns in surface.shapes] == [COLUMNS >> n for n in range(4)]
-    np.testing.assert_allclose(means, np.tile(means[0], (4, 1)), atol=1e-4)
 
 
 def test_the_surface_of_the_last_pipes_is_kept_and_bores_do_not_change_it():
@@ -48,12 +37,6 @@ def test_more_dirt_is_drawn_as_if_it_had_been_there_from_the_start(z):
     np.testing.assert_allclose(more.texels, whole.texels, atol=1e-5)
     np.testing.assert_array_equal(before.texels, kept)  # it is shared
     assert np.array_equal(more.texels, kept) == (z > 11e-3)
-
-
-def test_the_map_wraps_around_the_pipe():
-    level, _ = finest(Pipe(length=10e-3, dirt=(Dirt(0.0, 5e-3, 1e-3, 0.5),)))
-    np.testing.assert_array_equal(level[:, -1], level[:, 0])
-    assert level[100, 0, 0] == pytest.approx(level[100, -3, 0], rel=0.5)
 
 
 def test_a_dent_slopes_down_to_its_middle_from_all_sides():

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop_head.twins.surroundings import GASES, Course, Filling, Surroundings, convection
+from minorloop_head.twins.surroundings import Course, Filling, Surroundings, convection
 
 
 @pytest.mark.parametrize(
@@ -29,29 +29,6 @@ def test_a_course_never_leaves_its_bounds(start, end, at, duration, amplitude, p
     low, high = course.bounds
     slack = 1e-9 * (abs(low) + abs(high))
     assert low - slack <= course(t) <= high + slack
-
-
-def test_still_gases_cool_by_their_properties():
-    properties = {  # conductivity, density, heat capacity and viscosity at 300 K
-        "air": (0.0263, 1.161, 1007.0, 184.6e-7),
-        "nitrogen": (0.0259, 1.123, 1041.0, 178.2e-7),
-        "argon": (0.0177, 1.603, 520.0, 227e-7),
-        "helium": (0.152, 0.1625, 5193.0, 199e-7),
-    }
-
-    def film(k, density, capacity, viscosity):
-        return k * (density**2 * capacity / (k * viscosity)) ** 0.148
-
-    for gas, values in properties.items():
-        ratio = film(*values) / film(*properties["air"])
-        assert convection(gas) / convection("air") == pytest.approx(ratio, rel=0.01)
-    assert {*properties, "forced gas"} == set(GASES)
-
-
-def test_a_dense_gas_cools_better_and_a_dense_liquid_does_not():
-    for medium, gain in (("air", 10**0.296), ("forced gas", 10**0.384), ("flooded", 1.0)):
-        ratio = convection(medium, pressure=1_013_250.0) / convection(medium)
-        assert ratio == pytest.approx(gain, rel=1e-12)
 
 
 def test_water_and_gas_of_a_pipe_set_ambient_and_convection():

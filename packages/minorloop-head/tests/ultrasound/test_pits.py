@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import Mount, Probe, wall_point, wrapped
+from minorloop_head.geometry import Mount, Probe, wrapped
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.findings import finding_of
 from minorloop_head.reconstruction.fusion import mean_depths
-from minorloop_head.sources import Shot
 from minorloop_head.twins.pipe import Bore, Dent, Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.ultrasound.echoes import average
@@ -22,7 +21,6 @@ from minorloop_head.ultrasound.pits import (
     measure_pit,
     raster,
 )
-from minorloop_head.ultrasound.spectra import usable_bursts
 from papers.catheter.scan_trials import draw_trial
 from papers.catheter.scan_trials import scan as sweep
 
@@ -112,17 +110,6 @@ def test_a_floor_deeper_than_is_measured_is_no_hole_and_has_no_depth():
     assert np.isnan(found.depth)
 
 
-def test_the_floor_of_a_pit_at_the_top_of_a_full_pipe_echoes():
-    def heard(depth):
-        pit = replace(TRUE, phi=0.003 - np.pi / 2, depth=depth)
-        full, mount = Pipe(bores=(pit,), water=-9.999e-3), replace(MOUNT, roll=-np.pi / 2)
-        sonar = Ultrasound(full, mount, seed=1, noise=0.0)
-        sonar.look(*Probe().aim(mount, wall_point(pit.phi, pit.z, full.radius)))
-        return sonar.shot().trace
-
-    assert np.abs(heard(1.5e-3) - heard(np.inf)).max() > 0.02
-
-
 def test_a_mark_that_is_not_a_pit_has_no_depth():
     found = measure_pit(scan((), 3), PROBE, CENTRE, 1.1e-3)
     assert found.verdict == "no pit"
@@ -158,41 +145,6 @@ def test_half_a_scan_is_kept_and_marked(bursts):
     assert found.depth == pytest.approx(0.6e-3, abs=max(3 * found.depth_sd, 10e-6))
     assert finding_of(found).verdict == "measured (18 of 36 places)"
     assert measure_pit(bursts[:10], PROBE, CENTRE, 1.15e-3, planned=36).planned == 36
-
-
-SPOILT = [
-    {"trace": np.full(2048, np.nan)},
-    {"trace": np.empty(0)},
-    {"trace": np.zeros((2, 2048))},
-    {"angles": np.array([np.nan, 0.1])},
-    {"noise": np.nan},
-    {"sample_interval": 0.0},
-]
-
-
-@pytest.mark.parametrize("spoilt", SPOILT)
-def test_spoilt_bursts_are_left_out(bursts, found, spoilt):
-    few = [replace(burst, **spoilt) for burst in bursts]
-    alone = measure_pit(few[:15], PROBE, CENTRE, 1.1e-3)
-    assert alone.verdict in ("too few echoes", "not a trace", "no angles", "frozen")
-    kept = usable_bursts(few[:4] + bursts[4:])
-    assert [id(burst) for burst in kept] == [id(burst) for burst in bursts[4:]]
-    assert mean_depths(few[:4], PROBE, Patch.around(*CENTRE, size=1e-3), found) is None
-
-
-def test_faulty_shots_end_in_a_verdict_and_no_depth():
-    zeros, loud = np.zeros(2048), np.clip(3 * np.random.default_rng(1).normal(size=2048), -1, 1)
-    for trace, verdict in (
-        (zeros, "dropout"),
-        (loud, "clipped"),
-        (np.full(2048, np.nan), "not a trace"),
-        (np.zeros(9), "not a trace"),
-    ):
-        shots = [Shot(0.0, trace, 10e-9)] * 4
-        burst = average(shots, np.zeros((4, 2)), np.zeros(4))
-        found = measure_pit([burst] * 36, PROBE, CENTRE, 1.1e-3)
-        assert np.isnan(found.depth)
-        assert found.verdict in (verdict, "no coupling")
 
 
 @pytest.mark.parametrize("samples", [900, 1300])

@@ -8,7 +8,6 @@ from benchmarks._layered_scans import drawn_block, matched
 from minorloop.errors import RecordError
 from minorloop_head.ultrasound.recorded_scan import read_scan
 from minorloop_head.ultrasound.scan_flaws import scan_flaws
-from minorloop_head.ultrasound.scan_surfaces import find_surfaces
 
 
 @cache
@@ -126,12 +125,3 @@ def measured(folder, name):
     if not path.exists():
         pytest.skip(f"{path} is not there")
     return path
-
-
-@pytest.mark.whole
-def test_the_tilt_of_a_raster_is_found_along_both_axes():
-    drawn = drawn_block(1102, raster=True)
-    turned = replace(drawn.scan, traces=drawn.scan.traces.transpose(0, 2, 1).copy())
-    first, second = find_surfaces(drawn.scan).slopes, find_surfaces(turned).slopes
-    assert np.arcsin(first[0]) == pytest.approx(drawn.tilt, abs=np.radians(0.2))
-    assert second == pytest.approx(first[::-1], abs=2e-3)

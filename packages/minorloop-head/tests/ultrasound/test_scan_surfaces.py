@@ -70,12 +70,3 @@ def test_what_all_places_share_is_taken_away_and_what_few_have_is_not():
     )
     left, alone = recorded_field(both).local().spectrum, recorded_field(scan).spectrum
     assert np.abs(left - alone).max() < 0.2 * np.abs(alone).max()
-
-
-def test_a_part_of_the_time_shows_the_depths_in_it_as_the_whole_does():
-    field = recorded_field(point(30e-3, 20e-3, 1480.0))
-    depths = np.arange(16e-3, 25e-3, 1e-4)
-    part = field.within(20e-6, 45e-6)
-    assert len(part.omega) < 0.6 * len(field.omega)
-    whole = field.image(1480.0, depths)
-    assert np.abs(part.image(1480.0, depths) - whole).max() < 0.02 * np.abs(whole).max()

@@ -6,8 +6,6 @@ import pytest
 from minorloop_head.ultrasound.echoes import Burst, Pulse
 from minorloop_head.ultrasound.pits import raster
 from minorloop_head.ultrasound.spectra import (
-    coverage_fault,
-    long_enough,
     rejections,
     spectra_of,
     usable_bursts,
@@ -29,14 +27,6 @@ def bursts(excess=0.0, amplitude=0.5):
         trace[first : first + len(shape)] += amplitude * shape
         made.append(Burst(trace, DT, pair, 4, 4, 1e-3))
     return made
-
-
-@pytest.mark.parametrize("excess", [0.0, 50e-6])
-def test_phases_count_from_the_echo_of_the_wall(excess):
-    found = spectra_of(bursts(excess), PROBE, CENTRE).received
-    middle = found[:, found.shape[1] // 2]
-    assert np.abs(np.angle(middle)).max() < 2 * np.pi * 10e6 * DT
-    assert np.abs(middle).min() > 0.9 * np.abs(middle).max()
 
 
 def test_without_an_echo_of_the_wall_there_are_no_spectra():
@@ -81,10 +71,3 @@ def test_a_repeated_trace_is_frozen():
     bursts = scan()
     bursts[7] = replace(bursts[7], trace=bursts[6].trace)
     assert rejections(bursts)[6:8] == ["", "frozen"]
-
-
-def test_traces_last_until_the_end_of_the_window():
-    assert long_enough([], PROBE)
-    assert long_enough(scan(), PROBE)
-    assert not long_enough(scan(samples=1300), PROBE)
-    assert coverage_fault(scan(samples=1300), PROBE, CENTRE, 1.1e-3) == "too short"

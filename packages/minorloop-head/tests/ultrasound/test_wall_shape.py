@@ -25,18 +25,6 @@ def test_a_smooth_wall_is_known_beside_and_under_a_mouth():
     assert 0 < sd < 3e-6
 
 
-def test_what_is_unknown_grows_with_the_gap_and_with_what_the_distances_err():
-    few = GRID[GRID[:, 0] > 0.4e-3]
-    rng = np.random.default_rng(3)
-    rough = hollow(BESIDE) + rng.normal(0, 12e-6, len(BESIDE))
-    known, beyond, scattered = (
-        smooth_shape(places, depths).rim(0.0, 0.0, RADIUS)[1]
-        for places, depths in ((BESIDE, hollow(BESIDE)), (few, hollow(few)), (BESIDE, rough))
-    )
-    assert beyond > 2 * known
-    assert scattered > 2 * known
-
-
 STANDOFF = 8e-3
 ROWS = [(x, y) for row, x in enumerate(SIDE) for y in (SIDE if row % 2 == 0 else SIDE[::-1])]
 PLACES = np.array(ROWS)
