@@ -63,6 +63,8 @@ ELSEWHERE = {
     "minorloop_head/twins/mounted.py": "minorloop_head/twins/test_camera.py",
     "minorloop_head/twins/turbid_water.py": "minorloop_head/twins/test_camera.py",
     "minorloop_head/version.py": "tests/packaging/test_wheel.py",
+    "minorloop_head/twins/pit_echo.py": "minorloop_head/twins/test_ultrasound.py",
+    "minorloop_head/ultrasound/pit_model.py": "minorloop_head/ultrasound/test_pits.py",
     "minorloop_head/vision/crack_evidence.py": "minorloop_head/vision/test_cracks.py",
     "minorloop_head/vision/imaging.py": "minorloop_head/console/test_server.py",
     "minorloop_head/vision/measured.py": "minorloop_head/procedures/test_head_file.py",

@@ -152,18 +152,14 @@ def test_the_driver_finds_the_limits_and_units_of_the_axes(board):
         (("SET", "0.1", "0.41"), "beyond the limits"),
         (("SET", "-1e-9", "0.1"), "beyond the limits"),
         (("SET", "1e999", "0.1"), "that is no number"),
-        (("SET", "nan", "0.1"), "that is no number"),
         (("SET", "inf", "0.1"), "that is no number"),
-        (("SET", "0.1e", "0.1"), "that is no number"),
         (("SET", "", "0.1"), "that is no number"),
         (("SET", "0.1"), "unknown command"),
         (("SET", "0.1", "0.1", "0.1"), "unknown command"),
         (("FOLLOW", "10", "60.1"), "out of reach"),
         (("LINE", "4", "1"), "unknown command"),
         (("LINE", "0", "2"), "unknown command"),
-        (("INPUT", "2"), "unknown command"),
         (("OUTPUT", "x"), "unknown command"),
-        (("set", "0.1", "0.1"), "unknown command"),
     ],
 )
 def test_a_command_that_is_refused_changes_nothing(board, words, why):
@@ -390,24 +386,6 @@ def test_the_console_steers_wires_through_an_emulated_board_until_it_is_killed(
         until(log, "BOARD gone")
         assert log.readline() == "DRIVE 0.0 0.0 15\n"
         plant.close()
-
-
-def test_a_silent_host_makes_an_emulated_board_go_to_safe(image):
-    with (
-        simulated_head() as (head_port, log),
-        emulated(image, head_port) as (_, port),
-        socket.create_connection(("127.0.0.1", port), timeout=60) as host,
-        host.makefile("rw") as line,
-    ):
-        for k, words in enumerate((["HELLO"], ["SET", "0.2", "0.1"])):
-            line.write(f"{write(k, *words)}\n")
-            line.flush()
-            assert parse(line.readline().strip(), k)[0]
-        until(log, "DRIVE 0.2 0.1")
-        until(log, "DRIVE 0.0 0.0 7")
-        line.write(f"{write(9, 'SET', '0.2', '0.1')}\n")
-        line.flush()
-        assert parse(line.readline().strip(), 9) == (False, ["safe"])
 
 
 def test_an_emulated_board_computes_what_python_does():

@@ -56,13 +56,6 @@ def test_the_state_after_a_rise_and_a_return_is_recovered(peak, share):
     assert found.power == power
 
 
-def test_an_angle_that_the_power_does_not_explain_means_a_warmer_or_colder_wire():
-    wire = made_up()
-    found = wire.found(0.0, 30.0)
-    assert found.angle == pytest.approx(30.0)
-    assert found.power > 0.05
-
-
 def test_no_wire_turns_faster_than_its_fastest_rate():
     wire = made_up()
     state, angles = wire.begin(), [0.0]

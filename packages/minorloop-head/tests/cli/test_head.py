@@ -5,7 +5,6 @@ import shutil
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -382,20 +381,16 @@ def bad_pictures(scene, tmp_path_factory):
     import cv2
 
     good, folder = scene[0], tmp_path_factory.mktemp("bad")
-    for name in ("few", "sizes", "cats", "mirrored", "zoomed"):
+    for name in ("few", "cats", "mirrored"):
         (folder / name).mkdir()
     fur = cv2.GaussianBlur(np.random.default_rng(0).normal(128, 900, (240, 320)), (0, 0), 6)
     cv2.imwrite(f"{folder}/cats/cat.png", fur.clip(0, 255).astype(np.uint8))
-    for number, path in enumerate(sorted((good / "lens").glob("??.png"))):
+    for path in sorted((good / "lens").glob("??.png")):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         cv2.imwrite(f"{folder}/mirrored/{path.name}", image[:, ::-1])
-        zoom = cv2.resize(image[20:220, 27:293], (320, 240), interpolation=cv2.INTER_CUBIC)
-        cv2.imwrite(f"{folder}/zoomed/{path.name}", zoom if number % 2 else image)
-    for name in ("few", "sizes"):
-        for number in ("00", "01"):
-            shutil.copy(good / "lens" / f"{number}.png", folder / name)
+    for number in ("00", "01"):
+        shutil.copy(good / "lens" / f"{number}.png", folder / "few")
     cv2.imwrite(f"{folder}/few/dark.png", np.zeros((240, 320), np.uint8))
-    cv2.imwrite(f"{folder}/sizes/small.png", np.zeros((8, 8), np.uint8))
     for each in ("lens", "mount", "angles.csv", "radians.csv"):
         (folder / each).symlink_to(good / each)
     save_head(HeadFile(serial="H-07", calibration=HALF, calibrated=LATER), folder / "head.json")
@@ -437,16 +432,6 @@ def test_calibrate_refuses_in_one_sentence(refused, options, sentence):
     before = Path("head.json").read_bytes()
     assert sentence in refused(f"head calibrate --head head.json --serial H-07 {options}")
     assert Path("head.json").read_bytes() == before
-
-
-def test_wires_that_are_older_than_a_calibration_are_named(run):
-    wires = in_a_file(made_up(3), made_up(4))
-    old = HeadFile(serial="H-07", calibration=VIEW, calibrated=LATER, identified=wires)
-    save_head(replace(old, calibrated=wires.on), "head.json")
-    status, out, _ = run("head calibrate --leds 1,2,3;4,5,6 --head head.json --force")
-    assert status == 0
-    assert "identify them again" in out
-    assert read_head("head.json").calibration.leds.shape == (2, 3)
 
 
 def test_a_printed_target_has_its_size(run):
@@ -507,17 +492,6 @@ def test_pictures_are_taken_by_hand(run, monkeypatch):
         assert (status, sentence in error, error.count("\n")) == (2, True, 1), error
 
 
-def test_a_calibration_without_leds_says_what_will_refuse_it():
-    from minorloop_head.procedures.calibrate import _calibrated
-
-    lens = SimpleNamespace(lens=Pinhole(), measured=())
-    head, advice = _calibrated(HeadFile(serial="H-07"), lens, None, None)
-    assert len(head.calibration.leds) == 1
-    assert "give the places of all 3 with --leds" in advice[0]
-    advice = _calibrated(HeadFile(serial="H-07"), lens, None, np.full((1, 3), 1e-3))[1]
-    assert "has 1 LED, and the console and head inspect switch 3" in advice[0]
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -568,16 +542,6 @@ def test_an_inspection_prints_its_tables_and_the_notes_of_an_error(run, script, 
     assert (status, "0 findings in 0 views; interrupted; " in error) == (130, True)
     for places, words in (("-1", "--advances has -1; give 0 to"), ("5,5", "each place once")):
         assert words in run(f"{command} more --advances {places}")[2]
-
-
-def test_an_inspection_that_was_begun_with_a_calibration_is_not_resumed_without(run):
-    calibrated = datetime(2026, 3, 1, tzinfo=UTC)
-    about = {"head": "twin-head-nominal", "calibrated": calibrated.isoformat()}
-    Path("s1").mkdir()
-    Path("s1/journal.jsonl").write_text(json.dumps({"what": "begin", "t": 0.0, **about}) + "\n")
-    status, _, error = run("head inspect --actuator twin:pipe --out s1 --resume")
-    assert status == 2
-    assert f"calibrated was '{calibrated.isoformat()}' and is left out now" in error
 
 
 @pytest.mark.usefixtures("drawn")

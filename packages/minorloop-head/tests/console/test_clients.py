@@ -18,38 +18,6 @@ def outgoing(viewer):
     return asyncio.run(asyncio.wait_for(viewer.outgoing(), 1))
 
 
-def test_one_has_the_controls_until_they_are_free():
-    clients = Clients()
-    one, other = clients.join(), clients.join()
-    assert clients.take(one)
-    assert not clients.take(other)
-    assert clients.pilot is one
-    assert clients.may(one, order(one.granted))
-    clients.free()
-    assert clients.take(other)
-    assert other.granted > one.granted
-
-
-def test_a_pilot_who_leaves_frees_the_controls():
-    clients = Clients()
-    one = clients.join()
-    clients.take(one)
-    assert clients.leave(one)
-    assert clients.pilot is None
-    assert not clients.leave(clients.join())
-
-
-def test_orders_of_those_who_never_had_the_controls_are_hostile():
-    clients = Clients()
-    pilot, other = clients.join(), clients.join()
-    clients.take(pilot)
-    for grant in (0, 1, 2):
-        with pytest.raises(HostileMessageError, match="take the controls"):
-            clients.may(other, order(grant))
-    with pytest.raises(HostileMessageError):
-        clients.may(pilot, order(2))
-
-
 def test_orders_that_were_on_their_way_are_ignored():
     clients = Clients()
     one = clients.join()
@@ -87,15 +55,6 @@ def test_a_steady_stream_is_not():
     for seq in range(5000):
         now += 1 / 60
         viewer.check(ping(seq, now), now)
-
-
-def test_a_silent_pilot_is_noticed():
-    clients = Clients()
-    assert not clients.is_pilot_silent(1e9)
-    one = clients.join()
-    clients.take(one)
-    assert not clients.is_pilot_silent(one.last_message + 1)
-    assert clients.is_pilot_silent(one.last_message + 4)
 
 
 def test_a_slow_viewer_gets_the_newest_and_costs_no_memory():

@@ -1,11 +1,9 @@
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from console_rig import PIT, DirectCamera, Pilot, request, right, tip, towards, view
-from minorloop_head.console import messages
+from console_rig import PIT, request, tip, towards, view
 from minorloop_head.console.mark import (
     marking,
     reaches,
@@ -17,7 +15,7 @@ from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures import mark as touches
 from minorloop_head.procedures.mark import tool_pixel
 
-NEAR, AT_PIT = (0.12, -0.9e-3), (0.0, 0.0)
+NEAR = (0.12, -0.9e-3)
 
 
 class Touching:
@@ -82,22 +80,3 @@ def test_a_point_is_servoed_to_where_the_tool_meets_it_and_may_be_out_of_reach()
     assert not reaches(short, pixel, here)
     assert not reaches(view(), (0.0, 0.0), reading_at((0.5, 0.0, 0.0, 0.0)))
     assert not reaches(view(), (np.nan, 0.0), here)
-
-
-@pytest.mark.whole
-def test_a_touch_from_the_console_says_how_far_from_the_picked_point_it_is():
-    pilot = Pilot(DirectCamera()).steering(2)
-    pilot.until(lambda s: s.seen.spots, pose=right(27.0, -12.0))
-    pilot.drive(100, pose=right(27.0, -12.0))
-    u, v, *_ = pilot.session.seen.spots[0]
-    pilot.order(messages.Pick, u=u + 42.0, v=v)
-    pilot.drive(4)
-    pilot.mode("TRACK")
-    pilot.drive(40)
-    pilot.order(messages.Mark)
-    pilot.until(lambda s: any(b"touched the wall" in event for event in s.events))
-    said = next(event for event in pilot.session.events if b"touched the wall" in event)
-    found = re.search(rb"the wall ([\d.]+) mm from the picked point, and is withdrawn", said)
-    camera = pilot.camera.perception
-    true = wall_distance(camera._tip.tool.marks[-1], camera._track.home, view().radius)
-    assert 1e-3 * float(found[1]) == pytest.approx(true, abs=0.03e-3)

@@ -74,31 +74,3 @@ def test_findings_are_decoded_as_they_were_encoded_and_infinite_evidence_is_null
     text = messages.encode(messages.FindingList(findings=[finding]))
     assert json.loads(text)["findings"][0]["evidence"] is None
     assert messages.decode_findings(text) == [msgspec.structs.replace(finding, evidence=None)]
-
-
-@pytest.mark.parametrize(
-    ("message", "text"),
-    [
-        (messages.RecordingStatus(name=None), b'{"type":"recording","name":null}'),
-        (messages.Failed(text="no"), b'{"type":"failed","text":"no"}'),
-        (messages.Failed(text="no", again=True), b'{"type":"failed","text":"no","again":true}'),
-        (messages.Pong(seq=1, t=2.5), b'{"type":"pong","seq":1,"t":2.5}'),
-        (messages.ScanEnded(finding=3), b'{"type":"scanned","finding":3}'),
-        (messages.ReplayEnded(), b'{"type":"ended"}'),
-        (
-            messages.Controls(you=2, pilot=None, viewers=3, grant=0),
-            b'{"type":"controls","you":2,"pilot":null,"viewers":3,"grant":0}',
-        ),
-        (
-            messages.DepthProgress(finding=1, stage="x", seconds=0.5),
-            b'{"type":"depth","finding":1,"stage":"x","seconds":0.5}',
-        ),
-    ],
-)
-def test_messages_to_the_pages_have_their_fields_on_the_wire(message, text):
-    assert messages.encode(message) == text
-
-
-def test_orders_to_the_loop_are_unchanged():
-    order = messages.decode(json.dumps(DRIVE))
-    assert msgspec.msgpack.decode(msgspec.msgpack.encode(order), type=messages.Order) == order

@@ -5,17 +5,15 @@ import numpy as np
 import pytest
 
 from board_process import commands, simulated_board
-from console_rig import Pilot, ScriptedCamera, tip
+from console_rig import Pilot, ScriptedCamera
 from minorloop.errors import InstrumentError, LimitError, ModelFileError, ParameterError
-from minorloop_head.console.identified_head import head_of
-from minorloop_head.console.plant import flowing_water, head_at, open_plant, open_tip, probed
+from minorloop_head.console.plant import flowing_water, head_at, open_plant, probed
 from minorloop_head.console.session import Session
 from minorloop_head.console.watchdog import Command, WatchedPlant
 from minorloop_head.control.head import head_control
 from minorloop_head.geometry import Pinhole
-from minorloop_head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile, save_head
-from minorloop_head.procedures.values import Plant, Tip
 from minorloop_head.twins.surroundings import Surroundings, convection
 from wires import made_up
 
@@ -33,25 +31,6 @@ def test_the_gas_of_the_simulated_pipe_cools_the_wires_of_its_head_while_it_is_d
         assert plant.head.surroundings.convection == convection("flooded, sleeved")
         plant.flood(False)
     assert cooled.head.surroundings.convection > 2 * plain.head.surroundings.convection
-
-
-def test_plant_and_tip_are_what_the_console_needs_with_the_camera_that_the_view_describes():
-    found, view = tip()
-    plant = open_plant("twin:pipe", specimen=2, seed=1)
-    assert isinstance(plant, Plant)
-    assert isinstance(found, Tip)
-    plant.exchange(np.zeros(4))
-    found.move_to(plant.stance())
-    assert found.frame().image.shape == (view.lens.height, view.lens.width)
-
-
-def test_a_head_that_was_identified_is_brought_to_the_middle():
-    control, plant = head_of("twin:pipe", 3), open_plant("twin:pipe", specimen=3)
-    state, y = control.begin(), np.zeros(4)
-    for _ in range(300):
-        u, state = control.step(state, np.degrees([STRAIGHT, STRAIGHT]), np.degrees(y[:2]))
-        y = plant.exchange(np.concatenate([u, [0.0, 0.0]]))
-    assert y[:2] == pytest.approx([STRAIGHT, STRAIGHT], abs=8e-3)
 
 
 def test_the_file_of_the_head_is_read_and_that_of_another_refused(tmp_path):
@@ -152,16 +131,3 @@ def test_a_plant_that_cannot_be_used_is_one_sentence_before_the_console_starts(b
         with pytest.raises((InstrumentError, ParameterError), match=sentence):
             probed(address)
     assert not [words for words in commands(folder) if words[0] == "SET"]
-
-
-def test_the_first_pit_is_drawn_from_the_seed_and_that_of_the_demonstration_is_easy_to_find():
-    pipes = [open_tip("twin:pipe", seed=seed, scale=0.1)[0].pipe for seed in (0, 1000, 1001, 1002)]
-    demonstration, *drawn = ([bore for bore in pipe.bores if not bore.through] for pipe in pipes)
-    easy = demonstration[0]
-    assert (easy.phi, easy.z, easy.diameter, easy.depth) == (0.45, 20e-3, 1e-3, 0.5e-3)
-    pits = [pit for each in drawn for pit in each]
-    assert len(pits) == 9
-    for name in ("phi", "z", "diameter", "depth", "brightness", "floor_tilt"):
-        assert len({getattr(pit, name) for pit in pits}) == 9
-    assert all(0.85e-3 <= pit.diameter <= 1.15e-3 and 0.2e-3 <= pit.depth <= 1e-3 for pit in pits)
-    assert all(pit.brightness > 0.0 and any(pit.floor_tilt) for pit in pits)

@@ -30,13 +30,6 @@ def test_what_was_written_is_read(recorded):
     assert listed(recorded.parent) == ["one"]
 
 
-def test_entries_survive_without_closing(tmp_path):
-    recorder = Recorder(tmp_path, "killed")
-    recorder.write(*SAID[0])
-    assert list(entries(recorder.path)) == SAID[:1]
-    recorder.close()
-
-
 def test_an_entry_that_the_disk_does_not_take_leaves_nothing(tmp_path):
     recorder = Recorder(tmp_path, "full")
     recorder.write(*SAID[0])
@@ -129,8 +122,3 @@ def test_what_is_no_recording_is_refused(recorded):
     recorded.write_bytes(damaged[:20] + b"\xff" * 40)
     with pytest.raises(RecordError, match="damaged"):
         list(entries(recorded))
-
-
-def test_a_recording_is_never_replaced(recorded):
-    with pytest.raises(FileExistsError):
-        Recorder(recorded.parent, "one")

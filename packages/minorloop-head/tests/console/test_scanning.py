@@ -7,7 +7,7 @@ import pytest
 
 from console_rig import PIT, control, towards, view
 from minorloop_head.console.reports import NumberedFindings, Outgoing
-from minorloop_head.console.scanning import ALONG, AROUND, Scanning
+from minorloop_head.console.scanning import Scanning
 
 HOME = (0.1, -0.2, 5e-3, -0.3)
 
@@ -50,19 +50,6 @@ def test_a_place_beside_the_probe_is_not_reached_and_the_scan_goes_back(scanning
     assert "could not be brought over the finding" in asked[-1].hold
     assert out.commands == []
     assert max(abs(ask.requested[1][0]) for ask in asked[:-1]) <= 8.0e-3
-
-
-def test_a_sweep_is_begun_about_the_middle_of_the_picture_and_its_head_comes_back(scanning, out):
-    assert scanning.begin_sweep(HOME[:2], (*towards(PIT)[:2], *HOME[2:]))
-    made = scanning.scan.made
-    assert np.ptp(made.phi) == pytest.approx(2 * AROUND)
-    assert np.ptp(made.z) == pytest.approx(2 * ALONG)
-    given, position = commands(scanning, out, HOME, 20_000)
-    assert (scanning.scan.stage, made.trouble) == ("done", "")
-    names = [name for name, _ in given]
-    assert names == ["begin_sweep", *["fire_on"] * (len(names) - 2), "end_sweep"]
-    assert given[-1] == ("end_sweep", [1.0])
-    assert position == pytest.approx(HOME, abs=6e-3)
 
 
 @pytest.mark.parametrize("ticks", [1, 400])

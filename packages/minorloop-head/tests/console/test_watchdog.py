@@ -187,16 +187,6 @@ def test_a_late_answer_costs_a_reading_and_is_no_silence(monkeypatch):
     assert not plant.responds
 
 
-def test_a_plant_that_has_ended_is_not_late():
-    ours, theirs = Pipe()
-    plant = RemotePlant(NewestPipe(ours), 60.0, 0.0)
-    theirs.send_bytes(msgspec.msgpack.encode(Answer(0.0, "", 0.04, [1.0] * 4, [])))
-    assert plant.meet(10.0)
-    theirs.close()
-    plant.exchange(np.zeros(4))
-    assert not plant.responds
-
-
 def test_a_plant_that_does_not_confirm_is_reported_and_made_safe_as_soon_as_it_does():
     wires = Dim()
     watched = WatchedPlant(wires, 60.0)

@@ -68,27 +68,6 @@ def test_no_controller_requests_more_than_its_limits(name, readings, reference):
         assert state.applied == current
 
 
-@EVERY_LAW
-@given(readings=st.lists(st.floats(0, 60), min_size=1, max_size=10))
-@settings(max_examples=15)
-def test_a_step_is_pure(name, readings):
-    law = controller(LAWS[name], made_up())
-    state = law.begin()
-    for reading in readings:
-        once, after = law.step(state, 30.0, reading)
-        twice, again = law.step(state, 30.0, reading)
-        assert once == twice
-        assert law.step(after, 31.0, reading)[0] == law.step(again, 31.0, reading)[0]
-        state = after
-
-
-@EVERY_LAW
-def test_a_lower_limit_is_kept(name):
-    law = controller(LAWS[name], made_up(), highest=0.3)
-    current, _ = law.step(law.begin(), 50.0, 0.0)
-    assert current == pytest.approx(0.3)
-
-
 def test_heating_goes_by_the_inverse_of_operator_and_lag():
     wire = made_up(latent=0.0)
     state = wire.begin()

@@ -11,7 +11,6 @@ from minorloop_head.control.head import (
     camera_control,
     head_control,
 )
-from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.control.laws import LAWS
 from wires import EVERY_LAW, Run, identified, made_up
@@ -44,25 +43,6 @@ def test_a_circle_is_followed(period, most):
     error = np.hypot(*run.error(after=15.0).T)
     assert np.sqrt(np.mean(error**2)) <= most
     assert run.unreachable == []
-
-
-@EVERY_LAW
-@pytest.mark.parametrize("kind", ["stuck", "lost"])
-def test_no_fault_in_hot_surroundings_makes_a_wire_too_hot(name, kind):
-    hot = Surroundings(ambient=40.0, convection=65.0)
-    run = Run(
-        control(name),
-        (50.0, 40.0),
-        10.0,
-        surroundings=hot,
-        faults=[SimulatedFault("pan", kind, 4.0)],
-    )
-    assert run.hottest.max() <= 150.0
-    assert run.current.min() >= 0.0
-    assert run.current.max() <= 0.4
-    assert (run.current[run.t > 5.0, 0] == 0.0).all()
-    assert run.state.axes[0].fault == kind
-    assert run.state.axes[1].fault == ""
 
 
 @EVERY_LAW
@@ -140,17 +120,6 @@ def test_no_surroundings_and_no_controller_make_a_wire_too_hot(name, surrounding
     assert run.hottest.max() <= 150.0
 
 
-def test_a_sensor_that_misses_most_readings_is_lost():
-    law = control()
-    state, causes = law.begin(), []
-    for k in range(100):
-        read = (0.01 * k, 0.01 * k) if k % 4 == 0 else (math.nan, math.nan)
-        current, state = law.step(state, (30.0, 30.0), read, t=0.04 * k)
-        causes = [event.cause for _, event in state.log]
-    assert "sensor" in causes
-    assert (current == 0.0).all()
-
-
 @pytest.mark.parametrize("odd", [10**400, "x", None, 1j, [1.0, 2.0], object()])
 def test_every_step_returns_currents_within_the_limits(odd):
     law = control()
@@ -217,16 +186,6 @@ def after(gaps, watch):
     for k, gap in enumerate(gaps):
         state = watch.step(state, gap, WHERE + k)
     return state
-
-
-def test_a_gap_keeps_the_head_where_it_was_when_the_gap_became_unusual():
-    watch = UnreadWatch(after=3)
-    before, state = after([0, 1, 2], watch), after([0, 1, 2, 3, 4], watch)
-    wanted = np.array([40.0, 0.0])
-    assert watch.near(before, wanted).tolist() == [40.0, 0.0]
-    assert watch.near(state, wanted).tolist() == [13.5, 22.5]
-    assert watch.near(state, WHERE + 3.1).tolist() == pytest.approx([13.1, 23.1])
-    assert watch.near(watch.step(state, 0, WHERE), wanted).tolist() == [40.0, 0.0]
 
 
 def test_a_head_that_is_not_seen_for_long_goes_back_towards_the_cold_one():

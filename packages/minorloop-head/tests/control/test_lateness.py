@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from minorloop_head.control import _observer_kernels as kernels
 from minorloop_head.control.head import camera_control, head_control
 from minorloop_head.control.lateness import Lateness, LatenessWatch
 from minorloop_head.control.observer import PowerObserver
@@ -135,52 +134,3 @@ def test_readings_that_were_held_back_in_a_motion_are_found_at_once(since):
 )
 def test_others_are_not_late(options):
     assert watched(**options) is None
-
-
-def test_readings_that_end_while_observers_are_compared_are_not_late():
-    watch, state = LatenessWatch(observer=OBSERVER), Lateness()
-    estimate = OBSERVER.found(0.0, 0.0)
-    state = watch.step(state, estimate, 0.1, 5.0, expected=0.0)
-    for _ in range(100):
-        state = watch.step(state, estimate, 0.1, math.nan, expected=0.0)
-        assert state.late == 0.0
-    assert state.comparison is None
-    assert watch.step(state, estimate, 0.1, 5.0, expected=0.0, steps=300).late == 0.0
-
-
-LIMITS = {"seen": 0.5, "moved": 0.9, "slower": 2.0, "back": 0.5}
-STEPS, INTERVAL = 4, 0.04
-
-
-def slowing(readings, count):
-    """The same in numpy."""
-    known = np.isfinite(readings)
-    if known[-count:].mean() < LIMITS["seen"] or np.ptp(readings[known]) < LIMITS["moved"]:
-        return np.empty(0)
-    at = np.arange(readings.size)
-    angle = np.interp(at, at[known], readings[known])
-    rate = (angle[STEPS:] - angle[:-STEPS])[-count:] / (STEPS * INTERVAL)
-    way, part = (1.0 if angle[-1] >= angle[-count] else -1.0), count // 4
-    slower = way * (rate[:part].mean() - rate[-part:].mean())
-    fell = slower >= LIMITS["slower"] and (way * rate).min() >= -LIMITS["back"]
-    return rate if fell else np.empty(0)
-
-
-@pytest.mark.parametrize("missing", [0.0, 0.3, 0.7])
-def test_a_motion_that_gets_slower_is_found_as_numpy_finds_it(missing):
-    rng, found = np.random.default_rng(1000), 0
-    for _ in range(400):
-        size = int(rng.integers(30, 80))
-        count = int(rng.integers(8, size - STEPS))
-        lag = rng.uniform(0.2, 2.0)
-        t = INTERVAL * np.arange(size) - rng.uniform(0.0, 1.0)
-        readings = rng.uniform(-30, 30) * -np.expm1(-np.maximum(t, 0.0) / lag)
-        readings += rng.normal(0.0, 0.01, size)
-        readings[rng.random(size) < missing] = np.nan
-        over = STEPS, STEPS * INTERVAL
-        rates = kernels.slowing(
-            readings, count, LIMITS["seen"], LIMITS["moved"], over, LIMITS["slower"], LIMITS["back"]
-        )
-        np.testing.assert_allclose(rates, slowing(readings, count), rtol=1e-9, atol=1e-9)
-        found += rates.size > 0
-    assert (10 < found < 390) == (missing < 0.5)

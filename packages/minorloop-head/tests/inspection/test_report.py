@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop_head.inspection.lines import StepRow, visit_row
-from minorloop_head.inspection.report import _without_depth, wall_words
 from minorloop_head.procedures.inspected_view import InspectedView, with_finding
 from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.procedures.values import LogEntry
@@ -31,29 +30,6 @@ def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach
     heard = row(("scan", True), ("modality", True))
     assert (heard["scanned"], heard["reached"]) == (True, True)
     assert heard["steps"] == [StepRow("scan", "", True), StepRow("modality", "", True)]
-
-
-def test_it_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():
-    wall = {"z [mm]": [13.0, 22.0], "angles [deg]": [-180.0, 180.0], "searched": 0.9, "probed": 0.0}
-    wall["pipe [mm]"] = 102.0
-    content = {
-        "wall": wall,
-        "lens": "pictures are x",
-        "views": 8,
-        "out of reach": [],
-        "not done": [],
-    }
-    water = {"water above the axis [mm]": [4.0, 0.2], "water level": "4.0 mm above the axis"}
-    said = " ".join(wall_words(content | water))
-    assert said.startswith("The camera searched 9.0 mm of the 102 mm of pipe: the inner wall from")
-    assert "or one that the edge of each picture cuts, is not found; --advances" in said
-    assert "Pictures are x." in said
-    assert said.endswith("The water stood 4.0 mm above the axis.")
-    full = {"water level": "no surface: water at every place"}
-    beyond = {"out of reach": [{"view": "view 1", "why": "out of reach: pan needs 55"}]}
-    said = wall_words(content | full | beyond)
-    assert said[-2].startswith("The wires did not reach 1 direction in which to look (view 1: out")
-    assert said[-1] == "The level of the water: no surface: water at every place."
 
 
 def finding(verdict="measured", evidence=5.0, **values):
@@ -94,10 +70,3 @@ def test_a_finding_is_accepted_if_enough_wall_is_left_by_the_end_of_its_band(dep
     unknown = visit_row(finding("no coupling"), 2e-3, least)
     assert (unknown["accepted"], unknown["wall [mm]"]) == (None, None)
     assert not visit_row(finding("through-hole"), 2e-3, least)["accepted"]
-
-
-def test_a_crack_without_a_floor_may_be_deeper_than_is_measured_and_has_its_bound():
-    row = {"depth [mm]": None, "kind": "crack", "verdict": "no floor echo (at least 0.70 mm deep)"}
-    ((number, why),) = _without_depth([row])
-    assert number == "1"
-    assert why.endswith("deeper than the 1.25 mm that are measured (at least 0.70 mm deep)")

@@ -1,13 +1,11 @@
 import math
-from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
-from minorloop import Channel, InstrumentError, run
+from minorloop import Channel, InstrumentError
 from minorloop.lab.drivers.bench import Bench
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
-from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement
 from minorloop_head.procedures.values import Plant, Tip
 from minorloop_head.twins.head import Head
 
@@ -92,57 +90,3 @@ def test_without_a_line_lights_stay_as_they_are_and_the_pipe_cannot_be_flooded()
     with pytest.raises(InstrumentError, match="no line 'pump'"):
         tip.flood(True)
     assert wires.done == []
-
-
-class TwinWires:
-    """The simulated head as the instruments of a bench, on a clock that it moves itself."""
-
-    def __init__(self, seed):
-        self.head, self.currents, self.angles = (
-            Head(noise=0.05, seed=seed),
-            np.zeros(2),
-            np.zeros(2),
-        )
-        self.time = 0.0
-
-    def now(self):
-        return self.time
-
-    def sleep(self, seconds):
-        if seconds > 0:
-            self.angles = self.head.apply(self.currents, seconds, seconds).y[:, -1]
-            self.time += seconds
-
-    def set(self, values):
-        self.currents = values.copy()
-
-    def read(self):
-        return self.angles
-
-    def safe(self):
-        self.currents = np.zeros(2)
-
-
-def twin_bench(seed=0):
-    wires = TwinWires(seed)
-    return Bench(wires, wires, CURRENTS, ANGLES, tick=0.04, clock=wires)
-
-
-def test_the_wires_of_a_head_on_a_bench_are_measured_one_by_one(tmp_path):
-    def opened(seed):
-        assert seed == 0  # an actuator that is not simulated refuses any other
-        return nullcontext(twin_bench(seed))
-
-    measurement = HeadMeasurement(
-        tmp_path,
-        {"address": "bench:head.toml", "specimen": None, "seed": 0, "options": {}},
-        HeadExcitation(bands=2, hold=12.0),
-        opened,
-        lambda plant, store: run(plant, store.plan, store),
-        simulated=False,
-    )
-    u, pan = measurement._measured(0, "loop", np.array([0.0, 0.4]))
-    _, tilt = measurement._measured(0, "coupling", np.array([0.0, 0.4]), sensor=1)
-    assert u.tolist() == [0.0, 0.4]
-    assert pan[1] > 50.0
-    assert 1.0 < tilt[1] < 10.0  # it reads some of the other axis

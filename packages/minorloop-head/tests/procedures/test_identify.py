@@ -47,21 +47,6 @@ def found(folder):
     return measurement(folder).identified()
 
 
-def test_wires_and_coupling_are_those_of_the_head(found):
-    for wire in found.wires:
-        assert wire.operator.bands == 2
-        assert 3.0 < wire.lag < 4.5
-        assert wire.operator.range[1] == pytest.approx(58.0, abs=12.0)
-    assert found.coupling[0, 1] == pytest.approx(0.05, abs=0.03)
-    assert found.coupling[1, 0] == pytest.approx(0.05, abs=0.03)
-
-
-def test_the_check_is_on_inputs_that_were_not_fitted(found):
-    for axis in found.check:
-        assert 0.5 < axis.rms < 12.0  # two bands are rough, but no fit to their own data
-        assert axis.largest >= axis.rms
-
-
 def test_a_stopped_identification_continues_to_the_same_head(found, tmp_path):
     for points in (3, 9, 17):
         with pytest.raises(Stopped):

@@ -24,7 +24,6 @@ from minorloop_head.procedures.values import LogEntry
 from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.ultrasound.pits import PitDepth
-from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, Hole
 
 from .fakes import CALIBRATION, MOUNT
@@ -145,19 +144,6 @@ def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch)
     left = [unvisited(views[:count], 10e-3) for count in (2, 3, 4)]
     assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [SEEN_ONCE], []]
     assert (left[0][0].phi, left[0][0].seen_in) == (lost.phi, ("view 1",))
-
-
-@pytest.mark.whole
-def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
-    course = np.stack([np.linspace(-2.4, -2.2, 9), np.full(9, 20e-3)], axis=1)
-    line = TracedCrack(course, np.full(9, 0.2e-3), 2e-3, 0.3)
-    monkeypatch.setattr(inspection, "traces_of", lambda *_: (line,))
-    monkeypatch.setattr(inspection, "traced_again", lambda *_: ())
-    monkeypatch.setattr(inspection, "strongest", lambda *_: ())
-    (*_, last) = views_by(rig)
-    assert (last.unconfirmed.kind, last.unconfirmed.seen_in) == ("crack", ("view 1", "view 2"))
-    assert np.isnan(last.unconfirmed.evidence)
-    assert "seen in 2 views, not confirmed" in rig.log[-1].outcome
 
 
 @pytest.mark.parametrize(

@@ -70,13 +70,6 @@ def test_a_scan_that_gives_no_depth_is_repeated_beside_the_first(monkeypatch, fi
     assert steps == [("measure", False), ("measure again", True)]
 
 
-def test_what_is_out_of_reach_has_no_depth():
-    scanner = Scanner(refused="out of reach: pan needs 53 degrees")
-    pit, scanned = scanned_pit(Rig(), HOLE, scanner)
-    assert (pit.verdict, scanned.refused) == ("out of reach", scanner.refused)
-    assert scanned_crack(Rig(), TRACED, scanner)[0] == CrackDepth("out of reach")
-
-
 def test_a_crack_is_scanned_where_it_is_widest_and_the_pipe_is_drained(monkeypatch):
     monkeypatch.setattr(probe_steps, "crack_depth", lambda *given: CrackDepth("measured", 5e-4))
     rig, scanner = Rig(), Scanner([burst()])

@@ -4,7 +4,6 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop_head.control.head import LEAD, camera_control, head_control
 from minorloop_head.control.limits import WireLimits
-from minorloop_head.control.readings import SensorWatch
 from minorloop_head.procedures.steer import steer
 from minorloop_head.twins.head import Head
 from wires import identified, made_up
@@ -114,26 +113,6 @@ def test_readings_that_are_not_believed_are_no_angles_reached():
     assert not result.done
 
 
-def test_a_target_is_not_confirmed_if_nothing_was_read_and_the_model_is_at_it():
-    class Dark(Head):
-        ticks = 0
-
-        def exchange(self, u):
-            self.ticks += 1
-            return super().exchange(u) * (np.nan if self.ticks > 160 else 1.0)
-
-    # As by a camera: it may be missing for some time before its wires cool.
-    watch = SensorWatch(patience=250)
-    control = head_control("observer", (identified().model,) * 2, sensor=watch)
-    result = steer(Dark(noise=0.05, seed=3), control, [[30.0, 30.0]], 8.0)
-    assert result.missed == ()
-    assert result.unconfirmed[0] == (
-        "pan is not confirmed at target 1, 30 degrees: there was no reading at the end of its "
-        "hold; by its model it was at 30.0 degrees"
-    )
-    assert not result.done
-
-
 @pytest.mark.parametrize("target", [[200.0, 30.0], [30.0, -20.0], [61.0, 58.0]])
 def test_a_target_beyond_the_reach_is_refused_before_anything_is_switched_on(target, monkeypatch):
     control = head_control("observer", (made_up(), made_up()), coupling=[[1.0, 0.0], [0.1, 1.0]])
@@ -151,10 +130,3 @@ def test_coupling_moves_the_reach_and_so_does_the_limit_of_temperature():
     assert pan[1] == pytest.approx(0.97 * wire.operator.range[1])
     cool = head_control("observer", (wire, wire), limits=WireLimits(hottest=80.0))
     assert cool.reach([30.0, 40.0])[0, 1] < pan[1] - 1.0
-
-
-def test_a_target_that_turns_out_to_be_unreachable_is_named():
-    control = head_control("observer", (made_up(), made_up()), highest=0.2)
-    result = steer(Head(noise=0.05), control, [[50.0, 0.0]], 20.0)
-    (sentence,) = result.unreachable
-    assert sentence.startswith("pan did not reach target 1: target 50 degrees is unreachable: ")

@@ -1,14 +1,10 @@
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from minorloop_head.control.head import head_control
 from minorloop_head.geometry import wrapped
-from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.sweep import NOT_THERE, SHOTS, STUCK, ProbeSweep
-from wires import identified
 
 from .fakes import CALIBRATION, Loop
 
@@ -52,14 +48,6 @@ def test_the_catheter_never_stops_while_it_fires_and_keeps_its_limits(swept):
     assert rates[:, 0].max() <= 20e-3
 
 
-def test_pan_and_tilt_are_held_where_the_beam_is_square(swept):
-    loop, _ = swept
-    angles = [request.angles for request in loop.asked if request.angles is not None]
-    wanted = RasterScan(calibration=CALIBRATION).perpendicular
-    assert angles[-1] == pytest.approx(wanted)
-    assert loop.angles == pytest.approx(wanted, abs=math.radians(0.2))
-
-
 def test_a_catheter_that_sticks_ends_the_sweep():
     loop, area = Loop(), SWEEP.area(PHI, Z)
     loop.run(SWEEP.sweep(area), lambda: setattr(loop, "stuck", area.lines > 0))
@@ -71,13 +59,6 @@ def test_a_catheter_that_does_not_get_to_the_first_line_ends_the_sweep_before_th
     state = loop.run(SWEEP.sweep(SWEEP.area(PHI, Z)))
     assert state.trouble == NOT_THERE
     assert not any(request.water for request in loop.asked)
-
-
-def test_a_sweep_out_of_reach_is_refused():
-    control = head_control("observer", (identified().model,) * 2)
-    cold = ProbeSweep(calibration=replace(CALIBRATION, temperature=1.0))
-    assert "out of reach" in cold.point.out_of_reach(control)
-    assert not SWEEP.point.out_of_reach(control)
 
 
 def test_a_sweep_that_was_cut_off_goes_on_with_its_last_line(swept):

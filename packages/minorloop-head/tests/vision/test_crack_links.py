@@ -28,13 +28,6 @@ def test_parts_that_continue_each_other_become_one_course_whatever_their_directi
 SEEN, MARGIN = np.ones((40, 120), dtype=bool), np.zeros((40, 120), dtype=bool)
 
 
-def dark(*points, height=0.8):
-    heights = np.zeros((40, 120), dtype=np.float32)
-    for y, x in points:
-        heights[int(np.rint(y)), int(np.rint(x))] = height
-    return heights
-
-
 def test_ends_go_on_while_the_line_is_dark_and_not_off_the_map():
     heights = np.zeros((40, 120), dtype=np.float32)
     heights[10, 15:45], heights[10, 12:15], heights[10, 45:50] = 0.8, 0.5, 0.2
@@ -54,13 +47,6 @@ def test_an_end_goes_on_through_the_margin_of_the_view_and_not_along_it():
     assert short[:, 1].max() == pytest.approx(49)
     assert long[:, 1].max() == pytest.approx(54)
     assert np.ptp(long[:, 0]) < 1
-
-
-def test_parts_of_one_line_become_one_course_however_far_apart():
-    heights = dark(*((20, x) for x in range(5, 115)))
-    parts = [line((20, 5), (20, 25), 21), line((20, 100), (20, 60), 41)]
-    (whole,) = joined(followed(parts, heights, 0.1, SEEN, MARGIN))
-    assert length(whole) == pytest.approx(110, abs=4)
 
 
 def test_courses_are_cut_where_they_cross_and_where_one_ends_on_another():

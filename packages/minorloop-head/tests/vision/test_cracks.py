@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from minorloop_head.vision import _line_kernels as kernels
 from minorloop_head.vision.calibrated_camera import Window
 from minorloop_head.vision.cracks import TracedCrack, trace_cracks
 
@@ -112,22 +111,6 @@ def test_a_wandering_groove_whose_flanks_return_light_is_a_crack():
         (crack,) = trace_cracks(np.float32(levels), WINDOW, RADIUS)
         assert crack.length == pytest.approx(190 * STEP, rel=0.15)
         assert crack.width == pytest.approx(4 * STEP, rel=0.3)
-
-
-def test_odds_of_places_are_those_of_the_classifier_they_were_taken_from():
-    from sklearn.ensemble import HistGradientBoostingClassifier
-
-    from benchmarks.cracks import odds_of
-
-    rng = np.random.default_rng(4)
-    rows = rng.normal(size=(600, 5))
-    right = rows[:, 0] * rows[:, 1] + 0.3 * rng.normal(size=600) > 0
-    model = HistGradientBoostingClassifier(max_iter=20, max_depth=4).fit(rows, right)
-    odds = odds_of(model)
-    each = odds.base + kernels.sum_of_trees(
-        rows, odds.first, odds.feature, odds.threshold, odds.branches, odds.value
-    )
-    np.testing.assert_allclose(each, model.decision_function(rows), atol=1e-5)
 
 
 def test_of_two_faint_lines_the_bent_one_is_surer_a_crack():

@@ -11,7 +11,7 @@ from minorloop_head.geometry import wall_distance, wrapped
 from minorloop_head.procedures.extract import acquire
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import Hole, find_holes, strongest
-from minorloop_head.vision.reflectance_map import LitFrame, check_frames, lay_flat
+from minorloop_head.vision.reflectance_map import LitFrame
 from papers.catheter.scene_view import draw_sized_view, draw_view
 
 
@@ -73,23 +73,14 @@ def spoilt(index, image):
         (lambda: spoilt(0, np.zeros((480, 640), np.uint8)), "black"),
         (lambda: spoilt(4, np.full((480, 640), 255, np.uint8)), "saturated"),
         (lambda: spoilt(2, np.zeros((240, 320), np.uint8)), "wrong size"),
-        (lambda: spoilt(2, None), "wrong size"),
-        (lambda: spoilt(2, np.full((480, 640), np.nan)), "wrong size"),
-        (lambda: spoilt(2, shots()[2].image.astype(np.uint16)), "wrong size"),
         (lambda: spoilt(2, [[1, 2], [3]]), "wrong size"),
         (lambda: [replace(shots()[0], pan=np.nan), *shots()[1:]], "angle unknown"),
         (lambda: [*shots()[:2], replace(shots()[2], tilt=np.inf), *shots()[3:]], "angle unknown"),
-        (lambda: [*shots()[:4], replace(shots()[4], pan=None)], "angle unknown"),
         (lambda: [*shots()[:4], replace(shots()[4], pan=3.0)], "angle unknown"),
-        (lambda: [*shots()[:4], replace(shots()[4], tilt=1e9)], "angle unknown"),
         (lambda: spoilt(1, shots()[0].image), "frozen"),
-        (lambda: spoilt(2, shots()[0].image), "frozen"),
         (lambda: spoilt(4, np.roll(shots()[4].image, 240, axis=0)), "torn"),
-        (lambda: [shots()[3]], "black"),
         (lambda: spoilt(2, np.full((480, 640), 100, np.uint8)), "no picture"),
-        (lambda: spoilt(4, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
         (lambda: spoilt(3, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
-        (lambda: spoilt(1, NOISE.integers(250, 256, (480, 640)).astype(np.uint8)), "saturated"),
         (lambda: spoilt(4, shots()[3].image + NOISE.integers(0, 2, (480, 640), np.uint8)), "black"),
     ],
 )
@@ -106,8 +97,8 @@ def again(index):
     return np.clip(shots()[index].image.astype(int) + off, 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("row", [80, 240, 400])
-@pytest.mark.parametrize("index", [1, 2, 3, 4])
+@pytest.mark.parametrize("row", [80, 400])
+@pytest.mark.parametrize("index", [1, 4])
 @pytest.mark.parametrize("old", [lambda index: shots()[index].image, again])
 def test_a_frame_that_holds_rows_of_the_one_before_is_torn(index, row, old):
     halves = [shots()[index].image[:row], old(index - 1)[row:]]
@@ -134,19 +125,6 @@ def test_a_look_says_of_each_light_whether_it_was_on(lights):
 def test_other_ways_to_acquire(mode):
     looks = shots()[-1:] if mode == "single" else [shots()[-1], turned()]
     assert find_holes(looks, lens(), mode=mode).verdict == "good"
-
-
-def test_reflectance_does_not_depend_on_which_light_is_on():
-    view = draw_view(3, hole=False)
-    camera = CalibratedCamera(view.camera._optics, view.mount, view.camera.leds)
-    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
-    assert check_frames(looks, camera) == "good"
-    wall = lay_flat(looks, camera)
-    assert wall.stack.shape[0] == 3
-    raw = np.array([np.log(look.image[200:280, 280:360] + 2.0).mean() for look in looks[:3]])
-    level = np.nanmedian(wall.stack - wall.stack.mean(axis=0), axis=(1, 2))
-    assert np.ptp(level) < max(np.ptp(raw), 0.25)
-    assert np.isfinite(wall.ground).any()
 
 
 def test_a_hole_on_the_seam_of_phi_counts_once():

@@ -90,11 +90,3 @@ def test_the_wanted_angles_turn_no_faster_than_the_rate_limit():
         assert step.verdict == "at the rate limit"
         joints = before = step.angles
     assert np.abs(state.integral).max() == 0.0
-
-
-def test_a_lost_point_is_waited_for_where_it_was():
-    state = HOLD.begin(AIM)
-    for _ in range(50):
-        step, state = HOLD.step(state, None, AIM)
-    np.testing.assert_allclose(step.angles, AIM, atol=1e-9)
-    assert step.verdict == "no target"

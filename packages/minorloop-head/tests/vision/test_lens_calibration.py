@@ -108,15 +108,6 @@ def test_what_nothing_determines_is_refused_with_its_cause(pictures, sentence):
         fit_lens(pictures, SIZE)
 
 
-def test_a_pose_is_found_within_its_uncertainty():
-    rotation, position = held((0.05, -0.03), 0.03, [15.0, -20.0, 5.0])
-    pose = target_pose(LENS, seen("one.png", rotation, position), 0.07)
-    sd = np.sqrt(np.diag(np.linalg.inv(pose.information)))
-    assert (np.abs(pose.position - position) < 4 * sd[3:]).all()
-    assert np.degrees(np.abs(pose.rotation - rotation)).max() < 0.5
-    assert abs(pose.tilt - 25) < 1
-
-
 LED = np.array([1.2e-3, -2.2e-3, 0.3e-3])
 
 

@@ -111,15 +111,6 @@ def test_a_video_gives_its_pictures_with_their_times(video):
     assert [each.t for each in found] == pytest.approx([0.0, 0.02, 0.04, 0.06])
 
 
-def test_a_camera_in_the_network_gives_its_pictures_once_and_in_order():
-    with served([0, 1, 2]) as (address, go), live(address) as camera:
-        shown = []
-        for _ in range(2):
-            shown.append(number_of(camera.frame().image))
-            go.release()
-        assert shown == [0, 1]
-
-
 def test_a_camera_in_the_network_that_changes_its_size_gives_that_of_each_picture():
     small = cv2.imencode(".jpg", picture(1)[::2, ::2])[1].tobytes()
     with served([0, small, 2]) as (address, go), live(address) as camera:

@@ -17,8 +17,6 @@ from .walls import CAMERA, photograph
 
 REST = np.radians([-30.0, -30.0])
 CLOSE = math.radians(0.15)
-ALIKE = 110
-"""Columns of 320 that look as they did elsewhere: two in five of the patches in view."""
 
 MOST_ALIKE = 170
 """Columns with more than half of them."""
@@ -96,20 +94,6 @@ def dirt(seed):
 def noisy(level, seed):
     noise = np.random.default_rng(seed).normal(0.0, 1.5, level.shape)
     return np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
-
-
-def test_dirt_in_which_some_patches_match_elsewhere_is_not_believed(seen):
-    """A third of the picture looks as it did at rest; the head is far from there."""
-    level = dirt(0)
-    level[:, -ALIKE:] = seen.picture(*REST).image[:, -ALIKE:]
-    seen.goes(-14.0)
-    count = len(seen.state.patches.sd)
-    for n in range(3):
-        sight = seen.step(math.radians(-14.0), REST[1], lambda _, n=n: noisy(level, n))
-        assert np.isnan(sight.angles).all()
-    assert len(seen.state.patches.sd) == count
-    pan = math.radians(-14.0)
-    assert error(seen.step(pan, REST[1]), pan) < CLOSE
 
 
 def patchy(picture, columns, seed):
@@ -204,12 +188,9 @@ def test_patches_that_disagree_are_outvoted(seen, spoil):
         (dark, "the picture is black"),
         (plain, "of wall in view agree"),
         (lambda image: image[:100], "wrong size"),
-        (lambda image: None, "wrong size"),
         (lambda image: np.full_like(image, 255), "saturated"),
         (lambda image: white(image, 0.85), "of wall in view agree"),
-        (lambda image: image[:, ::-1].copy(), "of wall in view agree"),
         (lambda image: image[::-1].copy(), "of wall in view agree"),
-        (lambda image: image[::-1, ::-1].copy(), "of wall in view agree"),
     ],
 )
 def test_without_a_view_it_says_why_and_goes_on_when_it_sees_again(seen, spoil, reason):
