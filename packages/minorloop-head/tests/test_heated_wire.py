@@ -33,11 +33,6 @@ def test_a_step_solves_the_heat_balance(seconds):
     assert held(wire, 0.16, seconds).angle == pytest.approx(finely(wire, 0.16, seconds), abs=0.5)
 
 
-def test_latent_heat_delays_the_motion():
-    dry, wet = made_up(latent=0.0), made_up(latent=4e-3)
-    assert held(wet, 0.16, 5.0).angle < held(dry, 0.16, 5.0).angle - 5.0
-
-
 @given(power=powers, ambient=st.floats(-0.05, 0.05), cooling=st.floats(0.5, 5.0))
 @settings(max_examples=20)
 def test_the_effective_power_settles_at_the_balance_with_the_surroundings(power, ambient, cooling):

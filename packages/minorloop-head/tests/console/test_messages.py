@@ -61,13 +61,6 @@ def test_junk_is_refused(junk):
     refused(junk)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "null", "[]", '{"type":"ping","seq":1,"t":1}' + " " * messages.LONGEST]
-)
-def test_an_invalid_message_is_refused(text):
-    refused(text)
-
-
 def test_findings_are_decoded_as_they_were_encoded_and_infinite_evidence_is_null():
     hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": np.inf}
     finding = camera_finding(1, 2.0, hole, 10e-3)

@@ -12,7 +12,6 @@ from minorloop_head.console.modes import (
     TeleopState,
     TickInput,
     advance,
-    held,
     push,
 )
 
@@ -126,11 +125,6 @@ def test_track_without_a_target_is_refused():
     state = advance(CONFIG, steered(), replace(HERE, request="TRACK"), TICK)
     assert state.mode == "HOLD"
     assert "pick one" in state.reason
-
-
-def test_what_is_held_says_why():
-    state = held(steered(), "because")
-    assert (state.mode, state.reason, state.rates) == ("HOLD", "because", (0.0, 0.0))
 
 
 deflections = st.floats(-1, 1)

@@ -178,9 +178,8 @@ def test_readings_that_stay_while_the_wire_is_heated_are_no_sign_of_the_surround
     assert currents[-1] == 0.0
 
 
-@pytest.mark.parametrize("name", ["observer", "pi"])
-def test_right_readings_after_late_ones_are_believed_again_once_the_wire_is_cold(name):
-    guard, past = guarded(name), []
+def test_right_readings_after_late_ones_are_believed_again_once_the_wire_is_cold():
+    guard, past = guarded(), []
 
     def late(t, y):
         past.append(y)

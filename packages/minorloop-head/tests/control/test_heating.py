@@ -149,13 +149,3 @@ def every(stride):
 def test_records_without_information_are_refused(changes, complaint):
     with pytest.raises(SignalError, match=complaint):
         identified_from(records(**changes))
-
-
-def test_holds_can_be_held_out():
-    good = records()
-    step = good["t"], good["step_current"], good["step_angle"]
-    found = identify_heating(
-        good["current"], good["angle"], step=step, levels=good["levels"], holdout=0.3
-    )
-    assert found.steady.holdout_nrmse < 1e-3
-    assert not any("no data were held out" in text for text in found.advice)

@@ -52,10 +52,12 @@ def test_a_point_that_is_lost_is_given_up_unless_it_is_to_be_held(still, ends):
     assert loop.t == pytest.approx(ends, abs=0.2)
 
 
-@pytest.mark.parametrize(("still", "ends"), [(0.44, STUCK_FOR), (np.inf, 8.0)])
+@pytest.mark.parametrize(("still", "ends"), [(0.44, STUCK_FOR), (np.inf, STUCK_FOR + 1.0)])
 def test_a_head_that_comes_no_nearer_is_stuck_unless_the_point_is_to_be_held(still, ends):
     loop = Loop(AIM + np.array([0.1, 0.0]), (1e-3, 0.0), share=0.0, sees=True)
-    centring = Centring(calibration=CALIBRATION, still=still, patience=8.0, interval=TWO_TICKS)
+    centring = Centring(
+        calibration=CALIBRATION, still=still, patience=STUCK_FOR + 1.0, interval=TWO_TICKS
+    )
     state = loop.run(centring.centre(Centred(place=PLACE)))
     assert state.verdict == TRACKED
     assert state.stuck == np.isfinite(still)

@@ -48,7 +48,7 @@ class Slow:
         self.head.safe()
 
 
-@pytest.mark.parametrize("search", [0.02, 0.13, 0.2])
+@pytest.mark.parametrize("search", [0.02, 0.2])
 def test_a_computer_that_is_too_slow_for_the_loop_does_not_make_it_overshoot(search):
     head = Slow(search)
     control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
@@ -62,7 +62,7 @@ def test_a_computer_that_is_too_slow_for_the_loop_does_not_make_it_overshoot(sea
     assert len(said) == (search > 0.1)
 
 
-@pytest.mark.parametrize(("late", "began"), [(6, 0.0), (12, 0.0), (12, 4.0)])
+@pytest.mark.parametrize(("late", "began"), [(6, 0.0), (12, 4.0)])
 def test_readings_of_pictures_that_are_known_to_be_old_are_used_and_nothing_swings(late, began):
     class Old(Head):
         seen: tuple[np.ndarray, ...] = ()

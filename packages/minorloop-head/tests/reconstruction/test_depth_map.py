@@ -54,15 +54,6 @@ def test_nine_in_ten_levels_are_in_their_band(place_sd):
     assert 0.86 < np.mean(inside) < 0.94
 
 
-def test_a_lost_echo_does_not_move_the_water_line():
-    phi = np.radians(np.arange(-90, 91, 5.0))
-    heard = np.sin(phi) > 0.21
-    heard[-2] = False
-    line = find_water(phi, heard, 10e-3)
-    assert line.height == pytest.approx(2.1e-3, abs=0.9e-3)
-    assert line.wrong > 0
-
-
 def test_dents_at_the_line_do_not_move_it():
     phi = np.radians(np.arange(-20, 91, 0.5))
     heard = np.sin(phi) > -0.13

@@ -1,12 +1,10 @@
 import csv
 import io
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from minorloop.errors import OutputError
-from minorloop_head.reconstruction.findings import finding_of, finding_table, kind_of, save_findings
+from minorloop_head.reconstruction.findings import finding_of, finding_table, kind_of
 from minorloop_head.ultrasound.pits import PitDepth
 
 PIT = PitDepth("measured", np.radians(30.0), 20e-3, 1e-3, 0.5e-3, 20e-6, 30e-6, 5e-6)
@@ -22,13 +20,6 @@ def test_the_table_holds_degrees_and_millimetres():
     assert float(first["depth [mm]"]) == pytest.approx(0.5)
     assert float(first["depth_sd [mm]"]) == pytest.approx(0.005)
     assert float(first["width [mm]"]) == float(first["length [mm]"]) == 1.0
-
-
-def test_it_is_written_or_refused(tmp_path):
-    path = save_findings([finding_of(PIT)], tmp_path / "findings.csv")
-    assert path.read_text() == finding_table([finding_of(PIT)])
-    with pytest.raises(OutputError, match="does not exist"):
-        save_findings([], tmp_path / "no" / "findings.csv")
 
 
 @pytest.mark.parametrize(
@@ -47,9 +38,3 @@ def test_it_is_written_or_refused(tmp_path):
 def test_only_what_echoes_decide_has_a_kind(verdict, kind):
     assert kind_of(verdict) == kind
     assert finding_of(PitDepth(verdict, 0.0, 10e-3)).kind == kind
-
-
-def test_a_text_that_a_spreadsheet_takes_for_a_formula_is_quoted_and_numbers_are_not():
-    finding = replace(finding_of(PIT), kind="=1+1", verdict="-2+3", z=-20e-3)
-    (row,) = csv.DictReader(io.StringIO(finding_table([finding])))
-    assert (row["kind"], row["verdict"], row["z [mm]"]) == ("'=1+1", "'-2+3", "-20.0000")

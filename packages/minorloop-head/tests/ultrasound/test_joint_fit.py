@@ -10,7 +10,6 @@ from minorloop_head.ultrasound.joint_fit import (
     JointSolution,
     _with_slips,
     bent_fit,
-    best_fit,
     floor_gains_nothing,
     is_bent,
     moves,
@@ -46,11 +45,6 @@ def test_two_depths_that_noise_could_swap_are_ambiguous(gap, ambiguous):
     best, unsure = _with_slips(TwoDips(gap), JointSolution(start, 0.0))
     assert unsure == ambiguous
     assert best.cost == pytest.approx(min(0.0, gap), abs=1e-6)
-
-
-def test_a_start_a_whole_wave_off_finds_the_depth():
-    found = best_fit(fit_of(pit(depth=0.6e-3)), pit(depth=0.667e-3))
-    assert found.unknowns[3] == pytest.approx(0.6e-3, abs=3e-6)
 
 
 @pytest.mark.parametrize(("gain", "nothing"), [(1.0, False), (0.0, True)])

@@ -35,12 +35,11 @@ def test_a_lens_is_found_within_its_uncertainty(lens):
     assert not fit.warnings
 
 
-@pytest.mark.parametrize("count", [3, 5])
-def test_few_pictures_say_that_they_know_little(count):
+def test_few_pictures_say_that_they_know_little():
     off = []
     for seed in range(1000, 1010):
         with suppress(RecordError):
-            fit = fit_lens(all_over(count, seed=seed, noise=0.3), SIZE)
+            fit = fit_lens(all_over(3, seed=seed, noise=0.3), SIZE)
             off += [abs(each.value - LENS.focal) / each.sd for each in fit.measured[:2]]
     assert len(off) >= 10
     assert max(off) < 4

@@ -73,10 +73,6 @@ def jumping(sequence, n):
     return image
 
 
-def frozen(sequence, n):
-    return sequence.images[BAD[0] - 1]
-
-
 def follow(sequence, spoil, bad=BAD):
     """Return verdicts and errors (px of 320) of the frames that are spoiled, and of those after."""
     tracker = PatchTracker(sequence.camera)
@@ -97,7 +93,6 @@ def follow(sequence, spoil, bad=BAD):
         (dark, BAD, {"black"}),
         (plain, BAD, {"lost", "out of view"}),
         (left_right, BAD, MIRRORED),
-        (frozen, BAD, {"frozen"}),
         (fouled, SHORT, None),
         (late, BAD, None),
         (doubled, BAD, None),
