@@ -42,9 +42,8 @@ ELSEWHERE = {
     ),
     "minorloop/identification/alternation.py": "minorloop/identification/test_dynamics.py",
     "minorloop/identification/dynamic_search.py": "minorloop/identification/test_dynamics.py",
-    "minorloop/identification/elimination_order.py": (
-        "minorloop/identification/test_everett_system.py"
-    ),
+    "minorloop/identification/elimination_order.py": "minorloop/identification/test_active_set.py",
+    "minorloop/identification/everett_system.py": "minorloop/identification/test_active_set.py",
     "minorloop/identification/rough_model.py": "minorloop/identification/test_screening.py",
     "minorloop/page/process.py": "minorloop/page/test_workers.py",
     "minorloop/positioning_report.py": "minorloop/cli/test_demo.py",

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from minorloop.identification.accuracy import accuracy, by_curve
-from minorloop.identification.curves import Curves, as_curves
+from minorloop.identification.accuracy import accuracy
+from minorloop.identification.curves import Curves
 
 U = np.cos(np.linspace(0, 4 * np.pi, 401))
 LATE = np.cos(np.linspace(0, 4 * np.pi, 401) - 0.3)
@@ -31,17 +31,3 @@ def test_samples_that_were_not_measured_count_nowhere():
     assert (found.samples, found.loops) == (400, 1)
     assert found.rmse == pytest.approx(0.1)
     assert found.loop_area < 1e-9
-
-
-def test_curves_are_scored_each_over_the_range_of_the_record():
-    labels = np.repeat(["a", "b", "c"], [150, 150, 101])
-    curves = as_curves(labels, 401, "negative", None)
-    error = np.repeat([0.1, 0.2, 0.4], [150, 150, 101])
-    scored = labels != "b"
-    left_out = np.where(labels == "a", LATE + 0.6, np.nan)
-    first, last = by_curve(U, LATE, LATE + error, scored, curves, left_out)
-    assert (first.name, first.first, last.name, last.first) == ("a", 0, "c", 300)
-    span = np.ptp(LATE[scored])
-    assert (first.accuracy.nrmse, last.accuracy.nrmse) == pytest.approx((0.1 / span, 0.4 / span))
-    assert 300 <= last.accuracy.worst_sample <= 400
-    assert (first.left_out, last.left_out) == (pytest.approx(0.6 / span), None)

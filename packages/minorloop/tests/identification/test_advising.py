@@ -4,7 +4,7 @@ import pytest
 import minorloop as ml
 from fault_records import INPUTS, record, sine
 from fixed_options import Options, Plane, identify
-from minorloop import Preisach, Record, Smooth, excitation
+from minorloop import Preisach, Record, excitation
 from minorloop.operators.densities import GaussianDensity
 from plane_records import LEVELS, a_plane, a_record
 
@@ -33,16 +33,6 @@ def test_advice_names_a_poor_input(u, y, says):
     advice = " ".join(identify(u, a_plane().simulate(u), Plane(LEVELS)).advice)
     assert says in advice
     assert "no data were held out" in advice
-
-
-def test_groups_that_differ_are_named():
-    u, y = a_record(400)
-    groups = np.arange(400) // 80
-    same = " ".join(identify(Record(u, y, groups=groups), Plane(10)).advice)
-    assert "no data were held out" not in same
-    few = groups[::4]
-    differ = identify(Record(u[:100], y[:100], groups=few), Plane(10), prior=Smooth(0.0))
-    assert "the error on left-out groups" in " ".join(differ.advice)
 
 
 def test_advice_names_a_falling_output():

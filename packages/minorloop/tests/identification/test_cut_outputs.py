@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import minorloop as ml
-from fault_records import plant, record
+from fault_records import plant
 from minorloop.identification.curves import Curves
 from minorloop.identification.cut_outputs import cut_depth
 from minorloop.identification.rough_model import RoughRecord
@@ -38,14 +38,6 @@ def test_an_output_that_saturates_smoothly_is_not_cut(bend):
     y = np.tanh(bend * y) if bend else y
     y += 0.01 * np.ptp(y) * rng.normal(size=u.size)
     assert [cut_depth(rough(u, y), way) for way in (1, -1)] == [None, None]
-
-
-def test_the_unit_of_a_record_does_not_matter():
-    u, y = record(noise=0.01)
-    y = np.minimum(y, y.max() - 0.3 * np.ptp(y)) + 0.005 * np.random.default_rng(1).normal(size=400)
-    depth = cut_depth(rough(u, y), 1)
-    assert depth is not None
-    assert cut_depth(rough(1e3 * u, 1e-6 * y + 5e-6), 1) == pytest.approx(1e-6 * depth, rel=1e-6)
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.03, False), (0.1, True)])

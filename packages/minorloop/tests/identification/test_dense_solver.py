@@ -22,13 +22,6 @@ def test_the_solution_is_that_of_scipy():
     assert found.kkt <= active_set.TOLERANCE
 
 
-def test_the_optimality_is_the_largest_violation():
-    bounded = np.array([True, True, True, False])
-    z, gradient = np.array([0.0, 0.0, -0.5, 1.0]), np.array([-0.2, 3.0, 0.0, 0.1])
-    assert active_set.optimality(z, gradient, bounded, 2.0) == 0.25
-    assert active_set.optimality(np.maximum(z, 0), gradient, bounded, 2.0) == 0.1
-
-
 PATHS = {
     "conjugate gradients": ((dense_solver, "_FACTORISED", 10), (least_squares, "_LARGE", 20)),
     "a few unknowns at a time": ((active_set, "_FEW", 2),),

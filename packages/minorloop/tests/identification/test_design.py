@@ -19,15 +19,6 @@ def fit():
     return identify(Record(U, MODEL.simulate(U), sd=0.05), Plane(LEVELS), prior=Gaussian())
 
 
-def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
-    u = design(LEVELS, 12)
-    assert u.size == 12
-    assert u[0] == 0
-    assert (np.diff(u) != 0).all()
-    assert np.ptp(u) > 0.9
-    np.testing.assert_array_equal(design(LEVELS, 8), u[:8])
-
-
 def test_a_design_leaves_less_uncertainty_than_random_inputs():
     spec, h = PlaneSpec(LEVELS, diagonal="reversible"), Hyperparameters()
     rng = np.random.default_rng(0)

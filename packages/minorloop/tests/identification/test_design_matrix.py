@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from minorloop import ParameterError, Preisach
-from minorloop.identification.curves import Curves
+from minorloop import ParameterError
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
 
 LEVELS = np.array([-1.0, -0.6, -0.1, 0.0, 0.4, 1.0])
@@ -55,20 +54,3 @@ def test_normal_equations_too_large_for_the_memory_are_refused():
     matrix = DesignMatrix(spec, np.array([0.5, -0.5]), np.ones(2, dtype=bool), "negative")
     with pytest.raises(ParameterError, match="of 251 bands need more than 8 GB; give at most 250"):
         matrix.gram()
-
-
-def test_curves_that_begin_alike_share_the_reversals_of_their_reset():
-    rng = np.random.default_rng(0)
-    model = Preisach(np.linspace(-1, 1, 6), np.tril(rng.uniform(size=(5, 5))))
-    u = rng.uniform(-1, 1, 60)
-    curves = Curves(np.arange(0, 60, 6), "demagnetised")
-    inputs, places = curves.driven(u, model.levels)
-    measured = np.zeros(inputs.size, dtype=bool)
-    measured[places] = True
-    spec = PlaneSpec(model.levels)
-    matrix = DesignMatrix(spec, inputs, measured, "demagnetised")
-    found = matrix.forward(spec.unknowns_of(model))
-    np.testing.assert_allclose(found, curves.simulate(model, u), atol=1e-12)
-    one = len(model.memory("demagnetised").extrema)
-    assert matrix.reversals <= one + u.size
-    assert matrix.parent.size <= one + u.size

@@ -11,17 +11,6 @@ U = 0.5 - 0.5 * np.cos(3 * T) * np.exp(-0.1 * T)
 RECORD = DynamicRecord.of(Record(U, U, T), 0.0)
 
 
-@pytest.mark.parametrize(
-    ("ahead", "behind"), [((), ()), ((-3.0,), ()), ((), (-2.0, -5.0)), ((-3.0,), (-2.0, -5.0))]
-)
-def test_outputs_are_those_of_the_cascade(ahead, behind):
-    dynamics = DynamicParts(STEP, 3.0, ahead, behind)
-    expected = dynamics.cascade(PLANE).simulate(T, U)
-    np.testing.assert_allclose(dynamics.outputs(RECORD, PLANE), expected, atol=1e-6)
-    assert dynamics.structure == (len(ahead), len(behind), False)
-    np.testing.assert_array_equal(dynamics.at(dynamics.vector).vector, dynamics.vector)
-
-
 def test_dead_time_is_behind_the_operator_unless_all_poles_are_before_it():
     assert DynamicParts(STEP, 2.0, (-3.0,), ()).cascade(PLANE).linear.delay == pytest.approx(
         2 * STEP

@@ -34,15 +34,6 @@ def test_a_noisy_sensor_that_repeats_itself_is_stuck_even_for_a_short_time(first
     assert finding.samples == tuple(range(first, first + count))
 
 
-def test_every_stretch_of_a_noisy_sensor_is_named():
-    u, y = noisy()
-    for first in (900, 5000):
-        y[first : first + 60] = y[first]
-    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
-    assert finding.samples == (*range(900, 960), *range(5000, 5060))
-    assert "from sample 900 to 959, the first of 2 such stretches up to sample 5059" in finding.text
-
-
 @pytest.mark.parametrize("shape", INPUTS)
 @pytest.mark.parametrize("side", ["highest", "lowest"])
 def test_a_clipped_output_is_named(shape, side):

@@ -5,7 +5,6 @@ from scipy.optimize import lsq_linear, nnls
 from benchmarks import optima, staircases
 from minorloop.errors import ParameterError
 from minorloop.identification import least_squares
-from minorloop.identification.design_matrix import PlaneSpec, unpack
 from minorloop.identification.least_squares import neighbour_differences
 from plane_problems import a_problem, objective
 
@@ -39,13 +38,6 @@ def test_the_objective_is_that_of_scipy(noise, bands, samples):
     assert fit.kkt < 1e-9
 
 
-def test_signed_weights_are_ordinary_least_squares():
-    problem = a_problem(5, 200, signed=True)
-    fit = problem.fit(0.0)
-    best = np.linalg.lstsq(problem.matrix.dense(), problem.y, rcond=None)[0]
-    assert objective(problem, fit.x) == pytest.approx(objective(problem, best), rel=1e-9)
-
-
 def smoothed(problem, strength):
     """The same with the penalty as rows of a dense problem."""
     spec, dense = problem.matrix.spec, problem.matrix.dense()
@@ -61,21 +53,6 @@ def smoothed(problem, strength):
 def test_smoothness_is_the_documented_penalty(strength):
     problem = a_problem(5, 100)
     np.testing.assert_allclose(problem.fit(strength).x, smoothed(problem, strength), atol=1e-6)
-
-
-def test_the_penalty_compares_neighbours_weight_by_weight():
-    spec = PlaneSpec(np.arange(4.0))
-    x = np.random.default_rng(0).uniform(size=6)
-    w = unpack(x) / (1 - 0.5 * np.eye(3))
-    expected = sum(
-        (w[i, j] - w[k, m]) ** 2
-        for i in range(3)
-        for j in range(i + 1)
-        for k, m in ((i + 1, j), (i, j + 1))
-        if k < 3 and m <= k
-    )
-    apart = neighbour_differences(spec) @ np.append(x, 5.0)
-    assert apart @ apart == pytest.approx(expected)
 
 
 def test_the_strength_is_chosen_on_contiguous_segments():

@@ -14,8 +14,6 @@ from minorloop.identification.output_error import (
 )
 
 signal = Later("scipy.signal")
-
-RNG = np.random.default_rng(4)
 A, B = np.poly([0.9, 0.6])[1:], np.array([0.3, -0.1])
 TRUTH = Coefficients(A, B, 2)
 FORM = Structure(2, 2, 2)
@@ -25,16 +23,6 @@ def stretch(noise=0.0, seed=0, samples=300, u=None):
     rng = np.random.default_rng(seed)
     u = rng.normal(size=samples) if u is None else u
     return Stretch(u, TRUTH.simulate(u) + rng.normal(0, noise, u.size))
-
-
-def test_simulation_is_the_difference_equation():
-    u = RNG.normal(size=20)
-    y = np.zeros(20)
-    for k in range(20):
-        y[k] -= sum(A[i] * y[k - 1 - i] for i in range(2) if k - 1 - i >= 0)
-        y[k] += sum(B[i] * u[k - 2 - i] for i in range(2) if k - 2 - i >= 0)
-    np.testing.assert_allclose(TRUTH.simulate(u), y, atol=1e-12)
-    np.testing.assert_allclose(TRUTH.dc_gain, 0.2 / 0.04)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -3,7 +3,6 @@ import pytest
 
 from fixed_options import Plane, identify
 from minorloop import Preisach, Smooth
-from plane_records import a_record
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
 U = np.random.default_rng(0).uniform(0, 1, 25)
@@ -37,18 +36,3 @@ def test_a_model_without_the_prior_has_bands():
     assert (plain.predict(U, bands=0.9).sd > 0).all()
     assert plain.invert([0.0], unreachable="clip").sd > 0
     assert plain.band_sd == pytest.approx(plain.predict(U, bands=0.9).sd.mean())
-
-
-def test_scores_are_what_they_say():
-    u, y = a_record()
-    found = identify(u, y, Plane(10), holdout=0.25)
-    assert found.fitted.sum() == 1125
-    assert found.held_out[1125:].all()
-    predicted = found.model.simulate(u)
-    np.testing.assert_array_equal(found.predict(u), predicted)
-    error = (predicted - y)[1125:]
-    assert found.holdout_nrmse == pytest.approx(np.sqrt(np.mean(error**2)) / np.ptp(y[1125:]))
-    assert found.rmse == pytest.approx(np.sqrt(np.mean((predicted - y)[:1125] ** 2)))
-    assert found.nrmse == pytest.approx(found.rmse / np.ptp(y[:1125]))
-    assert found.holdout_nrmse < 0.01 < found.baseline_nrmse
-    assert "held out" in str(found)

@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from minorloop import Preisach, excitation
-from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.recursive import Recursive
 
 LEVELS = np.linspace(-1.2, 1.2, 11)
@@ -30,19 +27,6 @@ def followed(model, u, drift=0.0, **options):
         errors.append((recursion.model(state).step(state.memory, value)[0] - truth) / scale)
         state = recursion.update(state, value, truth + noise.normal(0, NOISE * scale))
     return recursion, state, np.array(errors)
-
-
-@given(
-    st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=30),
-    st.sampled_from(["uniform", "reversible"]),
-)
-def test_regressors_are_the_exact_areas(u, diagonal):
-    recursion = Recursive(LEVELS, diagonal=diagonal)
-    memory = recursion.begin().memory
-    for value in u:
-        _, memory = Preisach(LEVELS, np.zeros((10, 10))).step(memory, value)
-    matrix = DesignMatrix(recursion.spec, np.array(u), np.ones(len(u), dtype=bool), "negative")
-    np.testing.assert_allclose(recursion.regressor(memory), matrix.dense()[-1], atol=1e-12)
 
 
 @pytest.mark.parametrize("inputs", ["staircase", "random"])

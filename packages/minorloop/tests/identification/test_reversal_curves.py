@@ -33,7 +33,7 @@ def reversal_record(folder, name, field, moment, parity):
     ("name", "field", "moment", "limit"),
     [
         ("forc_feco_nanowires.csv", "field_Oe", "moment_emu", 0.011),
-        ("forc_msm33.csv", "field_T", "moment_Am2", 0.011),
+        pytest.param("forc_msm33.csv", "field_T", "moment_Am2", 0.011, marks=pytest.mark.whole),
     ],
 )
 def test_reversal_curves_of_magnets(shared_data, name, field, moment, limit):
