@@ -59,19 +59,6 @@ def test_the_offset_of_a_sensor_is_found_and_subtracted(absolute):
     np.testing.assert_allclose(result.errors, 0, atol=1e-12)
 
 
-def test_a_large_offset_of_the_sensor_is_said():
-    def shifted(share):
-        def plant(memory, u):
-            y, after = MODEL.step(memory, u)
-            return y + share * np.subtract(*MODEL.range[::-1]), after
-
-        return driven(drive(), plant).advice
-
-    assert "which is 50% of the range of the model" in shifted(-0.5)[0]
-    assert "check the offset of its conversion" in shifted(0.5)[0]
-    assert shifted(0.1) == []
-
-
 def weak(memory, u):
     """A plant of 90 % of the model's output."""
     y, after = MODEL.step(memory, u)

@@ -38,11 +38,6 @@ def test_other_units_are_refused(unit):
         score(in_file(), Record(U, Y, T, f"u [{unit}]", "v"))
 
 
-def test_rows_by_which_outputs_follow_are_said():
-    (said,) = simulate(in_file(lag=2), Record(U, Y)).notes
-    assert "outputs follow the inputs by 2 rows" in said
-
-
 def test_a_lag_in_seconds_is_that_of_another_rate():
     slow = 0.5 * np.arange(U.size)
     late = np.interp(slow - 0.7, slow, Y)
@@ -72,11 +67,6 @@ def test_models_of_every_kind_are_scored(kind):
     assert found.accuracy.rmse == pytest.approx(np.sqrt(np.mean(noise**2)), rel=1e-9)
     assert "error" in str(found)
     assert len(found.plot().axes) == 4
-
-
-def test_clipped_readings_are_named():
-    found = score(PLANE, Record(U, np.minimum(Y, np.quantile(Y, 0.7)), T))
-    assert "is clipped" in str(found.advice)
 
 
 def test_an_identification_is_scored_like_its_model():

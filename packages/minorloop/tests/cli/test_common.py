@@ -6,22 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 from minorloop.cli import _common
 from minorloop.errors import OutputError
-from minorloop.report import Report
-
-
-@pytest.mark.parametrize(
-    ("parse", "text", "value"),
-    [(_common.whole, "-3", -3), (_common.number, "1e-3", 1e-3), (_common.number, "inf", math.inf)],
-)
-def test_numbers_of_options(parse, text, value):
-    assert parse(text) == value
-    for bad in ("", "1,5", "many"):
-        with pytest.raises(typer.BadParameter, match=f"'{bad}' is not a"):
-            parse(bad)
 
 
 def test_numbers_that_json_lacks_become_null(capsys):
@@ -58,18 +45,6 @@ def test_an_interruption_ends_the_steps_at_once():
 
     with pytest.raises(KeyboardInterrupt):
         _common.all_done([interrupted, lambda: pytest.fail("went on")])
-
-
-def test_a_report_that_cannot_be_drawn_is_one_sentence():
-    def draw():
-        raise RuntimeError("no fonts")
-
-    with pytest.raises(OutputError, match=r"new\.html was not written.* no fonts"):
-        _common.write_report(draw, Path("new.html"), force=False)
-    with pytest.raises(OutputError, match="exists already"):
-        _common.write_report(lambda: Report("a", "b"), Path("good.csv"), force=False)
-    _common.write_report(lambda: Report("a", "b"), Path("new.html"), force=False)
-    assert "<h1>a</h1>" in Path("new.html").read_text()
 
 
 @pytest.mark.parametrize("other", ["new.csv", "./new.csv", "here/../new.csv", "link.csv"])

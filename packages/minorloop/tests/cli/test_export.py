@@ -30,13 +30,3 @@ def test_header_and_source_say_why_the_model_is_not_to_be_trusted(run, model, tm
         assert "WARNING: this model is not to be trusted: the output is clipped" in said
         assert "everywhere ; it lags" in said
         assert max(map(len, comment.splitlines())) <= 100
-
-
-def test_force_replaces_files(run, refused, tmp_path):
-    assert run(LINE)[0] == 0
-    (tmp_path / "firmware" / "main.c").write_text("mine")
-    (tmp_path / "firmware" / "minorloop.c").write_text("old")
-    assert "is not empty" in refused(LINE)
-    assert run(f"{LINE} --force")[0] == 0
-    assert (tmp_path / "firmware" / "main.c").read_text() == "mine"
-    assert "levels" in (tmp_path / "firmware" / "minorloop.c").read_text()

@@ -93,40 +93,6 @@ def test_a_model_not_to_be_trusted_says_so_in_its_status_its_file_and_its_report
     assert found["advice"][0] == warnings[0]
 
 
-def numbered(name="numbered.csv", curves=6, each=40):
-    """Curves of the record, each simulated alone, with their number."""
-    u, _ = record()
-    model = modelfile.read("model.json").model
-    rows = []
-    for k in range(curves):
-        part = u[k * each : (k + 1) * each]
-        rows.append(np.column_stack([np.full(each, k), part, model.simulate(part, "positive")]))
-    header = "curve,voltage [V],length [um]"
-    np.savetxt(name, np.concatenate(rows), delimiter=",", header=header, comments="")
-
-
-def test_curves_of_a_column_are_reset_and_left_out(model, run, answer):
-    modelfile.save(model, "model.json", force=True)
-    numbered()
-    line = f"{IDENTIFY.replace('good', 'numbered')} --law diagonal={model.diagonal},slope=no"
-    found = answer(f"{line} --record curves=curve,start_of_curve=positive,skip=2")
-    assert found["skipped"] == 12
-    assert found["samples"] == 6 * 38
-    assert found["nrmse_groups"] < 0.02
-    assert [curve["name"] for curve in found["curves"]] == [f"{k}" for k in range(6)]
-    assert found["curves"][5]["accuracy"]["samples"] == 38
-    assert found["band_sd"] > 0
-    shown = run(f"{line} --record curves=curve,start_of_curve=positive --report curves.html -v")[1]
-    assert "errors over the range of the record, by curve" in shown
-    assert "Curve by curve" in Path("curves.html").read_text()
-    assert run(f"{line} --record groups=curve")[0] == 1  # one curve for all: not to be trusted
-    header, *rows = Path("numbered.csv").read_text().splitlines()
-    named = [f"wire {'abcdef'[int(row[0])]},{row.split(',', 1)[1]}" for row in rows]
-    Path("numbered.csv").write_text("\n".join([header, *named]))
-    again = answer(f"{line} --record curves=curve,start_of_curve=positive,skip=2")
-    assert again["nrmse_groups"] == found["nrmse_groups"]
-
-
 def test_a_refused_table_does_not_wait_for_compiled_code(tmp_path):
     table = tmp_path / "wide.csv"
     table.write_text(",".join(f"c{k}" for k in range(20_000)) + "\n")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from minorloop import modelfile
-from minorloop.lab.columns import read_columns
 
 INVERT = "invert model.json targets.csv --target length"
 WANTED = [0.3, 1.5, -2.0]
@@ -40,17 +39,6 @@ def test_clipping_goes_as_near_as_possible_and_marks_the_targets(run, answer, mo
     rows = np.loadtxt("in.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(rows[:, 3], [1, 0, 0])
     np.testing.assert_allclose(rows[1:, 2], model.range[::-1])
-
-
-def test_the_table_of_inputs_contains_the_warnings_of_the_model(run, model):
-    modelfile.save(model, "model.json", warnings=["it is clipped", "it lags"], force=True)
-    assert run(f"{INVERT} --save in.csv")[0] == 0
-    header, first, second, *_ = Path("in.csv").read_text().splitlines()
-    assert header.endswith(",reachable,warning")
-    assert first.endswith(",it is clipped; it lags")
-    assert second.endswith(",")
-    u = read_columns("in.csv", ["input"])["input"]
-    np.testing.assert_allclose(model.simulate(u), WANTED, atol=1e-10)
 
 
 @pytest.mark.parametrize("verb", [INVERT, "simulate model.json good.csv --input voltage"])

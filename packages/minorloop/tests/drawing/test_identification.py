@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop import Gaussian, Preisach, Record, Smooth
+from minorloop import Gaussian, Preisach, Smooth
 
 TRUTH = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
 U = np.array([-1.0, 0.6, -0.4, 1.0, -1.0, 0.1, -0.7, 0.9, -1.0])
@@ -45,15 +45,3 @@ def test_no_line_joins_points_across_rows_that_are_not_measured():
         for line in found.plot().axes[0].lines:
             gaps = np.flatnonzero(np.isnan(line.get_ydata()))
             np.testing.assert_array_equal(gaps, np.arange(100, 120) - found.lag)
-
-
-def test_curves_are_drawn_with_their_rms_and_largest_errors():
-    labels = np.repeat(np.arange(12), 9)
-    found = identify(
-        Record(np.tile(U, 12), np.tile(TRUTH.simulate(U), 12), curves=labels, skip=1), Plane(4)
-    )
-    rms, largest, left_out = found.plot(part="curves").axes[0].lines
-    errors = [one.accuracy for one in found.curve_accuracy]
-    np.testing.assert_allclose(rms.get_ydata(), [100 * one.nrmse for one in errors])
-    np.testing.assert_allclose(largest.get_ydata(), [100 * abs(one.worst) for one in errors])
-    assert np.isfinite(left_out.get_ydata()).all()

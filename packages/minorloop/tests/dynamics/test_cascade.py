@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from later import Later
@@ -77,13 +77,6 @@ def test_the_input_is_early_by_the_dead_time(first, between):
     np.testing.assert_allclose(found.y, targets, atol=3e-3)
 
 
-def test_a_sampled_system_is_inverted_by_its_continuous_counterpart():
-    t, targets = growing_sine(1.0)
-    plain = Cascade(LINE, G).invert(t, targets, before=0.0)
-    sampled = Cascade(LINE, G.discretise(0.1)).invert(t, targets, before=0.0)
-    np.testing.assert_allclose(sampled.u, plain.u, atol=1e-6)
-
-
 def test_targets_out_of_reach_are_refused_or_clipped():
     t, targets = growing_sine(1.5 * PLANE.range[1])
     cascade = Cascade(PLANE, G)
@@ -107,17 +100,6 @@ def test_a_fast_zero_in_the_right_half_plane_counts_as_dead_time():
 
 
 CREEP = Creep([1.0, 30.0], [0.15, 0.25], 0.6)
-
-
-@ORDERS
-@given(u=INPUTS, before=st.floats(-1, 1))
-@settings(max_examples=20)
-def test_creep_acts_on_the_output(first, u, before):
-    t = 0.4 * np.arange(1, len(u) + 1)
-    plain, crept = Cascade(PLANE, G, first), Cascade(PLANE, G, first, CREEP)
-    rest = float(plain.simulate([0, 1], [before, before], before=before)[0])
-    wanted = CREEP.simulate(t, plain.simulate(t, u, before=before), before=rest)
-    np.testing.assert_allclose(crept.simulate(t, u, before=before), wanted, atol=1e-9)
 
 
 @ORDERS

@@ -56,18 +56,6 @@ def test_uneven_samples_are_where_even_ones_pass(between):
     np.testing.assert_allclose(part, whole[thin], atol=1e-7)
 
 
-def test_step_response_of_lags_in_closed_form():
-    slow, fast, delay = 5.0, 1.5, 0.7
-    t = np.linspace(-1, 40, 300)
-    since = np.maximum(t - delay, 0)
-    wanted = 1 - (slow * np.exp(-since / slow) - fast * np.exp(-since / fast)) / (slow - fast)
-    system = Linear.lags(slow, fast, delay=delay)
-    np.testing.assert_allclose(system.step_response(t), np.where(t > delay, wanted, 0), atol=1e-7)
-    sampled = system.discretise(0.1)
-    at = 0.1 * np.arange(400)
-    np.testing.assert_allclose(sampled.step_response(at), system.step_response(at), atol=1e-7)
-
-
 @given(LAGS, st.floats(0, 2))
 def test_response_is_that_of_scipy_and_the_dead_time(times, delay):
     system, hertz = with_zero(times, delay=delay), np.geomspace(1e-3, 10, 7)

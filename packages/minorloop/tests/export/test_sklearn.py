@@ -50,16 +50,6 @@ def test_following_rows_begin_with_the_memory_after_the_fit():
     np.testing.assert_allclose(found.predict(X[400:]), Y[400:], atol=1e-5)
 
 
-def test_only_the_named_column_is_used():
-    wide = np.column_stack([RNG.uniform(size=600), X[:, 0]])
-    one = ours.PreisachRegressor(levels=8, column=1).fit(wide, Y)
-    other = ours.PreisachRegressor(levels=8).fit(X, Y)
-    np.testing.assert_array_equal(one.predict(wide), other.predict(X))
-    for column in (2, -1, 0.5, "u"):
-        with pytest.raises(ParameterError, match=r"column is .* from 0 to 1"):
-            base.clone(one).set_params(column=column).fit(wide, Y)
-
-
 def test_it_works_in_a_search_with_contiguous_blocks():
     start = ours.PreisachRegressor(prior=Smooth(0.0), predict_from="end")
     splits = selection.TimeSeriesSplit(3, test_size=100)

@@ -86,29 +86,6 @@ def test_results_are_kept_when_a_cluster_is_lost_and_the_rest_follows_later(
     assert sorted(seen) == ["a", "b", "wait"]
 
 
-@pytest.mark.whole
-def test_a_specimen_whose_worker_leaves_is_given_to_another(cluster, tmp_path):
-    (tmp_path / "wait.closed").touch()
-    specimens = write_fleet(tmp_path, ["wait", "a", "b"])
-    cluster.scale(2)
-    with distributed.Client(cluster) as client:
-        client.wait_for_workers(2)
-
-    async def leave():
-        busy = next(one for one in cluster.workers.values() if one.state.executing_count)
-        await busy.close()
-        (tmp_path / "wait.closed").unlink()
-
-    def watch(done, of, last):
-        if done == 2:
-            on(cluster, leave)
-
-    summary = identify_fleet(
-        specimens, tmp_path / "out", workers=cluster.scheduler_address, watch=watch, **OPTIONS
-    )
-    assert len(summary.identified) == 3
-
-
 def test_refuses_addresses_without_a_scheduler(tmp_path):
     pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
     specimens = write_fleet(tmp_path, ["a"])

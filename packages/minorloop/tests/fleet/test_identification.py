@@ -1,4 +1,3 @@
-import dataclasses
 import json
 import sys
 
@@ -10,7 +9,6 @@ from minorloop import MissingExtraError, OutputError, ParameterError, load
 from minorloop.fleet import identification
 from minorloop.fleet._fitting import identify_one
 from minorloop.fleet.identification import identify_fleet
-from minorloop.fleet.manifest import Specimen
 
 SEEN = []
 
@@ -88,21 +86,6 @@ def test_failures_are_reported_and_a_stopped_fleet_continues(six, tmp_path):
 
     # What failed is tried again when that is asked for.
     assert identify(retry_failed=True)[1] == ["bad"]
-
-
-@pytest.mark.parametrize("change", ["input", "output", "file"])
-def test_specimens_with_other_columns_are_identified_again(change, tmp_path, here):
-    write_record(tmp_path / "s0.csv", 0)
-    table = np.loadtxt(tmp_path / "s0.csv", delimiter=",", skiprows=1)
-    np.savetxt(
-        tmp_path / "s0.csv", table[:, [0, 1, 1, 0]], delimiter=",", header="u,y,z,w", comments=""
-    )
-    (tmp_path / "s1.csv").write_bytes((tmp_path / "s0.csv").read_bytes())
-    one = Specimen("a", tmp_path / "s0.csv", "u", "y")
-    other = {"input": "w", "output": "z", "file": tmp_path / "s1.csv"}[change]
-    assert here([one], tmp_path / "out")[1] == ["a"]
-    assert here([one], tmp_path / "out")[1] == []
-    assert here([dataclasses.replace(one, **{change: other})], tmp_path / "out")[1] == ["a"]
 
 
 def test_the_folder_has_only_current_models_and_lists_strays(tmp_path, here):

@@ -27,18 +27,6 @@ def test_each_operator_equals_a_single_one(options, start):
     assert not after.lost.any()
 
 
-def test_step_by_step_gives_the_same_and_changes_nothing_in_place():
-    model, u = operator(), RNG.uniform(-1, 1, (50, 12))
-    whole, _ = simulate_fleet(model, u)
-    state = FleetState.begin(model, 50)
-    for t in range(12):
-        kept = state.copy()
-        y, following = simulate_fleet(model, u[:, t], state)
-        np.testing.assert_array_equal(y, whole[:, t])
-        np.testing.assert_array_equal(state.rows, kept.rows)
-        state = following
-
-
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_full_memory_loses_its_smallest_loop(signed):
     model, room = operator(signed), 8

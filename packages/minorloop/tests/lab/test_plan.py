@@ -161,16 +161,6 @@ class TestRefusals:
 
 
 class TestSlowMeters:
-    def test_a_plan_is_slowed_as_far_as_the_meter_needs(self):
-        plan = Plan([0.0, 1.0], [10.0, 20.0], tolerance=0.5, input="voltage [V]")
-        assert plan.slowed(0.05) is plan
-        slow = plan.slowed(0.1234)
-        assert (slow.sample_interval, slow.window) == (0.13, 1.3)
-        assert (slow.tolerance, slow.input) == (0.5, plan.input)
-        np.testing.assert_array_equal(slow.longest, plan.longest)
-        np.testing.assert_array_equal(slow.shortest, plan.shortest)
-        slow.check_answers(0.1234)
-
     @pytest.mark.parametrize("seconds", np.geomspace(1e-4, 10, 9))
     def test_a_plan_is_slowed_or_refused(self, seconds):
         plan = Plan([0.0], 10.0)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError
 from minorloop.lab.logs import read_log
 from minorloop.lab.records import Quantity, Record
 
@@ -119,19 +119,6 @@ def test_records_on_one_clock_are_joined():
         Record.joined([])
     with pytest.raises(RecordError, match="different channels"):
         Record.joined([small(), Record([1], [1], [3])])
-
-
-def test_an_existing_file_is_replaced_only_by_force(tmp_path):
-    file = tmp_path / "record.csv"
-    small().to_csv(file)
-    before = file.read_bytes()
-    with pytest.raises(OutputError, match="exists already"):
-        small(y=[7, 8, 9]).to_csv(file)
-    assert file.read_bytes() == before
-    small(y=[7, 8, 9]).to_csv(file, force=True)
-    assert read_log(file, input="voltage", output="curvature", time=None).y[0] == 7
-    with pytest.raises(OutputError, match="does not exist; make it first"):
-        small().to_csv(tmp_path / "missing" / "record.csv")
 
 
 def test_it_is_drawn_and_shown_in_a_notebook():

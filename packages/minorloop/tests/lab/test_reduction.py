@@ -5,12 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop import OutputError, ParameterError, Record, RecordError, SignalError, reduce
+from minorloop import ParameterError, Record, RecordError, SignalError, reduce
 from minorloop.arrays import uniform_levels
 from minorloop.identification.excitation import decaying_staircase
-from minorloop.lab.conversion import LaserCurvature, linear
+from minorloop.lab.conversion import LaserCurvature
 from minorloop.lab.curvature import displacement_from_curvature
-from minorloop.lab.logs import read_log
 from minorloop.lab.records import SAMPLE
 from minorloop.twins.ipmc import Ipmc
 
@@ -105,35 +104,6 @@ def test_readings_beyond_the_range_are_not_used(long):
     np.testing.assert_allclose(found.record().y, truth, atol=0.03)
 
 
-@pytest.mark.parametrize("code", [9.9e37, -9999.0])
-def test_codes_of_the_instrument_are_named_and_not_used(code, long):
-    log, truth = long
-    y = log.y.copy()
-    y[90::150] = code
-    found = reduce(Record(log.u, y, log.t, log.inputs, log.outputs), conversion=LASER)
-    (fault,) = found.faults
-    assert (fault.kind, fault.size) == ("code", code)
-    assert fault.samples == tuple(range(90, y.size, 150))
-    assert found.count("settled") == LEVELS.size
-    np.testing.assert_allclose(found.record().y, truth, atol=0.03)
-
-
-def test_spikes_are_counted_and_not_used(long):
-    log, truth = long
-    chance = np.random.default_rng(1000)
-    at = np.flatnonzero(chance.random(len(log)) < 0.01)
-    y = log.y.copy()
-    y[at] += chance.choice([-1, 1], at.size) * chance.uniform(0.5, 5.0, at.size)
-    found = reduce(Record(log.u, y, log.t, log.inputs, log.outputs), conversion=LASER)
-    (fault,) = found.faults
-    assert fault.kind == "outlier"
-    assert set(fault.samples) <= set(at.tolist())
-    assert len(fault.samples) >= 0.9 * at.size
-    assert found.count("settled") == LEVELS.size
-    assert np.sqrt(np.mean((found.record().y - truth) ** 2)) <= 0.01
-    assert reduce(log, conversion=LASER).faults == ()
-
-
 def test_spikes_of_a_measured_input_are_no_extremes(long):
     log, _ = long
     u, chance = log.u.copy(), np.random.default_rng(1000)
@@ -162,15 +132,6 @@ def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
     later = t + np.where(np.arange(t.size) > breaks[-1], 150.0, 0.0)
     long_gap = Record(u, y, later, "voltage [V]", "distance [mm]")
     assert not all(point.known for point in reduce(long_gap).points)
-
-
-def test_a_saturated_sensor_is_noticed(long):
-    log, _ = long
-    clipped = Record(log.u, np.maximum(log.y, 19.0), log.t, log.inputs, log.outputs)
-    found = reduce(clipped, conversion=LASER)
-    assert [fault.kind for fault in found.faults] == ["clipped"]
-    assert "the output is clipped or saturated at its lowest, 19: " in found.notes[0]
-    assert 0 < np.isnan(found.record().y).sum() < LEVELS.size
 
 
 def staircase_log(count, chance=1000):
@@ -212,17 +173,6 @@ def test_a_hold_without_readings_is_not_told_to_be_longer(what):
     assert not any("longer" in note for note in found.notes)
 
 
-def test_holds_with_too_few_readings_to_be_judged_are_not_told_to_be_longer():
-    t, u, y = staircase_log(10)
-    found = reduce(Record(u, y, t, "field [A]", "position [um]"))
-    assert found.count("unsettled") > 8
-    assert found.remedy in found.notes[-1]
-    assert "about 10 readings each" in found.remedy
-    assert "18 readings a hold or more" in found.remedy
-    t, u, y = staircase_log(18)
-    assert reduce(Record(u, y, t, "field [A]", "position [um]")).count("unsettled") == 0
-
-
 def test_the_standard_deviation_contains_the_resolution_of_the_sensor(long):
     log, truth = long
     step = 0.05
@@ -253,21 +203,6 @@ def test_what_is_no_record_or_too_large_is_refused(long):
     for u, y in ((1e307 * log.u, log.y), (log.u, 4e307 * np.sin(log.t))):
         with pytest.raises(SignalError, match=r"put reaches .*e\+307; scale it to below 1e\+150"):
             reduce(Record(u, y, log.t))
-
-
-def test_the_table_is_read_again(long, tmp_path):
-    found = reduce(long[0], conversion=linear(-2.0, 3.0, name="force", unit="N"))
-    file = tmp_path / "points.csv"
-    found.to_csv(file)
-    record = read_log(file, input="voltage", output="force", time="time")
-    np.testing.assert_array_equal(record.y, found.record().y)
-    assert str(record.output) == "force [N]"
-    header = file.read_text().splitlines()[0]
-    assert header == (
-        "time [s],voltage [V],force [N],sd [N],settled,verdict,held [s],end of hold [N]"
-    )
-    with pytest.raises(OutputError, match="exists"):
-        found.to_csv(file)
 
 
 @given(data=st.data())

@@ -171,31 +171,6 @@ class TestVerdict:
             assert np.isfinite(end.sd)
 
 
-class TestNoise:
-    """A verdict compares with the noise of the sensor: each sample of a hold counts."""
-
-    @pytest.mark.parametrize(("share", "likeness"), [(0.0002, 0.0), (0.001, 0.8)])
-    def test_settled_holds_of_the_strip_are_called_settled_and_others_are_not(
-        self, share, likeness
-    ):
-        """Settled: another such hold moves the output by less than 0.2 % of the span.
-
-        Also where the noise of neighbours is alike, as behind a filter.
-        """
-        chance, calls = np.random.default_rng(1000), []
-        for hold in (50.0, 200.0):
-            for t, y, _, span, moved in _holds("ipmc", hold, interval=hold / 1000, specimens=2):
-                white = chance.normal(size=y.size)
-                noise = signal.lfilter([np.sqrt(1 - likeness**2)], [1, -likeness], white)
-                noisy = y + share * span * noise
-                end = judge(t, noisy, tolerance=0.002 * span / hold, window=hold / 10)
-                calls.append((end.verdict == "settled", abs(moved) <= 0.002 * span))
-        called, truly = np.array(calls).T
-        assert 20 <= np.count_nonzero(truly) <= 30
-        assert np.mean(called[truly]) >= 0.95
-        assert np.mean(called[~truly]) <= 0.05
-
-
 class TestHonesty:
     """|value - truth| is within three standard deviations, whatever the verdict."""
 

@@ -19,14 +19,6 @@ GRID = {"preamble": -1.2, "hold": 20.0}
 VOLTAGE = "voltage [V]"
 
 
-def test_inputs_are_a_sine_about_the_offset_and_end_at_it():
-    t = SINE.interval * np.arange(1, SINE.count + 1)
-    np.testing.assert_allclose(SINE.inputs, 0.1 + 0.7 * np.sin(np.pi * t), atol=1e-12)
-    assert SINE.count == 5 * 40
-    assert SINE.length == t[-1] == 10.0
-    assert SINE.duration == 50.0
-
-
 def test_a_grid_has_every_frequency_at_every_amplitude():
     plan = Plan.of_sines(grid([0.1, 1.0], [0.7, 1.0], settling=30.0, **GRID), VOLTAGE)
     assert [(s.frequency, s.amplitude, s.discarded) for s in plan.sines] == [

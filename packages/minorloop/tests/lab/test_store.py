@@ -121,42 +121,6 @@ class TestKeeping:
                 assert repr(kept).replace("-0.0", "0.0") == repr(point).replace("-0.0", "0.0")
                 np.testing.assert_array_equal(store.trace(point.index)[1], y)
 
-    @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
-    @given(data=st.data())
-    def test_its_totals_are_those_of_the_points(self, tmp_path, data):
-        numbers = st.floats(-1e6, 1e6) | st.just(np.nan)
-        positive = st.floats(1e-6, 1e6)
-        count = data.draw(st.integers(0, 6))
-        path = tmp_path / os.urandom(8).hex()
-        with Store.create(path, Plan(np.zeros(7), 40.0), SETUP) as store:
-            for k in range(count):
-                changed = {
-                    "input": 0.0,
-                    "value": data.draw(numbers),
-                    "verdict": data.draw(st.sampled_from(["settled", "extrapolated", "unsettled"])),
-                    "held": data.draw(positive),
-                    "sample_interval": data.draw(positive | st.just(np.nan)),
-                }
-                store.add(_point(0, index=k, **changed), *_trace(0))
-            points, totals = store.points(), store.totals()
-        values, intervals = (
-            np.array([getattr(p, name) for p in points if np.isfinite(getattr(p, name))])
-            for name in ("value", "sample_interval")
-        )
-        assert totals["points"] == count
-        assert totals["held"] == pytest.approx(sum(point.held for point in points))
-        for verdict in ("settled", "extrapolated", "unsettled"):
-            assert totals[verdict] == sum(point.verdict == verdict for point in points)
-        assert (totals["lowest"], totals["highest"]) == (
-            (values.min(), values.max()) if values.size else (None, None)
-        )
-        assert (totals["median_interval"], totals["longest_interval"]) == (
-            (pytest.approx(np.median(intervals)), intervals.max())
-            if intervals.size
-            else (None,) * 2
-        )
-        assert totals["time_uncertainty"] == (0.05 if count else None)
-
     def test_it_is_finished_with_the_last_level_or_when_it_is_enough(self, tmp_path):
         with Store.create(tmp_path / "a", PLAN, SETUP) as store:
             for index in range(len(PLAN)):

@@ -55,15 +55,6 @@ def test_without_field_and_creep_it_is_the_plane(diagonal, seed, slope):
     np.testing.assert_allclose(y, plane.simulate(u, "demagnetised"), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("diagonal", DIAGONALS)
-def test_inputs_held_for_long_settle_at_the_settled_operator(law, diagonal):
-    model = a_model(law, diagonal=diagonal)
-    _, u = a_walk(3, 40)
-    y = model.simulate(1e4 * np.arange(40), u)
-    np.testing.assert_allclose(y, model.settled.simulate(u), rtol=0, atol=1e-9)
-
-
 def test_the_effective_input_solves_the_law_of_thermal_activation():
     model = a_model("field")
     marks = model.marks
@@ -113,16 +104,6 @@ def test_the_inverse_meets_outputs_at_each_instant(law, diagonal, seed):
     found = model.invert(t, targets, "demagnetised")
     assert found.reachable.all()
     assert found.worst <= 1e-10 * np.ptp(model.range)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_the_output_after_an_interval_rises_with_the_input(law):
-    model = a_model(law)
-    tracker = model.track()
-    for step, u in zip(*map(np.ndarray.tolist, a_walk(5, 30)), strict=True):
-        tracker.push(u, step % 3 + 0.01)
-    y = [tracker.peek(u, 0.05) for u in np.linspace(-1, 1, 400)]
-    assert (np.diff(y) >= -1e-12).all()
 
 
 def test_a_tracker_aims_and_its_copy_is_independent():

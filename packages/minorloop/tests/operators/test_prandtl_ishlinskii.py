@@ -58,15 +58,6 @@ def test_weighted_positions_add_up_to_the_output(case, u):
     np.testing.assert_allclose(model.simulate(u, start), expected, atol=1e-11)
 
 
-def test_inputs_are_those_of_the_plays_of_the_analytic_inverse():
-    """Krejci and Kuhnen 2001: with radii sum W_i (r_i+1 - r_i) and cumulative weights 1 / W."""
-    model = PrandtlIshlinskii([0.0, 1.0, 3.0], [2.0, 3.0, -1.0])
-    inverse = PrandtlIshlinskii([0.0, 2 * 1, 2 * 3 + 3 * 2], [1 / 2, -3 / (5 * 2), 1 / (4 * 5)])
-    targets = np.random.default_rng(3).uniform(-30, 30, 200)
-    wanted = inverse.simulate(targets, "relaxed")
-    np.testing.assert_allclose(model.invert(targets, "relaxed").u, wanted, atol=1e-12)
-
-
 def test_residuals_are_small_for_slopes_that_differ_by_five_decades():
     rng = np.random.default_rng(11)
     slopes = 10 ** rng.uniform(-4, 1, 30)

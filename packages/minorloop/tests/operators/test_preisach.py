@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 import oracles
-from minorloop import Memory, Preisach
+from minorloop import Preisach
 from minorloop.operators import _kernels
 
 LEVELS = np.array([-1.0, -0.75, -0.2, 0.0, 0.05, 0.6, 1.0])
@@ -103,14 +103,6 @@ def test_the_inverse_takes_the_nearest_input():
     assert moved.aim(moved.push(2.5)) == 2.5
 
 
-def test_negative_weights_are_inverted_if_a_slope_makes_the_model_monotone():
-    weights = np.tril(np.random.default_rng(0).uniform(-1, 1, (6, 6)))
-    lifted = Preisach(LEVELS, weights, slope=500.0)
-    assert lifted.monotone
-    targets = np.random.default_rng(1).uniform(*lifted.range, 500)
-    assert lifted.invert(targets).worst <= 1e-12 * span(lifted)
-
-
 @given(st.integers(0, 200), st.sampled_from(["uniform", "reversible"]), st.floats(0, 4))
 def test_monotone_means_that_no_branch_falls(seed, diagonal, slope):
     rng = np.random.default_rng(seed)
@@ -156,26 +148,3 @@ def test_densities_are_integrated_over_each_cell():
         lambda beta, alpha: np.exp(alpha - 2 * beta), 0.05, 0.6, 0.05, lambda alpha: alpha
     )
     assert model.weights[4, 4] == pytest.approx(corner, rel=1e-12)
-
-
-def test_everett_is_half_the_change_along_a_new_branch():
-    model = a_model(12)
-    tracker = model.track("positive")
-    before = tracker.push(-0.4)
-    assert model.everett(0.3, -0.4) == pytest.approx((tracker.push(0.3) - before) / 2)
-
-
-def test_aim_equals_the_inverse_and_the_memory_has_no_bound():
-    model = a_model(9)
-    targets = np.random.default_rng(2).uniform(*model.range, 200)
-    tracker, aimed = model.track(), []
-    for target in targets:
-        aimed.append(tracker.aim(target))
-        tracker.push(aimed[-1])
-    np.testing.assert_array_equal(aimed, model.invert(targets).u)
-    swing = np.linspace(1, 0, 2000) * np.where(np.arange(2000) % 2, -1, 1)
-    tracker = model.track()
-    followed = [tracker.push(value) for value in swing]
-    np.testing.assert_array_equal(followed, model.simulate(swing))
-    assert len(tracker.memory) > 1900
-    assert tracker.memory == Memory.after(swing, low=-1.0, high=1.0)

@@ -11,20 +11,6 @@ def test_every_start_has_its_own_key_and_token():
         assert not one.is_key(key)
 
 
-def test_a_cookie_is_known_by_its_token():
-    authentication = Authentication("127.0.0.1")
-    assert authentication.has_token(f"a=b; {authentication.cookie}={authentication.token}")
-    for cookies in (
-        None,
-        "",
-        f"{authentication.cookie}=",
-        f"other={authentication.token}",
-        "{{;;=\x00",
-        authentication.token,
-    ):
-        assert not authentication.has_token(cookies)
-
-
 FOREIGN = [
     "bad name=1",
     '{"json": [1, 2]}',

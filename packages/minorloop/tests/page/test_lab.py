@@ -49,11 +49,15 @@ def identify(client, user, **options):
 
 
 @pytest.fixture(scope="module")
-def user(client):
+def identified(client):
+    """The key of a user, and what came while the model was identified."""
     dropped = drop(client).json()
-    reply = identify(client, dropped["user"])
-    assert reply[-1] == {"report": True}
-    return dropped["user"]
+    return dropped["user"], identify(client, dropped["user"], holdout=0.2, lag=0)
+
+
+@pytest.fixture
+def user(identified):
+    return identified[0]
 
 
 def test_columns_are_described(client):
@@ -64,9 +68,9 @@ def test_columns_are_described(client):
     assert reply["columns"][1]["rows"] == 400
 
 
-def test_a_model_comes_in_stages(client):
-    user = drop(client).json()["user"]
-    reply = identify(client, user, holdout=0.2, lag=0)
+def test_a_model_comes_in_stages(identified):
+    _, reply = identified
+    assert reply[-1] == {"report": True}
     assert "reading" in reply[0]["stage"]
     (result,) = (t["result"] for t in reply if "result" in t)
     assert result["scores"]["holdout"] < 0.01

@@ -90,15 +90,6 @@ def test_excursions_are_not_wiped_out():
     assert abs(later) / 19 > 0.002
 
 
-def test_safe_takes_the_voltage_off():
-    twin, other = Ipmc(), Ipmc()
-    for each in (twin, other):
-        each.apply(1.0, 10.0, 10.0)
-    twin.safe()
-    assert twin.clock == other.clock
-    assert twin.apply(0.0, 5.0, 5.0).y[-1] == other.apply(0.0, 5.0, 5.0).y[-1]
-
-
 def test_sensed_bending_fades():
     t = np.linspace(0, 40, 401)
     record = Ipmc().sense(t, np.minimum(t / 0.5, 1.0) * 10.0)
@@ -108,12 +99,3 @@ def test_sensed_bending_fades():
     tau = -1 / np.polyfit(t[20:200], np.log(record.y[20:200]), 1)[0]
     assert tau == pytest.approx(4.0, rel=1e-6)
     assert isinstance(record, Record)
-
-
-def test_sensing_is_linear_and_needs_no_fine_samples():
-    t = np.linspace(0, 10, 11)
-    bend = np.abs(t - 5.0)
-    coarse = Ipmc().sense(t, bend)
-    fine = Ipmc().sense(np.linspace(0, 10, 1001), np.interp(np.linspace(0, 10, 1001), t, bend))
-    np.testing.assert_allclose(fine.y[::100], coarse.y, atol=1e-12)
-    np.testing.assert_allclose(Ipmc().sense(t, -2 * bend).y, -2 * coarse.y, atol=1e-12)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from minorloop.twins._kernels import creeping_resonance, hysteretic
+from minorloop.twins._kernels import creeping_resonance
 from minorloop.twins.stage import RATE, TRAVEL, Stage
 
 
@@ -22,16 +22,6 @@ def test_the_platform_moves_as_a_general_integrator_says():
     ).y[0]
     found = creeping_resonance(w, 1 / RATE, 64, omega, damping, times, shares)
     np.testing.assert_allclose(found, wanted, atol=3e-5)
-
-
-def test_minor_loops_do_not_close_as_those_of_plays_do():
-    radii, weights = np.array([0.0, 10.0]), np.array([1.0, 0.5])
-    u = np.concatenate([[0.0], np.linspace(0, 60, 61), [30.0, 60.0, 30.0, 60.0]])
-    plays = hysteretic(u, radii, weights, np.zeros(1), np.ones(1))
-    assert plays[-1] == plays[-3] == plays[-5]
-    pinned = hysteretic(u, radii, weights, np.array([0.5]), np.array([0.03]))
-    assert abs(pinned[-3] - pinned[-5]) > 0.01
-    assert abs(pinned[-1] - pinned[-3]) < abs(pinned[-3] - pinned[-5])
 
 
 def test_it_has_its_travel_its_creep_and_its_noise():

@@ -68,18 +68,6 @@ def test_a_hold_is_sampled_every_interval_and_at_its_end(plant):
     assert plant.sent == [(0.0, 0.5)]
 
 
-def test_a_hold_lasts_by_the_clock_however_slow_the_meter_is(plant):
-    plant.lag = 0.1
-    slow = bench(plant)
-    slow.check()
-    began = plant.clock.now()
-    record = slow.apply(0.5, 1.0, 0.005)
-    assert plant.clock.now() - began == pytest.approx(1.0)
-    np.testing.assert_allclose(record.t - record.timing.began, np.arange(10) * 0.1 + 0.05)
-    assert record.timing.ended - record.timing.began == pytest.approx(1.0)
-    assert record.timing.uncertainty == pytest.approx(0.05)
-
-
 @pytest.mark.parametrize("lag", [0.0, 0.03, 0.3, 0.31, 0.45, 0.7, 1.0])
 def test_no_reading_is_begun_that_would_end_after_the_hold(plant, lag):
     plant.lag = lag
@@ -108,15 +96,6 @@ def test_an_input_is_on_in_the_middle_of_the_exchange_that_sets_it(plant):
     assert record.timing.uncertainty == pytest.approx(0.2)
     again = bench(plant).apply(0.0, 1.0, 0.1)  # it is on already
     assert (again.timing.began, again.timing.uncertainty) == (0.0, 0.0)
-
-
-def test_how_long_the_meter_takes_is_measured_when_it_is_asked(plant):
-    plant.answer, plant.lag = 1.0, 0.25
-    slow = bench(plant)
-    assert slow.answer_time() == pytest.approx(0.25)
-    assert plant.clock.now() == pytest.approx(0.75)
-    assert slow.answer_time() == pytest.approx(0.25)
-    assert plant.clock.now() == pytest.approx(0.75)  # it is known
 
 
 def test_a_tick_that_is_shorter_than_an_answer_is_refused(plant):

@@ -256,16 +256,6 @@ def test_the_firmware_compiles_in_single_precision(model, tmp_path):
         compiled.build(tmp_path, ["wing_firmware.c"], option, "-c", program="one.o")
 
 
-def test_the_firmware_refuses_what_it_does_not_know(program):
-    link = Pipe(program)
-    link.ask(write(1, "HELLO"))
-    for words in (("DANCE",), ("SET",), ("GET", "1"), ("SET", "nan"), ("SET", "1x"), ("SET", "")):
-        found = parse(link.ask(write(3, *words)), 3)
-        assert found is not None
-        assert not found[0]
-    link.close()
-
-
 def test_thousands_of_damaged_lines_do_nothing_to_the_firmware(program):
     rng = random.Random(1)
     letters = "".join(map(chr, range(32, 127)))
