@@ -2,14 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop import ParameterError, Polynomial
-from minorloop.positioning import ExperimentProtocol, run_positioning
-from minorloop.twins.ipmc_laser import NOISE
-
-
-def test_hysteresis_known_is_several_times_better_than_ignored():
-    ratios = [run_positioning(seed).summary["rms_ratio"] for seed in range(5)]
-    assert np.median(ratios) >= 5
-    assert min(ratios) >= 3.3
+from minorloop.positioning import run_positioning
 
 
 def test_is_the_papers_experiment():
@@ -20,13 +13,6 @@ def test_is_the_papers_experiment():
     np.testing.assert_allclose(
         result.preisach.errors, result.preisach.achieved - result.targets, atol=1e-12
     )
-
-
-@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
-def test_targets_lie_in_their_bands(diagonal):
-    setup = ExperimentProtocol(laser=True, diagonal=diagonal)
-    shares = [run_positioning(seed, NOISE, setup).coverage for seed in range(1000, 1004)]
-    assert 0.85 <= np.mean(shares) <= 0.98
 
 
 def test_bands_are_as_wide_as_the_model_was_off_in_the_other_run():

@@ -5,7 +5,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from console_rig import PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
+from console_rig import PIT, Pilot, ScriptedCamera, position, right
 from minorloop_head.console import messages
 from minorloop_head.console.mark import NO_CONTACT, TOUCHED
 from minorloop_head.procedures.mark import tool_pixel
@@ -50,20 +50,6 @@ def test_the_catheter_follows_the_stick_and_stops_without_messages():
     before = position(pilot.session)
     pilot.silence(25)
     assert position(pilot.session)[2] == pytest.approx(before[2], abs=0.3)
-
-
-def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
-    pilot = Pilot(DirectCamera()).tracking()
-    session = pilot.session
-    assert session.state.mode == "TRACK"
-    assert session.focus == "sharp"
-    assert math.dist(session.seen.target[:2], view().lens.centre) < 6.0
-    pilot.measured()
-    (finding,) = session.findings
-    assert finding.diameter == pytest.approx(1e3 * PIT[2], abs=2.5 * finding.diameter_sd)
-    assert finding.phi == pytest.approx(math.degrees(PIT[0]), abs=2.5 * finding.phi_sd)
-    assert finding.z == pytest.approx(1e3 * PIT[1], abs=2.5 * finding.z_sd)
-    assert (finding.depth, finding.verdict) == (None, "no echoes yet")
 
 
 def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_back():

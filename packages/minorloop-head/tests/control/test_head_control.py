@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 
@@ -22,29 +20,6 @@ def control(name="observer", **options):
     return head_control(LAWS[name], (identified().model,) * 2, coupling=COUPLING, **options)
 
 
-@pytest.mark.parametrize("target", [20.0, 40.0])
-def test_the_default_settles_in_eight_seconds_with_little_overshoot(target):
-    run = Run(control(), (target, target), 20.0)
-    assert run.settling <= 8.0
-    assert run.overshoot <= 3.0
-    assert np.sqrt(np.mean(run.error(after=15.0) ** 2)) <= 0.15
-    assert run.unreachable == []
-
-
-@pytest.mark.parametrize(
-    ("period", "most"), [(60.0, 0.7), pytest.param(30.0, 1.8, marks=pytest.mark.whole)]
-)
-def test_a_circle_is_followed(period, most):
-    def circle(t):
-        turn = 2 * math.pi * t / period
-        return 25.0 + 10.0 * math.cos(turn), 25.0 + 10.0 * math.sin(turn)
-
-    run = Run(control(), circle, 15.0 + period)
-    error = np.hypot(*run.error(after=15.0).T)
-    assert np.sqrt(np.mean(error**2)) <= most
-    assert run.unreachable == []
-
-
 @EVERY_LAW
 def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
     if name == "feedforward":
@@ -56,28 +31,6 @@ def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
     assert verdict.reason == "convection too high"
     assert run.current[-1, 0] == 0.0
     assert [event.cause for axis, event in run.state.log if axis == 0].count("unreachable") == 1
-
-
-def test_a_head_that_is_too_cold_is_diagnosed_and_held_near_its_reach():
-    run = Run(control(), (55.0, 0.0), 30.0, surroundings=Surroundings(ambient=-10.0))
-    at, _, verdict = run.unreachable[0]
-    assert at <= 10.0
-    assert verdict.reason == "ambient too cold"
-    assert verdict.reach == pytest.approx(40.3, abs=5.0)
-    assert run.current[-1, 0] < 0.4
-    assert run.true[-1, 0] == pytest.approx(0.9 * verdict.reach, abs=1.0)
-
-
-def test_one_axis_stays_still_while_the_other_moves():
-    still = [
-        np.abs(
-            Run(
-                head_control("observer", (identified().model,) * 2, coupling=each), (25, 40), 16
-            ).error(after=12.0)
-        ).max()
-        for each in (COUPLING, None)
-    ]
-    assert max(still) < 0.6
 
 
 def test_it_begins_at_the_angles_of_the_head():

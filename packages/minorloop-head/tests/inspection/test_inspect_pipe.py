@@ -74,21 +74,6 @@ def test_it_goes_on_from_any_line_with_the_same_findings(script):
 
 
 @pytest.mark.usefixtures("unreported")
-def test_what_is_before_a_damaged_line_is_kept_and_the_rest_is_measured_again(script):
-    whole = script.run().content
-    lines = script.lines()[:-1]
-    cut = [n for n, line in enumerate(lines) if '"what": "view"' in line][2]
-    script.rewrite([*lines[:cut], f"{lines[cut][:90]}\n", *lines[cut + 1 :]])
-    damaged = (script.folder / "journal.jsonl").read_bytes()
-    assert script.run(resume=True).findings == whole["findings"]
-    said = next(text for text in script.told if "damaged" in text)
-    assert f"line {cut + 1} of {script.folder}/journal.jsonl is damaged; what is kept" in said
-    assert "2 views" in said
-    assert (script.folder / "journal.damaged.jsonl").read_bytes() == damaged
-    assert script.taken[0] == "view 3"
-
-
-@pytest.mark.usefixtures("unreported")
 def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(script):
     """What it shows then is visited after what was visited before, under a number of its own."""
     script.probe, script.torn = False, {"view 1", "hole 2 again"}

@@ -1,7 +1,6 @@
 import numpy as np
-import pytest
 
-from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN, Patch
+from minorloop_head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, Patch
 from minorloop_head.reconstruction.fusion import MeanDepths, fuse, inside_probability, outline_of
 from minorloop_head.ultrasound.pits import PitDepth
 
@@ -21,14 +20,6 @@ def heard(truth, sd=10e-6):
     footprints /= footprints.sum(axis=1, keepdims=True)
     noise = sd * np.random.default_rng(1).standard_normal(36)
     return MeanDepths(footprints @ truth.ravel() + noise, np.full(36, sd), footprints)
-
-
-def test_the_floor_and_the_wall_are_where_they_should_be():
-    wall = fuse(PIT, heard(TRUTH), PATCH)
-    assert wall.depth[OFF < 0.35e-3] == pytest.approx(0.5e-3, abs=20e-6)
-    assert (np.abs(wall.depth) < 3 * wall.sd)[OFF > 0.75e-3].all()
-    assert np.abs(wall.depth[OFF > 0.75e-3]).max() < 30e-6
-    assert (wall.source[OFF < 0.8e-3] == BOTH).all()
 
 
 def test_echoes_show_a_dimple_beside_the_pit():

@@ -50,19 +50,6 @@ def round_pit(depth, diameter=1e-3):
     return lambda x, y: depth if math.hypot(x, y) < diameter / 2 else 0.0
 
 
-@pytest.fixture(scope="module")
-def plain():
-    return c_scan(swept(), PROBE, PATCH)
-
-
-def test_a_plain_wall_has_no_depth_and_no_finds(plain):
-    assert plain.finds == ()
-    assert np.nanmax(np.abs(plain.wall.depth)) < 10e-6
-    assert np.nanmean(plain.amplitude) == pytest.approx(1.0, abs=0.05)
-    assert plain.gap.mean() < 0.03
-    assert np.abs(plain.wall.depth[~plain.gap] / plain.wall.sd[~plain.gap]).mean() < 2.0
-
-
 def test_faulty_bursts_count_as_gaps():
     bursts = [
         replace(one, burst=replace(one.burst, verdict="clipped")) if one.spot[1] > Z else one

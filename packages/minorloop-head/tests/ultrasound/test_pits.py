@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import Mount, Probe, wrapped
+from minorloop_head.geometry import Mount, Probe
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.findings import finding_of
 from minorloop_head.reconstruction.fusion import mean_depths
@@ -53,19 +53,6 @@ def bursts():
     return scan((TRUE,), 1, points=POINTS, pitch=PITCH)
 
 
-@pytest.fixture(scope="module")
-def found(bursts):
-    return measure_pit(bursts, PROBE, CENTRE, 1.15e-3)
-
-
-def test_the_depth_is_measured_to_20_micrometres(found):
-    assert found.verdict == "measured"
-    assert found.diameter == pytest.approx(1.1e-3, rel=0.12)
-    assert np.hypot(10e-3 * wrapped(found.phi - TRUE.phi), found.z - TRUE.z) < 0.1e-3
-    assert 0 < found.depth_sd < 20e-6
-    assert found.depth == pytest.approx(0.6e-3, abs=min(1.645 * found.depth_sd, 8e-6))
-
-
 @pytest.mark.parametrize("assumed", [pytest.param(11.5, marks=pytest.mark.whole), 31.5])
 def test_a_speed_of_sound_that_is_off_by_two_percent_makes_no_false_depth(bursts, assumed):
     probe = replace(PROBE, temperature=assumed)
@@ -89,17 +76,6 @@ def warm():
 def test_water_that_warms_during_a_raster_makes_no_false_depth(bursts, warm):
     found = measure_pit(bursts[:18] + warm[18:], PROBE, CENTRE, 1.15e-3)
     assert found.verdict == "distances disagree"
-    assert np.isnan(found.depth)
-
-
-@pytest.fixture(scope="module")
-def through():
-    return scan((replace(TRUE, depth=np.inf),), 2)
-
-
-def test_a_hole_is_distinguished_from_a_pit(through):
-    found = measure_pit(through, PROBE, CENTRE, 1.1e-3)
-    assert found.verdict == "through-hole"
     assert np.isnan(found.depth)
 
 

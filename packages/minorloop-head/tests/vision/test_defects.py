@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop_head.geometry import wall_distance, wrapped
+from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.extract import acquire
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import Hole, find_holes, strongest
-from minorloop_head.vision.reflectance_map import LitFrame
-from papers.catheter.scene_view import draw_sized_view, draw_view
+from papers.catheter.scene_view import draw_view
 
 
 def taken(seed, **options):
@@ -35,14 +34,6 @@ def shots():
 
 
 NOISE = np.random.default_rng(5)
-
-
-def turned():
-    """A further frame with all lights, two degrees on."""
-    view = scene()[0]
-    pan = view.pan + np.radians(2.0)
-    view.camera.look(pan, view.tilt)
-    return LitFrame(view.camera.frame().image, pan, view.tilt)
 
 
 @pytest.mark.parametrize("inside", ["dark", "white", "backlit"])
@@ -121,40 +112,9 @@ def test_a_look_says_of_each_light_whether_it_was_on(lights):
         find_holes([shots()[0], replace(shots()[1], lights=lights), *shots()[2:]], lens())
 
 
-@pytest.mark.parametrize("mode", ["single", "dither"])
-def test_other_ways_to_acquire(mode):
-    looks = shots()[-1:] if mode == "single" else [shots()[-1], turned()]
-    assert find_holes(looks, lens(), mode=mode).verdict == "good"
-
-
 def test_a_hole_on_the_seam_of_phi_counts_once():
     one, other = (
         Hole(np.array([phi, 20e-3]), 1e-3, evidence, "dark", np.empty((0, 2)))
         for phi, evidence in ((3.14, 2.0), (-3.14, 1.0))
     )
     assert strongest([other, one], 10e-3, 0.0) == (one,)
-
-
-@pytest.mark.parametrize("seed", [1006, 1022])
-def test_holes_and_pits_of_other_sizes_are_found_and_measured(seed):
-    view = draw_sized_view(seed, hole=True)
-    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
-    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
-    first = find_holes(looks, camera, diameters=(0.4e-3, 3e-3)).holes[0]
-    place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
-    assert wall_distance(first.place, place, camera.radius) < 0.2e-3
-    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
-
-
-def test_a_hole_in_a_flooded_pipe_is_found_with_the_lens_in_water():
-    view = draw_view(1004, hole=True, flooded=True)
-    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
-    lenses = (view.camera.calibration, view.camera.calibration.in_water())
-    air, water = (CalibratedCamera(one, view.mount, view.camera.leds) for one in lenses)
-    place = water.place(view.camera._pixel(*view.place), view.pan, view.tilt)
-    first = find_holes(looks, water).holes[0]
-    assert wall_distance(first.place, place, water.radius) < 0.1e-3
-    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
-    assert wall_distance(place, view.place, water.radius) < 0.1e-3
-    wrong = air.place(view.camera._pixel(*view.place), view.pan, view.tilt)
-    assert wall_distance(wrong, view.place, water.radius) > 0.5e-3

@@ -39,13 +39,6 @@ def test_time_is_found_as_by_identify(answer, model):
     assert said.startswith("time: none, because column 't [s]'")
 
 
-def test_the_lag_of_the_file_is_applied(answer, model):
-    modelfile.save(model, "late.json", lag=2)
-    y = model.simulate(inputs())
-    found = answer("simulate late.json good.csv --input voltage")["y"]
-    assert found == [y[0], y[0], *y[:-2]]
-
-
 def test_another_prefix_is_converted_and_another_unit_refused(answer, refused, model):
     Path("other.csv").write_text("voltage [mV]\n300\n")
     assert answer("simulate model.json other.csv")["y"] == model.simulate([0.3]).tolist()

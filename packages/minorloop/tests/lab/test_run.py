@@ -178,25 +178,6 @@ def test_an_actuator_that_cannot_be_made_safe_is_an_error_of_its_own(store, fail
     assert ("the cable was pulled" in str(caught.value)) == (fails_after == 2)
 
 
-def test_a_store_that_cannot_be_written_keeps_what_it_has(store, monkeypatch):
-    bench = Bench()
-    add = Store.add
-
-    def full(self, point, t, y):
-        if point.index == 3:
-            raise StoreError("the disk is full")
-        add(self, point, t, y)
-
-    monkeypatch.setattr(Store, "add", full)
-    with pytest.raises(StoreError, match="full"):
-        run(bench, PLAN, store)
-    assert bench.sent[-1] == "safe"
-    assert len(store) == 3
-    monkeypatch.undo()
-    run(Bench(), PLAN, store)
-    assert [point.index for point in store.points()] == list(range(len(PLAN)))
-
-
 def test_refuses_before_anything_is_applied(store, twin):
     bench = Bench()
     far = Plan([0.0, 2.5], 40.0, input="voltage [V]")
