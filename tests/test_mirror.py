@@ -33,6 +33,7 @@ ELSEWHERE = {
     "minorloop/operators/tracker.py": "minorloop/operators/test_operator.py",
     "minorloop/page/admission.py": "minorloop_head/console/test_server.py",
     "minorloop/version.py": "minorloop/cli/test_main.py",
+    "minorloop/cli/plan.py": "minorloop/cli/test_runs.py",
     "minorloop/devices.py": "minorloop/cli/test_devices.py",
     "minorloop/drawing/after_effect.py": "minorloop/drawing/test_notebook.py",
     "minorloop/drawing/dynamics.py": "minorloop/drawing/test_notebook.py",

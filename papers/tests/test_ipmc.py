@@ -13,15 +13,6 @@ def study():
         return ipmc.run_study(3)
 
 
-def test_one_specimen_keeps_every_bound(study):
-    figures = study.figures()
-    rows = {claim.key: claim.row(figures) for claim in ipmc.STUDY.claims}
-    missed = {key: row for key, row in rows.items() if row[-1] == "not met"}
-    assert set(missed) <= {"positioning.coverage_mean", "positioning_ours.coverage_mean"}
-    assert figures["positioning"]["coverage_mean"] >= 0.7  # of one specimen, 14 targets
-    assert figures["recursive"]["twin_over_fixed"] < 0.6
-
-
 def test_the_two_densities_differ_between_the_levels_only(study):
     uniform, ours = (one.identification.model for one in (study.uniform, study.ours))
     np.testing.assert_allclose(uniform.weights, ours.weights, atol=1e-6)

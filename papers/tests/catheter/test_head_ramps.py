@@ -1,27 +1,9 @@
 """Ramps in open loop by the paper's inverse."""
 
 import numpy as np
-import pytest
 
-from papers.catheter import head_ramps
 from papers.catheter.head_ramps import stepping_inverse
 from papers.catheter.head_static import identify_mesh
-
-
-@pytest.fixture(scope="module")
-def figures():
-    return head_ramps.ramp_figures(head_ramps.run_ramps(1001))
-
-
-def test_equal_ramps_become_worse_only_by_the_hypothesis_of_a_body_that_warms(figures):
-    assert figures["error_last_ramp_deg"] < 1.0
-    assert figures["body"]["error_last_ramp_deg"] > 1.5
-    assert figures["body"]["ratio"] > 1.5
-    assert figures["body"]["body_K"] > 2
-
-
-def test_ramps_that_get_faster_become_worse_without_it(figures):
-    assert figures["faster"]["ratio"] > 1.5
 
 
 def test_the_stepping_inverse_passes_each_target_by_less_than_a_step():

@@ -33,7 +33,6 @@ from papers.catheter.crack_trials import CrackOutcome
 from papers.catheter.detection import (
     SceneOutcome,
     recall_curve,
-    score_scene,
 )
 from papers.catheter.inspection import missed_holes
 from papers.catheter.inspection_servo import STROKE_SHARE, IntegralStudy, Scene, ServoRun
@@ -164,18 +163,6 @@ def test_the_catheter_goes_where_both_wires_turn_the_tool_to_a_place(monkeypatch
     if moved:
         assert (view.joints(marking.angles(place, home)) > most).any()
         assert (view.joints(marking.angles(place, went[0])) < most).all()
-
-
-@pytest.mark.whole
-def test_a_dark_hole_is_found_and_an_empty_wall_stays_empty():
-    outcomes = [
-        outcome for hole in (True, False) for outcome in score_scene(50_001, hole, ("switched",))
-    ]
-    assert [outcome.hole for outcome in outcomes] == [True, False]
-    assert outcomes[0].found
-    assert outcomes[0].evidence > 0
-    assert outcomes[1].false == 0
-    assert max(outcomes[1].alarms) < outcomes[0].evidence
 
 
 def test_less_evidence_finds_more_holes():

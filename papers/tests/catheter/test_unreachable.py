@@ -1,10 +1,8 @@
 import pytest
 
 from minorloop_head.control.reach import Unreachable
-from papers.catheter import unreachable
 from papers.catheter.head_loop import Alarm
 from papers.catheter.unreachable import BOTH, ImpossibleTarget, gather
-from papers.claims import claim_table
 
 COLD, COOLED = "ambient too cold", "convection too high"
 
@@ -31,12 +29,3 @@ def test_shares_are_over_the_cases_of_all_specimens():
     assert found["within_band"] == pytest.approx(2 / 3)
     assert found["given_up"] == 3
     assert found["after_max_s"] == 8.0
-
-
-@pytest.mark.whole
-def test_one_specimen_is_found_out_of_reach_and_not_within_it():
-    figures = gather([unreachable.run_study(1000)])
-    assert figures["unreachable"]["detected"] == 1.0
-    assert figures["unreachable"]["false_alarms"] == 0
-    assert figures["unreachable"]["cause_right"] == 1.0
-    assert len(claim_table(unreachable.STUDY.claims, figures).rows) == len(unreachable.STUDY.claims)

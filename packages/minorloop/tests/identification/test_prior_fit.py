@@ -21,7 +21,6 @@ from minorloop.identification.posterior import DensePosterior, SparsePosterior
 from minorloop.lab.settled_holds import hold_each
 
 LEVELS = np.linspace(-1.2, 1.2, 21)
-SEQUENCE = -1.2 + 2.4 * np.array([0, 0.85, 0.3, 0.5, 0.95, 0.55, 0.1, 0.35, 0.65, 0.5, 1, 0.75])
 
 
 @pytest.fixture
@@ -35,33 +34,6 @@ def sparse(monkeypatch):
 def measured(u, noise=0.0, specimen=1, seed=0):
     twin = connect("twin:ipmc", specimen=specimen, noise=noise, seed=seed)
     return hold_each(twin, u, 200.0, 200.0)[1]
-
-
-def test_twelve_holds_predict_better_than_without_the_prior():
-    y = measured(SEQUENCE, 0.1)
-    unseen = np.append(-1.2, np.random.default_rng(5).uniform(-1.2, 1.2, 40))
-    truth = measured(unseen)
-    errors = {}
-    for name in ("gaussian", "none"):
-        options = {"smoothness": 0.0} if name == "none" else {"noise": 0.1}
-        fit = Options.of(
-            {"levels": LEVELS, "prior": name, "diagonal": "reversible", **options}
-        ).identify(Record(SEQUENCE, y))
-        errors[name] = np.sqrt(np.mean((fit.model.simulate(unseen) - truth) ** 2)) / 19
-    assert errors["gaussian"] < 0.01
-    assert errors["gaussian"] < 0.4 * errors["none"]
-
-
-def test_bands_cover_what_was_not_seen():
-    covered = []
-    for specimen in range(4):
-        y = measured(SEQUENCE, 0.1, specimen, specimen)
-        fit = identify(
-            Record(SEQUENCE, y, sd=0.1), Plane(LEVELS, diagonal="reversible"), prior=Gaussian()
-        )
-        unseen = np.append(-1.2, np.random.default_rng(specimen).uniform(-1.2, 1.2, 40))
-        covered.append(fit.predict(unseen, bands=0.9).covers(measured(unseen, 0, specimen)))
-    assert 0.8 <= np.mean(covered) <= 1.0
 
 
 @pytest.mark.parametrize("place", [5, 9, 30])

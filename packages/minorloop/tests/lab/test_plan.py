@@ -103,16 +103,6 @@ class TestFiles:
         (tmp_path / "plan.csv").write_text(text)
         return tmp_path / "plan.csv"
 
-    @pytest.mark.parametrize(
-        ("header", "factor"),
-        [("hold", 1), ("hold [s]", 1), ("hold [ms]", 1e-3), ("hold [min]", 60), ("hold [h]", 3600)],
-    )
-    def test_holds_are_in_the_unit_of_their_column(self, tmp_path, header, factor):
-        plan = Plan.from_csv(self._file(tmp_path, f"{header},u [V]\n90,1\n120,-1\n"))
-        np.testing.assert_allclose(plan.longest, [90 * factor, 120 * factor], rtol=1e-15)
-        np.testing.assert_array_equal(plan.inputs, [1.0, -1.0])
-        assert plan.input == Quantity("u", "V")
-
     def test_shortest_holds_have_a_column_of_their_own_or_are_given(self, tmp_path):
         file = self._file(tmp_path, "u;hold [min];shortest hold [s]\n1;1;10\n2;1;20\n")
         np.testing.assert_array_equal(Plan.from_csv(file).shortest, [10.0, 20.0])

@@ -6,36 +6,14 @@ from hypothesis.extra.numpy import arrays
 
 from minorloop.errors import ParameterError, RecordError
 from minorloop.lab.logs import read_log
-from minorloop.lab.records import Quantity, Record
+from minorloop.lab.records import Record
 
-PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
 numbers = arrays(np.float64, (2, 5), elements=st.floats(allow_nan=False, allow_infinity=False))
-
-
-@pytest.fixture
-def table(tmp_path):
-    def write(content, name="table.csv"):
-        file = tmp_path / name
-        file.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return file
-
-    return write
 
 
 def small(**changes):
     values = {"t": [0, 1, 2], "u": [0.5, 0.6, 0.7], "y": [1, 2, 3]} | changes
     return Record(**values, inputs="voltage [V]", outputs="curvature [1/m]")
-
-
-def test_reads_names_units_and_numbers(table):
-    record = read_log(table(PLAIN), input="voltage", output="curvature [1/m]", time="time")
-    assert (record.input, record.output) == (Quantity("voltage", "V"), Quantity("curvature", "1/m"))
-    np.testing.assert_array_equal(record.t, [0, 1, 2])
-    np.testing.assert_array_equal(record.u, [0.5, 0.6, 0.7])
-    np.testing.assert_array_equal(record.y, [1, 2, 3])
-    assert record.timed
-    assert len(record) == 3
-    assert str(record) == "3 samples of voltage [V], curvature [1/m]"
 
 
 @given(numbers)

@@ -56,13 +56,6 @@ class TestExcel:
 
         return write
 
-    def test_its_first_sheet_is_a_table(self, workbook):
-        file = workbook([["u", "y"], ["V", "um"], [0.5, 1.5], [0.25, None]])
-        assert read_headers(file) == ["u [V]", "y [um]"]
-        found = read_columns(file, ["u", "y"], gaps=["y"])
-        np.testing.assert_array_equal(found["u"], [0.5, 0.25])
-        np.testing.assert_array_equal(found["y"], [1.5, np.nan])
-
     @pytest.mark.parametrize("unit", [[], [["s", "V", "um"]]])
     @pytest.mark.parametrize(
         "title",
