@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -7,8 +8,27 @@ from hypothesis import strategies as st
 from minorloop.errors import ParameterError
 from minorloop_head.control.controller import heating
 from minorloop_head.control.head import controller
+from minorloop_head.twins.wire import Wire
 from papers.catheter.control.laws import LAWS
-from wires import EVERY_LAW, made_up
+from wires import EVERY_LAW, angle, identified, made_up
+
+
+def driven(law, reference, seconds):
+    """True angles of a twin in a loop with one step of delay."""
+    plant = Wire(noise=0.05, seed=1)
+    state, seen, angles = law.begin(), angle(plant), []
+    for _ in range(round(seconds / law.interval)):
+        current, state = law.step(state, reference, seen)
+        seen = plant.exchange(current)
+        angles.append(angle(plant))
+    return np.array(angles)
+
+
+@EVERY_LAW
+@pytest.mark.parametrize("reference", [15.0, 45.0])
+def test_every_controller_brings_the_wire_to_the_target(name, reference):
+    angles = driven(controller(LAWS[name], identified().model), reference, 40.0)
+    assert abs(angles[-1] - reference) < (1.5 if name == "feedforward" else 0.3)
 
 
 @EVERY_LAW

@@ -16,6 +16,12 @@ def hot(current=0.4, **options):
     return {name: float(values[-1, 0]) for name, values in twin._truth().items() if name != "t"}
 
 
+def resistance(xi, wire=WIRE):
+    """Resistance in ohm per metre at fraction xi."""
+    mixed = wire["resistivity_austenite"] * (1 - xi) + wire["resistivity_martensite"] * xi
+    return mixed / (np.pi / 4 * DIAMETER**2)
+
+
 def by_hand(z, xi, wire=WIRE):
     """Stress, temperature and angle in degrees at effective temperature z, fraction xi."""
     area = np.pi / 4 * DIAMETER**2
@@ -59,6 +65,24 @@ def test_cools_along_the_cosine_of_liang_and_rogers():
         z = min(z, WIRE["martensite_start"])
         cosine = 0.5 * (np.cos(b * (z - WIRE["martensite_finish"])) + 1)
         assert truth["martensite"] == pytest.approx(cosine, abs=1e-9)
+
+
+def test_keeps_the_balance_of_heat():
+    twin = Wire(log_truth=True, substeps=10)
+    area = np.pi / 4 * DIAMETER**2
+    mass = WIRE["density"] * area
+    gained = 0.0
+    step = 0.01
+    before = np.array([20.0, 1.0])
+    for current in np.repeat([0.4, 0.1, 0.3, 0.0], 500):
+        twin.apply(float(current), step, step)
+        truth = twin._truth()
+        temperature, xi = truth["temperature"][-1, 0], truth["martensite"][-1, 0]
+        lost = 75.0 * np.pi * DIAMETER * (temperature - 20.0)
+        gained += step * (current**2 * resistance(xi) - lost)
+        now = np.array([temperature, xi])
+    stored = mass * np.dot([WIRE["heat_capacity"], -WIRE["latent_heat"]], now - before)
+    assert gained == pytest.approx(stored, abs=0.05)
 
 
 @given(st.lists(st.floats(0.0, 0.4), min_size=2, max_size=8))

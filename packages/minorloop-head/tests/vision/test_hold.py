@@ -23,6 +23,23 @@ def seen(angles):
     return CAMERA.lens.project(camera)
 
 
+def test_a_sway_is_predicted():
+    """The angles that are wanted go ahead of the sway by the lead."""
+    hold = PointHold(servo=HOLD.servo, lead=0.3, integral_gain=0.0)
+    state, wanted = hold.begin(AIM), []
+    sway = np.radians(1.0) * np.sin(2 * np.pi * 0.3 * 0.04 * np.arange(400))
+    for each in sway:
+        base = np.array([each, 0.0])
+        step, state = hold.step(state, seen(AIM + base), AIM)
+        wanted.append(step.angles[0] - AIM[0])
+    late = np.arange(150, 390)
+    errors = [
+        np.abs(np.array(wanted)[late] + np.interp(late + ahead, np.arange(400), sway)).max()
+        for ahead in (0.0, 0.3 / 0.04)
+    ]
+    assert errors[1] < 0.7 * errors[0]
+
+
 def followed(hold, seconds, *, off=(0.5, -0.3), bias=(0.0, 0.0), late=0, most=10.0):
     """Errors (T, 2) in radians of joints that go to their wanted angles late and with a bias.
 

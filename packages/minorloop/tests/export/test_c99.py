@@ -161,6 +161,25 @@ def test_inputs_and_targets_give_what_python_gives(float32, share, tmp_path):
         assert np.abs(model.simulate(u[:1000]) - targets[:1000]).max() <= share * width
 
 
+@pytest.mark.parametrize("first", ["linear", pytest.param("operator", marks=pytest.mark.whole)])
+def test_a_cascade_gives_what_python_gives_and_settles_at_a_target(first, tmp_path):
+    model = operator(slope=0.1)
+    cascade = Cascade(model, LAGS, first)
+    written = source(cascade)
+    code = compiled.Compiled(written, tmp_path)
+    assert code.state_bytes == written.state_bytes
+    u = np.random.default_rng(5).uniform(*model.levels[[0, -1]], 300)
+    low = model.levels[0] if first == "operator" else model.levels[0] / LAGS.dc_gain
+    state, expected = cascade.begin(float(low)), []
+    for sample in u:
+        y, state = cascade.step(state, float(sample))
+        expected.append(y)
+    np.testing.assert_allclose(code.walk(u)[0], expected, atol=1e-12 * np.ptp(expected))
+    gain = LAGS.dc_gain if first == "operator" else 1.0
+    target = gain * (0.7 * model.range[1] + 0.3 * model.range[0])
+    assert abs(code.chase(np.full(400, target))[1][-1] - target) < 1e-6 * np.ptp(model.range)
+
+
 @pytest.mark.parametrize(
     ("model", "start"),
     [

@@ -39,6 +39,12 @@ def test_follows_a_fixed_plane_within_half_a_percent(inputs):
     assert state.theta[:-1].min() >= 0
 
 
+def test_follows_a_drifting_plane_within_a_percent():
+    u = np.random.default_rng(3).uniform(-1.2, 1.2, 1500)
+    _, _, errors = followed(a_model(), u, drift=0.1)
+    assert np.sqrt(np.mean(errors[400:] ** 2)) <= 0.01
+
+
 def test_the_model_stays_on_inputs_that_hardly_excite_it():
     """Where plain recursive least squares with clipped weights grows without bound."""
     u = np.tile([0.12, 0.36], 1500)

@@ -26,6 +26,31 @@ def started(draw):
     return model, past if isinstance(past, str) else model.trace(past, "relaxed")[-1]
 
 
+def one_play(u, radius, position):
+    """Backlash step by step: a piston in a sleeve of half-width ``radius``, pushed by its ends."""
+    positions = []
+    for sample in u:
+        if sample - position > radius:
+            position = sample - radius
+        elif position - sample > radius:
+            position = sample + radius
+        positions.append(position)
+    return np.array(positions)
+
+
+def test_equals_the_sum_of_single_plays():
+    rng = np.random.default_rng(1)
+    radii, weights = np.array([0.0, 0.3, 1.1]), np.array([0.5, 2.0, -0.7])
+    start = np.array([0.2, 0.1, -0.4])
+    u = rng.normal(size=300)
+    expected = 3.0 + sum(
+        weight * one_play(u, radius, position)
+        for radius, weight, position in zip(radii, weights, start, strict=True)
+    )
+    model = PrandtlIshlinskii(radii, weights, 3.0)
+    np.testing.assert_allclose(model.simulate(u, start), expected, atol=1e-14)
+
+
 @given(started(), signals)
 def test_weighted_positions_add_up_to_the_output(case, u):
     model, start = case
