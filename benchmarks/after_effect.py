@@ -1,6 +1,6 @@
 """Time in the plane: speed, the inverse, positioning with short holds, and curves after pauses.
 
-Positioning is that of `papers.short_holds`. The rock is read from ``../shared/data``,
+Positioning is that of `papers.ipmc`. The rock is read from ``../shared/data``,
 where it is at hand: fitted on pauses of 0 and 50 s, predicted after 350 s. The gain of each run is
 that of its own calibration points; "aligned" is after gain and slope of the run are fitted too, two
 numbers.
@@ -20,7 +20,7 @@ from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 from papers.harness import medians
-from papers.short_holds import SHORT, TARGETS, run_short_holds
+from papers.ipmc import SHORT, TARGETS, run_short_holds
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "forc"
 ROCK = "tiva_canyon_05A_pause_{}s.frc"

@@ -31,8 +31,7 @@ from minorloop_head.vision.candidates import FEATURES, KINDS, Candidate, candida
 from minorloop_head.vision.defects import MODES, SIZED, SIZES, SWITCHED, Hole, scales, strongest
 from minorloop_head.vision.reflectance_map import LitFrame, aligned, lay_flat
 from papers.catheter.detection import FAR, NEAR, misjudged, shots, wilson
-from papers.catheter.scene_view import draw_view
-from papers.catheter.sized_view import DIAMETERS, draw_sized_view
+from papers.catheter.scene_view import DIAMETERS, draw_sized_view, draw_view
 
 OURS, RENDERED, FLOODED = "ours", "rendered", "flooded"
 FALSE = 0.05

@@ -16,7 +16,7 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings, convection
 from minorloop_head.twins.wire import DIAMETER
 from papers.catheter import scoring
-from papers.catheter.flooded import TEMPERATURES, needed
+from papers.catheter.mission import TEMPERATURES, needed
 
 GAS = 0.026
 """Conductivity of air, in W/(m K)."""

@@ -11,7 +11,7 @@ from papers import benchmark, design, stage
 from papers.catheter import head
 from papers.catheter.head_report import draw_steps
 from papers.catheter.head_static import identify_head
-from papers.design_report import draw_curves
+from papers.design import draw_curves
 from papers.harness import for_each, medians
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"

@@ -20,16 +20,15 @@ from papers.claims import claim_table
 from papers.harness import Specimens, Study, study_of
 
 STUDIES = {
-    "ipmc": "papers.ipmc_report",
-    "fibre": "papers.fibre_report",
-    "design": "papers.design_report",
+    "ipmc": "papers.ipmc",
+    "fibre": "papers.fibre",
+    "design": "papers.design",
     "benchmark": "papers.benchmark",
     "stage": "papers.stage",
     "head": "papers.catheter.head_report",
-    "inspection": "papers.catheter.inspection_report",
+    "inspection": "papers.catheter.inspection",
 }
 """The module of each."""
-_FIGURES, _UNFINISHED = "figures.json", "unfinished.json"
 _MOST, _MOST_SCENES = 1000, 100_000
 """Largest counts: days of computation, so that more is a typing error."""
 
@@ -84,15 +83,19 @@ def run(
         raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
     if seed < 0:
         raise ParameterError(f"--seed is {seed}; give 0 or more")
-    if only is not None:
-        module = _part_of(name, study_of(module), only)
     study = study_of(module)
+    if only is not None:
+        if only not in study.parts:
+            known = f"give {', '.join(study.parts)}" if study.parts else f"{name} has no parts"
+            raise ParameterError(f"--only is {only!r}; {known}")
+        module = study.parts[only]
+        study = study_of(module)
     options = _shared_out(
         name if only is None else f"--only {only}", study, specimens, scenes=scenes, scans=scans
     )
     if out is not None:
         make_folder(out)
-    unfinished = None if out is None else out / _UNFINISHED
+    unfinished = None if out is None else out / "unfinished.json"
     found = Specimens(study, specimens, seed, unfinished, _common.json_text)
     with (
         ended_by_signals(),
@@ -107,7 +110,7 @@ def run(
     shown = {**found.gathered, "specimens": specimens, "seed": seed}
     steps: list[Callable[[], None]] = [partial(_show, study, shown, as_json)]
     if out is not None:
-        steps.insert(0, partial(write_atomically, out / _FIGURES, _common.json_text(shown)))
+        steps.insert(0, partial(write_atomically, out / "figures.json", _common.json_text(shown)))
         if only is None:
             steps.insert(0, partial(_report, study, found, out, as_json))
     all_done(steps)
@@ -118,14 +121,6 @@ def _module_of(name: str) -> str:
     if name not in STUDIES:
         raise ParameterError(f"there is no study {name!r}; give one of {', '.join(STUDIES)}")
     return STUDIES[name]
-
-
-def _part_of(name: str, study: Study, only: str) -> str:
-    """Return the module of a part of a study, which has no report."""
-    if only not in study.parts:
-        known = f"give {', '.join(study.parts)}" if study.parts else f"{name} has no parts"
-        raise ParameterError(f"--only is {only!r}; {known}")
-    return study.parts[only]
 
 
 def _shared_out(name: str, study: Study, specimens: int, **counts: int | None) -> dict[str, int]:

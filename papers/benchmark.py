@@ -23,14 +23,11 @@ from minorloop.operators.differential import BoucWen
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.report import Table
 from papers import bouc_wen as plant
-from papers.drawing import Paint, draw, panel
+from papers.drawing import draw, on_axes, panel
 from papers.harness import Results, Study, rms
 
-SUBSTEPS = 5
-"""Steps of the integration in an interval: 3,750 a second, a fourth of those of the twin."""
-PLAYS, SPRINGS = 6, 3
-"""Plays, and degree of the restoring force beside them. By trial: twelve plays are hardly better,
-and unstable for some forces."""
+PLAYS = 6
+"""By trial: twelve are hardly better, and unstable for some forces."""
 MODELS = {
     "linear": "linear",
     "plays": "plays in feedback, cubic spring",
@@ -58,8 +55,8 @@ def run_study(seed: int) -> Results:
     training, test = plant.training_record(seed), plant.multisine_test(seed)
     sweep = plant.sweep_test()
     # The filters are a data sheet of the converter. The first two pass what the third one passes.
-    stages = tuple(plant.filters()[-1:])
-    options: dict[str, Any] = {"substeps": SUBSTEPS, "stages": stages}
+    # Steps of the integration are 3,750 a second, a fourth of those of the twin.
+    options: dict[str, Any] = {"substeps": 5, "stages": tuple(plant.filters()[-1:])}
 
     def error(
         model: Oscillator, record: plant.BenchmarkRecord, between: Any = "band"
@@ -85,13 +82,21 @@ def run_study(seed: int) -> Results:
         return Results(figures, found=found, **errors)
 
     unknown = scored("unknown")
-    known = unknown.found.model
-    nothing = ("alpha", "gamma", "delta", "exponent")
-    spring = known.stiffness[0]
-    still = Oscillator(known.mass, known.damping, 2 * spring, BoucWen(_NO_SLOPE, 0.0, 0.0))
-    linear = scored(still, nothing)
-    plays = scored(_plays(linear.found.model, training.y))
-    grey = scored(_bouc_wen(linear.found.model, training.y))
+    known, widest = unknown.found.model, float(np.abs(training.y).max())
+    # The slope of a hysteretic force that is none: a hundred millionth of the stiffness.
+    none = BoucWen(1e-3, 0.0, 0.0)
+    still = Oscillator(known.mass, known.damping, 2 * known.stiffness[0], none)
+    linear = scored(still, ("alpha", "gamma", "delta", "exponent"))
+    start = linear.found.model
+    # A cubic restoring force, and plays of weight zero.
+    radii = widest * np.arange(1, PLAYS + 1) / (PLAYS + 1)
+    springs = np.concatenate([start.stiffness, np.zeros(2)])
+    operator = PrandtlIshlinskii(radii, np.zeros(PLAYS))
+    plays = scored(replace(start, stiffness=springs, operator=operator))
+    # Half of the stiffness is hysteretic, and bends within the record.
+    half, bend = start.stiffness / 2, 0.5 / widest
+    law = BoucWen(float(half[0]), bend, -bend)
+    grey = scored(replace(start, stiffness=half, operator=law))
     models = {"linear": linear, "plays": plays, "unknown": unknown, "grey": grey}
     worst = float(np.abs(grey.found.parameters / true_parameters() - 1).max())
     figures = {
@@ -103,10 +108,6 @@ def run_study(seed: int) -> Results:
     return Results(figures, seed=seed, test=test, sweep=sweep, models=models)
 
 
-_NO_SLOPE = 1e-3
-"""Slope in N/m of a hysteretic force that is none: a hundred millionth of the stiffness."""
-
-
 def true_parameters() -> FloatArray:
     """Return the parameters of the plant as they can be seen: with the products of beta."""
     law = plant.PARAMETERS
@@ -114,19 +115,6 @@ def true_parameters() -> FloatArray:
     return np.array(
         [*first, law["beta"] * law["gamma"], law["beta"] * law["delta"], law["exponent"]]
     )
-
-
-def _bouc_wen(linear: Oscillator, y: FloatArray) -> Oscillator:
-    """Return an oscillator half of whose stiffness is hysteretic, and bends within the record."""
-    half, bend = linear.stiffness / 2, 0.5 / float(np.abs(y).max())
-    return replace(linear, stiffness=half, operator=BoucWen(float(half[0]), bend, -bend))
-
-
-def _plays(linear: Oscillator, y: FloatArray) -> Oscillator:
-    """Return an oscillator whose hysteretic force is one of plays, all of weight zero."""
-    radii = np.abs(y).max() * np.arange(1, PLAYS + 1) / (PLAYS + 1)
-    springs = np.concatenate([linear.stiffness, np.zeros(SPRINGS - 1)])
-    return replace(linear, stiffness=springs, operator=PrandtlIshlinskii(radii, np.zeros(PLAYS)))
 
 
 def published_table(figures: Mapping[str, Any]) -> Table:
@@ -184,15 +172,13 @@ def draw_law(study: Results) -> Any:
     true = BoucWen(*true_parameters()[3:]).slopes(z)
     most = 1.2 * max(float(both.max()) for both in true) / 1e3
 
-    def bands(values: FloatArray, one: FloatArray) -> Paint:
-        style = {"fmt": "o-", "ms": 3, "lw": 1, "color": "C0", "label": "found"}
-        return lambda axes: axes.errorbar(law.levels, values / 1e3, 2 * one / 1e3, **style)
-
+    style = {"fmt": "o-", "ms": 3, "lw": 1, "color": "C0", "label": "found"}
     sides = zip(("rising", "falling"), (law.rising, law.falling), sd, true, strict=True)
     panels = [
         panel(
             "hysteretic force [N]", "slope [N/mm]", (z, both / 1e3, "0.3", "plant"),
-            bands(values, one), title=f"displacement {name}", ylim=(0, most),
+            on_axes("errorbar", law.levels, values / 1e3, 2 * one / 1e3, **style),
+            title=f"displacement {name}", ylim=(0, most),
         )
         for name, values, one, both in sides
     ]  # fmt: skip

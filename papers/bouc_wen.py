@@ -15,20 +15,12 @@ from papers import _bouc_wen_kernels as _kernels
 
 RATE = 750.0
 """Samples a second of the records."""
-_STAGES = (2, 2, 5)
-"""Factors of the decimation, in order."""
-_TAPS = 31
-"""Taps of each filter: order 30."""
+_STAGES, _TAPS = (2, 2, 5), 31
+"""Factors of the decimation, in order, and taps of each filter: order 30."""
 PERIOD = 8192
 """Samples of one period of a multisine."""
-_PERIODS = 5
-"""Periods of the training record."""
 NOISE = 8e-6
 """Standard deviation of the noise of the training record in m, white up to 375 Hz."""
-_BAND = (5.0, 150.0)
-"""Lowest and highest frequency of a multisine in Hz; every line between them is excited."""
-_FORCE = 50.0
-"""Root-mean-square of a multisine in N."""
 SWEEP = (18.0, 52.0, 204.0, 40.0)
 """First and last frequency of the sweep in Hz, its duration in s and its amplitude in N."""
 PARAMETERS = {
@@ -58,20 +50,14 @@ class BenchmarkRecord:
 
 
 def training_record(seed: int) -> BenchmarkRecord:
-    """Return five periods of the settled response to a multisine, with noise.
-
-    ``seed``: draws the phases of the multisine and the noise.
-    """
+    """Return five periods of the settled response to a multisine by seed, with noise."""
     rng = np.random.default_rng([seed, 0])
-    u, y = _settled(rng, _PERIODS)
+    u, y = _settled(rng, 5)
     return BenchmarkRecord(_times(u), u, y + rng.normal(0, NOISE, y.size), PERIOD)
 
 
 def multisine_test(seed: int) -> BenchmarkRecord:
-    """Return one period of the settled response to another multisine, without noise.
-
-    ``seed``: draws its phases.
-    """
+    """Return one period of the settled response to another multisine by seed, without noise."""
     u, y = _settled(np.random.default_rng([seed, 1]), 1)
     return BenchmarkRecord(_times(u), u, y, PERIOD)
 
@@ -112,15 +98,16 @@ def decimate(y: FloatArray) -> FloatArray:
 def _settled(rng: np.random.Generator, periods: int) -> tuple[FloatArray, FloatArray]:
     """Return forces and displacements over whole periods, after one in which the motion settles.
 
-    One more is simulated behind, so that the filters see the periods around.
+    One more is simulated behind, so that the filters see the periods around. Every line from 5 to
+    150 Hz is excited, to a root-mean-square of 50 N.
     """
     frequencies = np.arange(PERIOD // 2 + 1) * RATE / PERIOD
-    excited = (frequencies >= _BAND[0]) & (frequencies <= _BAND[1])
+    excited = (frequencies >= 5.0) & (frequencies <= 150.0)
     spectrum = np.zeros(frequencies.size, dtype=complex)
     spectrum[excited] = np.exp(2j * np.pi * rng.random(int(excited.sum())))
     factor = int(np.prod(_STAGES))
     coarse = np.fft.irfft(spectrum, PERIOD)
-    scale = _FORCE / float(np.std(coarse))
+    scale = 50.0 / float(np.std(coarse))
     fine = scale * factor * np.fft.irfft(spectrum, PERIOD * factor)
     y = decimate(_integrated(np.tile(fine, periods + 2)))
     return np.tile(scale * coarse, periods), y[PERIOD : (periods + 1) * PERIOD]

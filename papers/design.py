@@ -22,29 +22,28 @@ from minorloop.identification.design import design, next_input
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.memory import Memory
+from papers.drawing import draw, level, on_axes, panel
 from papers.facts import identify_settled
-from papers.harness import Results, rms
+from papers.harness import Results, Study, rms
 
-BANDS, STAIRS = 20, 10
-"""Bands of the models with the prior, and of the staircase."""
+STAIRS = 10
+"""Bands of the model of the staircase; those with the prior have 20."""
 HOLDS = (8, 12, 16, 20, 28)
 ALL_HOLDS = (*HOLDS, 56)
-FIRST = 4
-"""First holds of the adaptive sequence, which come from the design without data."""
-UNSEEN, TARGETS = 40, 14
-MARGIN = 0.05
-"""Share of full scale at each end without targets."""
-PROBABILITY = 0.9
-METHODS = ("staircase", "random", "design", "adaptive")
-
-Hold = Callable[[float], float]
-"""Applies an input, waits, and returns the settled output."""
+METHODS = {
+    "staircase": ("decaying staircase, no prior", "C3", "s"),
+    "random": ("random inputs, prior", "0.6", "v"),
+    "design": ("designed without data, prior", "C2", "^"),
+    "adaptive": ("chosen one by one, prior", "C0", "o"),
+}
+"""Words, colour and mark of each."""
 
 
 @dataclass(frozen=True)
 class DesignSetup:
     """A kind of twin to measure."""
 
+    title: str
     name: str
     low: float
     high: float
@@ -55,15 +54,15 @@ class DesignSetup:
     """Standard deviation of a measurement, known as that of a sensor is: half a percent of full
     scale, in 1/m or um."""
 
-    def begin(self, seed: int, noise: float) -> Hold:
-        """Return what holds inputs at the specimen of a seed, from rest."""
+    def begin(self, seed: int, noise: float) -> Callable[[float], float]:
+        """Return what holds an input at the specimen of a seed, from rest, and reads the output."""
         twin = connect(f"twin:{self.name}", specimen=seed, noise=noise, seed=seed)
         return lambda u: float(hold_each(twin, [u], self.seconds, self.seconds)[1][0])
 
 
 TWINS = (
-    DesignSetup("ipmc", -1.2, 1.2, 200.0, 0.1),
-    DesignSetup("fibre", 0.20, 0.65, 300.0, 1.0),
+    DesignSetup("ionic polymer strip", "ipmc", -1.2, 1.2, 200.0, 0.1),
+    DesignSetup("polyaniline fibre", "fibre", 0.20, 0.65, 300.0, 1.0),
 )
 
 
@@ -84,11 +83,6 @@ def run_study(seed: int) -> Results:
     return Results(figures, seed=seed, twins=twins)
 
 
-def score_at(scores: Sequence[Score], holds: int) -> Score:
-    """Return the score at a number of holds."""
-    return next(score for score in scores if score.holds == holds)
-
-
 def compare(plant: DesignSetup, seed: int) -> Results:
     """Measure a plant with four methods, and score every model on the same unseen inputs.
 
@@ -97,12 +91,12 @@ def compare(plant: DesignSetup, seed: int) -> Results:
     they gave.
     """
     trial = _Trial(plant, seed)
-    grid = uniform_levels(plant.low, plant.high, BANDS)
+    grid = uniform_levels(plant.low, plant.high, 20)
     stairs = excitation.decaying_staircase(uniform_levels(plant.low, plant.high, STAIRS))
     rng = np.random.default_rng([seed, 2])
     random = np.concatenate([[plant.low], rng.uniform(plant.low, plant.high, ALL_HOLDS[-1] - 1)])
     designed = design(grid, HOLDS[-1])
-    models = trial.adaptive(grid, designed[:FIRST])
+    models = trial.adaptive(grid, designed[:4])
     curves = {
         "staircase": [trial.score(trial.plain(stairs[:n])) for n in ALL_HOLDS],
         "random": [trial.score(trial.with_prior(grid, random[:n])) for n in ALL_HOLDS],
@@ -121,13 +115,13 @@ class _Trial:
     def __init__(self, plant: DesignSetup, seed: int) -> None:
         self.plant, self.seed = plant, seed
         rng = np.random.default_rng([seed, 1])
-        self.unseen = rng.uniform(plant.low, plant.high, UNSEEN)
+        self.unseen = rng.uniform(plant.low, plant.high, 40)
         ends = np.array([plant.low, plant.high])
         self.scale = float(np.ptp(self.settled(ends, noise=0.0)))
         self.unseen_outputs = self.settled(np.append(plant.low, self.unseen), noise=0.0)[1:]
         low, high = self.settled(ends)
-        edge = MARGIN * (high - low)
-        self.targets = rng.uniform(low + edge, high - edge, TARGETS)
+        edge = 0.05 * (high - low)
+        self.targets = rng.uniform(low + edge, high - edge, 14)
 
     def settled(self, u: FloatArray, noise: float | None = None) -> FloatArray:
         """Return settled outputs for inputs, from rest."""
@@ -139,17 +133,21 @@ class _Trial:
         grid = uniform_levels(self.plant.low, self.plant.high, STAIRS)
         return identify_settled(u, self.settled(u), levels=grid, prior="none", diagonal="uniform")
 
-    def with_prior(self, grid: Levels, u: FloatArray) -> Identification:
-        """Return a fit with the prior to inputs that were chosen beforehand."""
-        return self._fit(grid, u, self.settled(u))
+    def with_prior(
+        self, grid: Levels, u: FloatArray, y: FloatArray | None = None
+    ) -> Identification:
+        """Return a fit with the prior to inputs, which are applied if no outputs are given."""
+        law = Plane(grid, diagonal="reversible", slope=False, lag=0)
+        record = Record(u, self.settled(u) if y is None else y, sd=self.plant.noise)
+        return identify(record, law, prior=Gaussian())
 
     def adaptive(self, grid: Levels, first: FloatArray) -> dict[int, Identification]:
-        """Return models after `HOLDS` chosen inputs."""
+        """Return models after `HOLDS` inputs, which the models choose but for the first ones."""
         hold = self.plant.begin(self.seed, self.plant.noise)
         u, y = list(first), [hold(float(value)) for value in first]
         found = {}
         while True:
-            fit = self._fit(grid, np.array(u), np.array(y))
+            fit = self.with_prior(grid, np.array(u), np.array(y))
             if len(u) in HOLDS:
                 found[len(u)] = fit
             if len(u) == HOLDS[-1]:
@@ -172,19 +170,17 @@ class _Trial:
         return Score(fit.u.size, *errors, shown.covers(self.unseen_outputs), width)
 
     def predicted(self, fit: Identification) -> Prediction:
-        """Return predictions of the true outputs for the unseen inputs, with bands."""
-        whole = fit.predict(np.append(self.plant.low, self.unseen), bands=PROBABILITY)
+        """Return predictions of the true outputs for the unseen inputs, with bands of 90 %."""
+        whole = fit.predict(np.append(self.plant.low, self.unseen), bands=0.9)
         return replace(whole, u=whole.u[1:], y=whole.y[1:], sd=whole.sd[1:]).without_noise()
-
-    def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
-        law = Plane(grid, diagonal="reversible", slope=False, lag=0)
-        return identify(Record(u, y, sd=self.plant.noise), law, prior=Gaussian())
 
 
 def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
-    at_12, baseline = score_at(curves["adaptive"], 12), score_at(curves["staircase"], 56)
+    at_12, baseline = (
+        next(score for score in curves[method] if score.holds == holds)
+        for method, holds in (("adaptive", 12), ("staircase", 56))
+    )
     late = [score for score in curves["adaptive"] if score.holds >= 16]
-    names = ("holds", "holdout", "positioning")
     return {
         "positioning_12": at_12.positioning,
         "holdout_12": at_12.holdout,
@@ -194,7 +190,60 @@ def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
         "coverage_16_28": float(np.mean([score.coverage for score in late])),
         "width_ratio": float(np.mean([score.width_ratio for score in late])),
         "curves": {
-            method: {name: [getattr(score, name) for score in scores] for name in names}
+            method: {
+                name: [getattr(score, name) for score in scores]
+                for name in ("holds", "holdout", "positioning")
+            }
             for method, scores in curves.items()
         },
     }
+
+
+def draw_curves(runs: Sequence[Mapping[str, Any]]) -> Any:
+    """Draw the positioning error against the number of holds, median and middle half."""
+    panels = []
+    for twin in TWINS:
+        lines: list[Any] = []
+        for method, (words, colour, mark) in METHODS.items():
+            curves = [run[twin.name]["curves"][method] for run in runs]
+            holds = curves[0]["holds"]
+            errors = 100 * np.array([curve["positioning"] for curve in curves])
+            low, middle, high = np.quantile(errors, [0.25, 0.5, 0.75], axis=0)
+            lines.append((holds, middle, f"{colour} {mark}- 1.2", words))
+            lines.append(on_axes("fill_between", holds, low, high, color=colour, alpha=0.15, lw=0))
+        y = "positioning error, rms [% of full scale]"
+        frame: dict[str, Any] = {"title": twin.title, "xscale": "log", "yscale": "log"}
+        panels.append(panel("settled holds", y, *lines, _ticks, legend={"fontsize": 9}, **frame))
+    return draw(*panels, columns=2, height=4.2, sharey=True)
+
+
+def _ticks(axes: Any) -> None:
+    axes.set(xscale="log", yscale="log")
+    axes.xaxis.set_ticks(ALL_HOLDS, [f"{each:g}" for each in ALL_HOLDS])
+    percents = (0.5, 1, 2, 5, 10)
+    axes.yaxis.set_ticks(percents, [f"{each:g}" for each in percents])
+    axes.minorticks_off()
+
+
+def draw_bands(one: Results) -> Any:
+    """Draw predictions of unseen inputs with bands, and the chosen inputs."""
+    half = np.vstack([one.shown.half_width, one.shown.half_width]) / one.scale * 100
+    error = (one.shown.y - one.truth) / one.scale * 100
+    style = {"fmt": "o", "ms": 3, "lw": 0.9, "color": "C0", "label": "90 % band"}
+    y, hold = "predicted minus true [% of full scale]", np.arange(1, one.inputs.size + 1)
+    return draw(
+        panel(
+            "unseen input", y, level(0.0),
+            on_axes("errorbar", np.arange(one.truth.size), error, half, **style),
+        ),
+        panel(
+            "hold", "input chosen [V]", (hold, one.inputs, "C0 o- 0.7"),
+            on_axes("axvline", 12.5, color="0.5", lw=0.8, ls="--"),
+        ),
+        columns=2, width_ratios=[2, 1],
+    )  # fmt: skip
+
+
+STUDY = Study(
+    "design", "Fewer holds: prior, bands and the next best input", run_study, page=__name__
+)

@@ -6,6 +6,7 @@ A panel is a function that paints axes; `panel`, `bars` and `photo` make those t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -79,10 +80,15 @@ def _style(look: str) -> dict[str, Any]:
     }
 
 
+def on_axes(method: str, *values: Any, **options: Any) -> Paint:
+    """Return what calls a method of the axes."""
+    return lambda axes: getattr(axes, method)(*values, **options)
+
+
 def level(value: float, look: str = "0.3 - 0.8") -> Paint:
     """Return a horizontal line."""
     style = {key: each for key, each in _style(look).items() if key in ("color", "ls", "lw")}
-    return lambda axes: axes.axhline(value, **style)
+    return on_axes("axhline", value, **style)
 
 
 def bars(x: str, y: str, groups: Mapping[str, tuple[npt.ArrayLike, str]], **options: Any) -> Paint:
@@ -146,8 +152,14 @@ def every_specimen(claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], s
         return None
     from matplotlib.ticker import LogLocator
 
-    rows = [(claim, _values(claim, runs)) for claim in claims]
-    bounded = [(claim, values) for claim, values in rows if values is not None]
+    bounded = []
+    for claim in claims:
+        # A count of 0 has no logarithm.
+        limit = claim.most if np.isfinite(claim.most) and claim.most > 0 else claim.least
+        with suppress(KeyError):
+            found = [figure(run, claim.key) for run in runs]
+            if np.isfinite(limit) and not isinstance(found[0], bool):
+                bounded.append((claim, np.array(found, dtype=np.float64)))
     drawn, axes = new_figure(height=1.2 + 0.32 * len(bounded))
     rng = np.random.default_rng(seed)
     for row, (claim, values) in enumerate(bounded):
@@ -166,14 +178,3 @@ def every_specimen(claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], s
     axes.invert_yaxis()
     axes.set_xlabel("figure over its bound (left of the dashed line: met)")
     return drawn
-
-
-def _values(claim: Claim, runs: Sequence[Mapping[str, Any]]) -> Any:
-    """Return the figure (n,) of each specimen if it is a number with a bound, None otherwise."""
-    bounded = np.isfinite(claim.least) or (np.isfinite(claim.most) and claim.most > 0)
-    try:
-        values = [figure(run, claim.key) for run in runs]
-    except KeyError:
-        return None
-    numbers = not isinstance(values[0], bool)
-    return np.array(values, dtype=np.float64) if bounded and numbers else None

@@ -59,10 +59,6 @@ class Study:
         """Names of what `run` takes."""
         return tuple(inspect.signature(self.run).parameters)
 
-    def gathered(self, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return the figures over all specimens."""
-        return (self.gather or medians)(runs)
-
     def report(
         self, first: Any, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
     ) -> Report:
@@ -133,6 +129,12 @@ def mean(values: npt.ArrayLike) -> float:
     return float(found.mean()) if found.size else math.nan
 
 
+def deviation(values: npt.ArrayLike) -> float:
+    """Return the standard deviation of numbers, estimated from a sample; NaN of fewer than two."""
+    found = np.asarray(values, dtype=np.float64)
+    return float(found.std(ddof=1)) if found.size > 1 else math.nan
+
+
 def median(values: npt.ArrayLike) -> float:
     """Return the median of numbers; NaN of none."""
     found = np.asarray(values, dtype=np.float64)
@@ -185,7 +187,7 @@ class Specimens:
         """Add the figures of the next specimen, say how long it took, and write those so far."""
         seed = self.next_seed
         self.runs.append(figures)
-        self.gathered = self._study.gathered(self.runs)
+        self.gathered = (self._study.gather or medians)(self.runs)
         done = len(self.runs)
         now(f"specimen {done} of {self._wanted}, seed {seed}: {seconds:.0f} s", kept=True)
         if done < self._wanted:

@@ -27,28 +27,19 @@ SINES = ((1.0, 3.0), (5.0, 1.2), (20.0, 0.5), (50.0, 0.3), (100.0, 0.15), (200.0
 """Frequencies in Hz and durations in s of the record."""
 REST = 0.04
 """Seconds of rest before them."""
-LEAST_SHARE = 0.1
-"""Amplitude at the end of each sine over that at its beginning."""
-FAST, FAST_SHARE = 200.0, 0.4
-"""Frequency in Hz from which amplitudes are smaller, and by how much: the resonance is near."""
-EVERY = 20
-"""Of so many rows of the slow sine, the rate-independent operator is fitted to one: 500 a second
-are enough for 1 Hz."""
 FREQUENCIES = (1, 2, 5, 10, 20, 50, 100, 150, 200)
 """Frequencies of the targets in Hz."""
 LOW, HIGH = 4.0, 32.0
 """Ends of the targets in um."""
-RISE, LASTING = 0.1, 0.2
-"""Seconds from rest to the lower end, and least duration of a sine."""
-PERIODS = 3
-"""Least number of periods."""
+LASTING, PERIODS = 0.2, 3
+"""Least duration of a sine in s, and least number of its periods."""
 _INVERSES = {
     "without_time": ("inverse of the hysteresis alone", "C3 s"),
     "dynamics": ("inverse with resonance and creep", "C0 o"),
 }
 """Name, and colour and mark of both inverses."""
-_SHOWN, _PERIODS = 100, 3
-"""Frequency in Hz of the sine that is drawn against time, and its last periods."""
+_SHOWN = 100
+"""Frequency in Hz of the sine that is drawn against time."""
 
 
 def run_study(seed: int) -> Results:
@@ -63,9 +54,9 @@ def run_study(seed: int) -> Results:
     found = identify(Record(u, y, times(u)), Dynamics())
     seconds = time.perf_counter() - began
     first = round((REST + SINES[0][1]) * RATE)
-    slow = identify(
-        u[:first:EVERY], y[:first:EVERY], Plane(25, diagonal="uniform", slope=False, lag=0)
-    )
+    # Of the slow sine, 500 rows a second are enough for 1 Hz.
+    law = Plane(25, diagonal="uniform", slope=False, lag=0)
+    slow = identify(u[:first:20], y[:first:20], law)
     tracked = {frequency: _tracked(stage, found, slow, frequency) for frequency in FREQUENCIES}
     errors = {
         name: {f"hz_{frequency}": rms(one[name]) / TRAVEL for frequency, one in tracked.items()}
@@ -86,19 +77,22 @@ def run_study(seed: int) -> Results:
 
 
 def record() -> FloatArray:
-    """Return the voltages (T,) of the record: rest, then sines whose amplitudes fall."""
+    """Return the voltages (T,) of the record: rest, then sines whose amplitudes fall to a tenth.
+
+    Near the resonance, at 200 Hz, they are smaller.
+    """
     parts = [np.zeros(round(REST * RATE))]
     for frequency, seconds in SINES:
         t = np.arange(round(seconds * RATE)) / RATE
-        amplitude = VOLTAGE / 2 * (FAST_SHARE if frequency >= FAST else 1.0)
-        fall = 1 - (1 - LEAST_SHARE) * t / seconds
+        amplitude = VOLTAGE / 2 * (0.4 if frequency >= 200.0 else 1.0)
+        fall = 1 - (1 - 0.1) * t / seconds
         parts.append(VOLTAGE / 2 - amplitude * fall * np.cos(2 * np.pi * frequency * t))
     return np.concatenate(parts)
 
 
 def targets(frequency: float, rest: float) -> tuple[FloatArray, int]:
     """Return wanted positions (T,) from rest on, in um, and the sample at which the sine begins."""
-    rising = round(RISE * RATE)
+    rising = round(0.1 * RATE)
     rise = (1 - np.cos(np.pi * np.arange(rising) / rising)) / 2
     periods = max(PERIODS, round(LASTING * frequency))
     t = np.arange(round(periods / frequency * RATE)) / RATE
@@ -149,7 +143,7 @@ def draw_errors(figures: Mapping[str, Any]) -> Any:
 
 def draw_sine(study: Results) -> Any:
     """Draw the last periods of one sine, and the errors of both inverses."""
-    last, one = slice(-round(_PERIODS * RATE / _SHOWN), None), study.tracked[_SHOWN]
+    last, one = slice(-round(3 * RATE / _SHOWN), None), study.tracked[_SHOWN]
     wanted = one["targets"][last]
     t = 1e3 * np.arange(wanted.size) / RATE
     above: list[Any] = [(t, wanted, "0.6 - 2.5", "target")]
@@ -158,12 +152,9 @@ def draw_sine(study: Results) -> Any:
         error, colour = one[name][last], look.split()[0]
         above.append((t, wanted + error, colour, words))
         below.append((t, 100 * error / TRAVEL, colour))
-    return draw(
-        panel("", "position [um]", *above, legend={"fontsize": 9}),
-        panel("time [ms]", "error [% of range]", *below),
-        height=5.0,
-        sharex=True,
-    )
+    upper = panel("", "position [um]", *above, legend={"fontsize": 9})
+    lower = panel("time [ms]", "error [% of range]", *below)
+    return draw(upper, lower, height=5.0, sharex=True)
 
 
 STUDY = Study(

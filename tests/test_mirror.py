@@ -17,7 +17,7 @@ PLACES = {
 
 ELSEWHERE = {
     "minorloop/drawing/lab.py": "minorloop/drawing/test_notebook.py",
-    "minorloop/drawing/layout.py": "minorloop/drawing/test_dynamics.py",
+    "minorloop/drawing/layout.py": "minorloop/drawing/test_notebook.py",
     "minorloop/drawing/linear.py": "minorloop/identification/test_linear_fit.py",
     "minorloop/drawing/oscillator.py": "minorloop/identification/test_oscillator.py",
     "minorloop/errors.py": "minorloop/test_public_names.py",
@@ -34,6 +34,20 @@ ELSEWHERE = {
     "minorloop/page/admission.py": "minorloop_head/console/test_server.py",
     "minorloop/version.py": "minorloop/cli/test_main.py",
     "minorloop/devices.py": "minorloop/cli/test_devices.py",
+    "minorloop/drawing/after_effect.py": "minorloop/drawing/test_notebook.py",
+    "minorloop/drawing/dynamics.py": "minorloop/drawing/test_notebook.py",
+    "minorloop/drive_report.py": "minorloop/cli/test_drive.py",
+    "minorloop/identification/after_effect_result.py": (
+        "minorloop/identification/test_after_effect.py"
+    ),
+    "minorloop/identification/alternation.py": "minorloop/identification/test_dynamics.py",
+    "minorloop/identification/dynamic_search.py": "minorloop/identification/test_dynamics.py",
+    "minorloop/identification/elimination_order.py": (
+        "minorloop/identification/test_everett_system.py"
+    ),
+    "minorloop/identification/rough_model.py": "minorloop/identification/test_screening.py",
+    "minorloop/page/process.py": "minorloop/page/test_workers.py",
+    "minorloop/positioning_report.py": "minorloop/cli/test_demo.py",
     "minorloop_head/distortion.py": "minorloop_head/test_geometry.py",
     "minorloop_head/console/identified_head.py": "minorloop_head/console/test_loop.py",
     "minorloop_head/console/scan_echoes.py": "minorloop_head/console/test_depth_work.py",
@@ -48,8 +62,6 @@ ELSEWHERE = {
     "minorloop_head/sources.py": "minorloop_head/vision/test_video.py",
     "minorloop_head/twins/mounted.py": "minorloop_head/twins/test_camera.py",
     "minorloop_head/twins/turbid_water.py": "minorloop_head/twins/test_camera.py",
-    "minorloop_head/ultrasound/scan_surfaces.py": "minorloop_head/ultrasound/test_scan_flaws.py",
-    "minorloop_head/ultrasound/wall_echoes.py": "minorloop_head/ultrasound/test_c_scan.py",
     "minorloop_head/version.py": "tests/packaging/test_wheel.py",
     "minorloop_head/vision/crack_evidence.py": "minorloop_head/vision/test_cracks.py",
     "minorloop_head/vision/imaging.py": "minorloop_head/console/test_server.py",
@@ -64,17 +76,15 @@ ELSEWHERE = {
     "papers/catheter/head_loop.py": "papers/catheter/test_head_study.py",
     "papers/catheter/head_static.py": "papers/catheter/test_head_study.py",
     "papers/catheter/inspection.py": "papers/catheter/test_inspection_parts.py",
-    "papers/catheter/inspection_report.py": "papers/catheter/test_inspection_parts.py",
-    "papers/catheter/judged.py": "tests/test_judge.py",
     "papers/catheter/mission.py": "papers/catheter/test_inspection_parts.py",
     "papers/catheter/picture_sensor.py": "papers/catheter/test_head_camera.py",
     "papers/catheter/sight.py": "papers/catheter/test_head_study.py",
     "papers/catheter/tracking_trials.py": "papers/catheter/test_head_study.py",
-    "papers/tracking.py": "papers/test_ipmc.py",
-    "papers/design_report.py": "papers/test_design.py",
+    "papers/catheter/control/adaptive.py": "minorloop_head/control/test_controller.py",
+    "papers/catheter/control/model_reference.py": "minorloop_head/control/test_controller.py",
+    "papers/catheter/scene_view.py": "minorloop_head/vision/test_defects.py",
     "papers/drawing.py": "papers/test_design.py",
-    "papers/fibre_report.py": "papers/test_fibre.py",
-    "papers/ipmc_report.py": "papers/test_ipmc.py",
+    "papers/catheter/inspection_servo.py": "papers/catheter/test_inspection_parts.py",
 }
 
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.judge import scenes
 from benchmarks.judge.scenes import Scene
-from papers.catheter.judged import SCENES, outdated
+from papers.catheter.detection import JUDGED_SCENES, outdated
 
 SAMPLES = 8
 """Paths through a pixel: their noise is then below that of the camera in direct light."""
@@ -145,7 +145,7 @@ def report(seeds: range, folder: Path, as_json: bool) -> None:
             f"{row['false_per_acquisition']:.3f} {_interval(row['false_interval'])}; width "
             f"{row['width_error_um']:.0f} um off, length {row['length_error_pct']:.0f} % off"
         )
-    if seeds == range(SCENES):
+    if seeds == range(JUDGED_SCENES):
         for line in outdated(found):
             print(line, file=sys.stderr)
 

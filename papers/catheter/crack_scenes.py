@@ -13,64 +13,49 @@ from dataclasses import replace
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError
 from minorloop_head.geometry import Pose, wall_lengths, wall_point
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.pipe import Crack, Pipe, Scratch, Weld, draw_dent, draw_dirt, draw_finish
 from minorloop_head.vision.reflectance_map import LEAST_SEEN
-from papers.catheter.scene_view import SceneView, aimed, draw_head, draw_place
+from papers.catheter.scene_view import Drawn, SceneView, aimed, first_view
 
-NARROWEST, WIDEST = 30e-6, 200e-6
-SHORTEST, LONGEST = 2e-3, 15e-3
-"""Widths and lengths of the cracks in metres: those of the claim."""
-FLANKS = 0.8, 6.0
-"""Slopes of flanks that return light."""
+WIDTHS, LENGTHS = (30e-6, 200e-6), (2e-3, 15e-3)
+"""Of the cracks, in metres: those of the claim."""
 FINE = 0.05e-3
 """Step of a true course in metres, in which its length is counted."""
 _EDGE = 12.0
 """Pixels at the edge of the image that a map leaves out because of the errors of the pose."""
-_STEP = 0.4e-3
-"""Distance of the corners of a crack in metres, about the size of grains that turn a crack."""
-_TIP = 0.6e-3
-"""Length in metres over which a crack narrows to its tip."""
-_BRANCHING, _WELDED, _BESIDE = 0.3, 0.4, 0.4
-"""Shares of cracks with a branch, of walls with a weld, and of marks beside the crack."""
-_AROUND, _ALONG = 1.0, 9e-3
-"""Half the size of the wall with marks: in radians around and metres along."""
-_STAINS = 0.3e-3, 3e-3
-"""Sizes of stains in metres."""
-_TRIES = 60
-"""Most views drawn for a scene; most seeds need one or two."""
 
 
 def draw_crack_view(seed: int, *, crack: bool, lit: bool = False) -> SceneView:
     """Draw a view of a wall with a crack, 30 to 200 um wide and 2 to 15 mm long, or without.
 
-    The head turns 18 to 30 degrees from the axis, as for holes. A ``lit`` crack is a groove whose
-    flanks return light.
+    A ``lit`` crack is a groove whose flanks return light.
 
     Raises
     ------
     ParameterError
-        If no view could be exposed.
+        If no view could be drawn, as of `first_view`.
     """
     rng = np.random.default_rng([seed, int(crack), 21])
-    for _ in range(_TRIES):
-        mount, pan, tilt = draw_head(rng)
-        place = draw_place(rng, mount.pose(pan, tilt))
+
+    def view_of(head: Drawn) -> SceneView | None:
+        mount, pan, tilt, place = head
         cracks, width = _cracks(rng, *place)
         if not _in_view(mount.pose(pan, tilt), cracks[0]):
-            continue
+            return None
         if lit:
-            slope, albedo = math.exp(rng.uniform(*np.log(FLANKS))), rng.uniform(0.3, 1.0)
+            slope, albedo = math.exp(rng.uniform(*np.log((0.8, 6.0)))), rng.uniform(0.3, 1.0)
             cracks = tuple(replace(one, flanks=slope, albedo=albedo) for one in cracks)
         wall = _wall(rng, place, cracks, crack)
         camera, gain = aimed(rng, wall, mount, pan, tilt)
-        if 0.1 <= gain <= 20:
-            camera.expose(0.01, gain)
-            seen = width if crack else 0.0
-            return SceneView(camera, mount, pan, tilt, gain, pipe=wall, width=seen)
-    raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
+        if not 0.1 <= gain <= 20:
+            return None
+        camera.expose(0.01, gain)
+        seen = width if crack else 0.0
+        return SceneView(camera, mount, pan, tilt, gain, pipe=wall, width=seen)
+
+    return first_view(seed, rng, view_of)
 
 
 def fine_course(crack: Crack, radius: float) -> tuple[FloatArray, FloatArray]:
@@ -94,18 +79,18 @@ def _in_view(pose: Pose, crack: Crack) -> bool:
     fine = LENS.focal * out >= LEAST_SEEN * (way**2).sum(axis=1)
     inside = (pixels > _EDGE) & (pixels < np.array([LENS.width, LENS.height]) - _EDGE)
     seen = fine & inside.all(axis=1) & (local[:, 2] > 0)
-    return bool(seen.mean() >= 0.5 and seen.sum() * FINE >= SHORTEST)
+    return bool(seen.mean() >= 0.5 and seen.sum() * FINE >= LENGTHS[0])
 
 
 def _cracks(rng: np.random.Generator, phi: float, z: float) -> tuple[tuple[Crack, ...], float]:
     """Return a crack about a place, perhaps with a branch, and its width."""
-    width = math.exp(rng.uniform(math.log(NARROWEST), math.log(WIDEST)))
-    length, heading = rng.uniform(SHORTEST, LONGEST), rng.uniform(0, 2 * np.pi)
+    width = math.exp(rng.uniform(*np.log(WIDTHS)))
+    length, heading = rng.uniform(*LENGTHS), rng.uniform(0, 2 * np.pi)
     look = {"depth": rng.uniform(0.2e-3, 1.5e-3), "albedo": rng.uniform(0.02, 0.12)}
     way, ways = _way(rng, length, heading)
     way = way - way[len(way) // 2] + rng.normal(0, 0.3e-3, 2)
     found = [_crack(rng, way, width, (phi, z), look)]
-    if rng.random() < _BRANCHING:
+    if rng.random() < 0.3:
         at = int(rng.integers(len(way) // 4, 3 * len(way) // 4 + 1))
         turn = float(rng.choice([-1, 1]) * rng.uniform(0.5, 1.0))
         start = ways[min(at, len(ways) - 1)] + turn
@@ -117,7 +102,7 @@ def _cracks(rng: np.random.Generator, phi: float, z: float) -> tuple[tuple[Crack
 
 def _way(rng: np.random.Generator, length: float, heading: float) -> tuple[FloatArray, FloatArray]:
     """Return corners (N, 2) in metres from (0, 0), and the N - 1 headings between them."""
-    count = max(round(length / _STEP), 2)
+    count = max(round(length / 0.4e-3), 2)  # about the size of grains that turn a crack
     ways = heading + np.cumsum(rng.normal(0, 0.12, count)) + rng.normal(0, 0.3, count)
     steps = length / count * np.stack([np.cos(ways), np.sin(ways)], axis=1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), ways
@@ -132,7 +117,7 @@ def _crack(
 ) -> Crack:
     """Return a crack on corners (N, 2) about a place, narrower at its tips."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
-    tip = np.minimum(along, along[-1] - along) / _TIP
+    tip = np.minimum(along, along[-1] - along) / 0.6e-3
     widths = width * np.exp(rng.normal(0, 0.1, len(way))) * np.clip(0.3 + tip, 0.3, 1.0)
     points = np.array(place) + way / [Pipe.radius, 1.0]
     return Crack(tuple((float(phi), float(z)) for phi, z in points), tuple(widths.tolist()), **look)
@@ -145,15 +130,15 @@ def _wall(
     course = np.array(cracks[0].points)
 
     def somewhere() -> tuple[float, float]:
-        if rng.random() < _BESIDE:
+        if rng.random() < 0.4:
             corner = course[int(rng.integers(len(course)))]
             phi, z = corner + rng.normal(0, 0.7e-3, 2) / [Pipe.radius, 1.0]
         else:
-            phi = place[0] + rng.uniform(-_AROUND, _AROUND)
-            z = place[1] + rng.uniform(-_ALONG, _ALONG)
+            phi = place[0] + rng.uniform(-1.0, 1.0)
+            z = place[1] + rng.uniform(-9e-3, 9e-3)
         return float(phi), float(z)
 
-    welds = [_weld(rng, *somewhere())] if rng.random() < _WELDED else []
+    welds = [_weld(rng, *somewhere())] if rng.random() < 0.4 else []
     return Pipe(
         finish=draw_finish(rng),
         cracks=cracks if crack else (),
@@ -162,7 +147,7 @@ def _wall(
             *(_scratch(rng, *somewhere()) for _ in range(rng.integers(3, 9))),
             *(_drawing_mark(rng, *somewhere()) for _ in range(rng.integers(3, 9))),
         ),
-        dirt=tuple(draw_dirt(rng, *somewhere(), _STAINS) for _ in range(rng.integers(2, 7))),
+        dirt=tuple(draw_dirt(rng, *somewhere(), (0.3e-3, 3e-3)) for _ in range(rng.integers(2, 7))),
         welds=tuple(welds),
     )
 

@@ -38,8 +38,8 @@ SAME = 0.2e-3
 SHARE = 0.5
 """A crack is found if this share of its course is within `SAME` of what was traced; a trace is
 false if less than this share of it is within `SAME` of the crack."""
-WIDE, NARROW = 100e-6, 50e-6
-"""Limits of the classes of width in metres: required."""
+CLASSES = {"100um": (100e-6, math.inf), "50um": (50e-6, 100e-6), "30um": (0.0, 50e-6)}
+"""Classes of width in metres: required."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,12 @@ def score_cracks(seed: int, crack: bool, *, scan: bool = False, lit: bool = Fals
     if not (scan and outcome.found):
         return outcome
     best = max((trace for trace, _ in _right(search)), key=lambda trace: trace.length)
-    found = scanned_depth(seed, search.view.pipe.cracks, best, _true_places(search, best))
-    error = found.depth - search.view.pipe.cracks[0].depth
+    view, camera = search.view, search.camera
+    true = replace(camera, lens=scoring.true_lens(view.camera), mount=view.mount)
+    pixels = camera.pixel(best.places, view.pan, view.tilt)
+    places = true.place(pixels, view.pan, view.tilt)
+    found = scanned_depth(seed, view.pipe.cracks, best, places)
+    error = found.depth - view.pipe.cracks[0].depth
     return replace(outcome, scan=found.verdict, depth_error=error)
 
 
@@ -122,15 +126,6 @@ def scanned_depth(
     )
     used, bursts = scan(trial)
     return crack_depth(bursts, used, known, width)
-
-
-def _true_places(search: Results, traced: TracedCrack) -> FloatArray:
-    """Return the places (N, 2) of the wall that are at the pixels of a trace."""
-    view, camera = search.view, search.camera
-    pixels = camera.pixel(traced.places, view.pan, view.tilt)
-    true = replace(camera, lens=scoring.true_lens(view.camera), mount=view.mount)
-    places: FloatArray = true.place(pixels, view.pan, view.tilt)
-    return places
 
 
 def _right(search: Results) -> list[tuple[TracedCrack, BoolArray]]:
@@ -191,11 +186,7 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
         "depth_error_mm_worst": max(deep, default=math.nan),
         "verdicts": dict(Counter(one.scan for one in scans)),
     }
-    for name, low, high in (
-        ("100um", WIDE, math.inf),
-        ("50um", NARROW, WIDE),
-        ("30um", 0.0, NARROW),
-    ):
+    for name, (low, high) in CLASSES.items():
         own = [one.found for one in cracks if low <= one.width < high]
         figures[f"recall_{name}"] = mean(own)
         figures[f"recall_{name}_interval"] = wilson(sum(own), len(own)) if own else None

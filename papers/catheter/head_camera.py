@@ -10,21 +10,15 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, Levels
+from minorloop.arrays import FloatArray
 from minorloop_head.control.head import AGE, HeadControl, camera_control
-from minorloop_head.control.heating import (
-    HeatedIdentification,
-    identify_coupling,
-    identify_heating,
-    moving_levels,
-    wire_holds,
-)
+from minorloop_head.control.heating import identify_coupling
 from minorloop_head.geometry import wall_point
-from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore
@@ -32,20 +26,24 @@ from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.control import laws
 from papers.catheter.head_loop import (
     DISTURBED,
-    TICK,
     HeadRun,
     constant,
     controller_figures,
     run_loop,
     step_figures,
 )
-from papers.catheter.head_static import BANDS, COMMAND, CURRENT, FIRST_LOOP, HOLD, STEP, Arbitrary
+from papers.catheter.head_static import (
+    COMMAND,
+    CURRENT,
+    HOLD,
+    arbitrary_figures,
+    identify_axis,
+    step_input,
+)
 from papers.catheter.picture_sensor import PictureSensor
 from papers.catheter.scoring import places_seen, true_pixel
 from papers.harness import Results, Study, rms
 
-EVERY = 2
-"""Frames of the step that identifies a lag of seconds, of which one is used: 12.5 a second."""
 LAWS = ("observer", "internal_model", "adaptive", "feedforward_pi", "model_reference", "pi")
 """Laws that run on pictures, the first two on every step."""
 STEPS, STEP_SECONDS = (20.0, 30.0, 40.0), 20.0
@@ -56,9 +54,6 @@ sensors at the joints, so that smaller differences count, and faster, which need
 small error to stay calm. By trial on the seeds 1000, 1002 and 1008, whose pictures have one age; on
 devices, where it varies, such a loop oscillates by some degrees. So does the adaptive law, whose
 operator changes as well; it keeps its own."""
-AGAIN = 3
-"""Times that a hold is repeated from the one before if the view was lost on a way that no picture
-had shown before: the wire forgets that it went back."""
 PICTURES = 3
 """Pictures at the end of a hold: their mean has half the noise of one, at little cost."""
 HOLE = Bore(phi=math.radians(135.0), z=22e-3, diameter=1e-3, brightness=0.0, lining=0.08)
@@ -66,14 +61,8 @@ HOLE = Bore(phi=math.radians(135.0), z=22e-3, diameter=1e-3, brightness=0.0, lin
 11 mm, and a line of sight along the pipe, which never does. On a circle 8 mm across no joint comes
 within 5 degrees of its cold end, from where it returns too slowly; on one of the paper's size about
 a hole 10 mm farther on, neither."""
-WAIT, LEAD = 15.0, 0.7
-"""Wait at the first point of a circle in seconds, longer than a step may take, and how far ahead of
-the path its target is: the response of the laws and the age of the pictures; the path is known."""
-
-
-CLICK = 0.5
-"""Standard deviation of the picked pixel of the hole, of 320: a click that was centred on the
-outline."""
+WAIT = 15.0
+"""Wait at the first point of a circle in seconds, longer than a step may take."""
 
 
 @dataclass(frozen=True)
@@ -94,46 +83,7 @@ CIRCLES: Mapping[str, Circle] = {
 does not describe."""
 
 
-@dataclass(frozen=True, eq=False)
-class SeenWires:
-    """Wires that were identified by the camera alone."""
-
-    found: tuple[HeatedIdentification, HeatedIdentification]
-    """Of pan and tilt."""
-    coupling: FloatArray
-    """Shape (2, 2)."""
-    view: HeadCalibration
-    """Calibration of the camera, corrected by pictures of a sweep."""
-    lost: int
-    """Holds at whose end no picture showed the angles."""
-
-    @property
-    def wires(self) -> tuple[HeatedWire, HeatedWire]:
-        """Models of pan and tilt."""
-        return self.found[0].model, self.found[1].model
-
-
-@dataclass(frozen=True, eq=False)
-class WallCircle:
-    """A circle about a hole in the wall, by the camera alone."""
-
-    t: FloatArray
-    """Shape (T,). After the wait, in seconds."""
-    wanted: FloatArray
-    reached: FloatArray
-    """Shape (T, 2). Places round and along the pipe from the hole, in millimetres; the second is
-    where the true optical axis met the wall."""
-    run: HeadRun
-
-    @property
-    def rms(self) -> float:
-        """Root-mean-square distance on the wall, in millimetres."""
-        return rms(np.linalg.norm(self.reached - self.wanted, axis=1))
-
-
-def run_camera(
-    seed: int, commands: FloatArray, settled: FloatArray, arbitrary: Arbitrary
-) -> Results:
+def run_camera(seed: int, commands: FloatArray, settled: FloatArray, arbitrary: Results) -> Results:
     """Identify a specimen from pictures, check the model, and close the loop on pictures.
 
     The model is checked by random ``commands`` (n,) in V and the angles ``settled`` (n,) in degrees
@@ -166,7 +116,7 @@ def run_camera(
     }
     figures = {
         "static_rms_deg": rms(seen.wires[0].operator.simulate(power) - settled),
-        "arbitrary": replace(arbitrary, predicted={"power": predicted}).figures(),
+        "arbitrary": arbitrary_figures(arbitrary.t, arbitrary.angle, {"power": predicted}),
         "steps": worst[LAWS[0]],
         "internal_model": worst[LAWS[1]],
         **{name: {"rms_mm": each.rms} for name, each in circles.items()},
@@ -180,7 +130,7 @@ def run_camera(
     return Results(figures, steps=steps, circles=circles, runs=tuple(runs))
 
 
-def seen_control(name: str, seen: SeenWires) -> HeadControl:
+def seen_control(name: str, seen: Results) -> HeadControl:
     """Return the control of a head by its camera: a late sensor, which may miss some pictures."""
     options = QUIET if name == LAWS[0] else {}
     return camera_control(laws.LAWS[name], seen.wires, coupling=seen.coupling, **options)
@@ -220,77 +170,85 @@ def run_step(
 
 def run_circle(
     seed: int, control: HeadControl, circle: Circle, camera: Callable[[Head], PictureSensor]
-) -> WallCircle:
-    """Move the optical axis round a hole that was picked in the first picture."""
-    kept: list[tuple[PictureSensor, FloatArray]] = []
+) -> Results:
+    """Move the optical axis round a hole that was picked in the first picture.
+
+    ``t`` (T,) are seconds, after the wait; ``wanted`` and ``reached`` (T, 2) places round and along
+    the pipe from the hole, in millimetres, of which the second is where the true optical axis met
+    the wall, and ``rms`` is their root-mean-square distance.
+    """
+    sensors: list[PictureSensor] = []
+    picked = np.empty(2)
 
     def give(head: Head) -> PictureSensor:
-        sensor = camera(head)
-        kept.append((sensor, _picked(sensor, circle.hole, seed)))
+        """Return the camera, and pick the hole: half a pixel of 320 off, centred on the outline."""
+        nonlocal picked
+        sensors.append(sensor := camera(head))
+        noise = 0.5 * np.random.default_rng([seed, 59]).standard_normal(2)
+        pixel = true_pixel(sensor.tip.camera, circle.hole.phi, circle.hole.z) + noise
+        sight = sensor.view.line_of_sight(np.zeros(2)).tolist()
+        picked = sensor.estimator.camera.place(pixel, *sight)
         return sensor
 
+    def off(t: float) -> FloatArray:
+        """Return the place (2,) from the hole in metres at a time, after the wait."""
+        phase = 2 * np.pi * max(t - WAIT, 0.0) / circle.period
+        return circle.radius * np.array([np.cos(phase), np.sin(phase)])
+
     def way(t: float) -> tuple[float, float]:
-        return _aimed(*kept[0], _on_circle(t + LEAD, circle))
+        """Return the joints in degrees that aim the optical axis at the path.
+
+        They are ahead by the response of the laws and the age of the pictures; the path is known.
+        """
+        view, known = sensors[0].view, sensors[0].estimator.camera
+        phi, z = picked + off(t + 0.7) / np.array([known.radius, 1.0])
+        pan, tilt = view.joints(known.mount.aim(wall_point(phi, z, known.radius))).tolist()
+        return pan, tilt
 
     seconds = WAIT + circle.period
     run = run_loop(LAWS[0], control, way, seconds, specimen=seed, seed=seed, camera=give)
-    late, sensor = run.t > WAIT, kept[0][0]
-    wanted = np.array([_on_circle(t, circle) for t in run.t[late]])
-    reached = places_seen(sensor.mount, run.truth.angle[late], circle.hole, sensor.tip.pipe.radius)
-    return WallCircle(run.t[late], 1e3 * wanted, 1e3 * reached, run)
+    late, sensor = run.t > WAIT, sensors[0]
+    wanted = 1e3 * np.array([off(t) for t in run.t[late]])
+    reached = 1e3 * places_seen(
+        sensor.mount, run.truth.angle[late], circle.hole, sensor.tip.pipe.radius
+    )
+    missed = rms(np.linalg.norm(reached - wanted, axis=1))
+    return Results(t=run.t[late], wanted=wanted, reached=reached, rms=missed, run=run)
 
 
-def _on_circle(t: float, circle: Circle) -> FloatArray:
-    """Return the place (2,) from the hole in metres at a time, after the wait."""
-    phase = 2 * np.pi * max(t - WAIT, 0.0) / circle.period
-    return circle.radius * np.array([np.cos(phase), np.sin(phase)])
+def identify_seen(seed: int) -> Results:
+    """Identify the ``wires`` of one specimen and their ``coupling`` (2, 2) from pictures.
 
-
-def _picked(sensor: PictureSensor, hole: Bore, seed: int) -> FloatArray:
-    """Return phi and z of the hole by its pixel in the first picture, as the camera knows them."""
-    noise = CLICK * np.random.default_rng([seed, 59]).standard_normal(2)
-    pixel = true_pixel(sensor.tip.camera, hole.phi, hole.z) + noise
-    return sensor.estimator.camera.place(pixel, *sensor.view.line_of_sight(np.zeros(2)).tolist())
-
-
-def _aimed(sensor: PictureSensor, place: FloatArray, off: FloatArray) -> tuple[float, float]:
-    """Return the joints in degrees that aim the optical axis at a place off another."""
-    camera = sensor.estimator.camera
-    phi, z = place + off / np.array([camera.radius, 1.0])
-    pan, tilt = sensor.view.joints(camera.mount.aim(wall_point(phi, z, camera.radius))).tolist()
-    return pan, tilt
-
-
-def identify_seen(seed: int) -> SeenWires:
-    """Identify both wires of one specimen from pictures."""
+    ``view`` is the calibration of the camera, corrected by pictures of a sweep; ``lost`` counts
+    holds at whose end no picture showed the angles.
+    """
     view = PictureSensor(Head(seed), seed).survey()
     sensor = PictureSensor(Head(seed), seed, view=view)
-    found, moves, lost = [], [], 0
-    for axis in range(2):
-        up = np.linspace(0.0, CURRENT, FIRST_LOOP)
-        loop = np.concatenate([up, up[-2::-1]])
-        seen = _settled(sensor, axis, loop, follow=True)
-        good = np.isfinite(seen[:, axis])
-        levels: Levels = moving_levels(loop[good], seen[good, axis], BANDS)
-        holds = wire_holds(levels, minor_loops=True)
-        readings = _settled(sensor, axis, holds)
-        step = _step(sensor, axis)
-        found.append(identify_heating(holds, readings[:, axis], step=step, levels=levels))
-        lost += int(np.isnan(readings[:, axis]).sum() + (~good).sum())
-        moves.append(readings[np.isfinite(readings).all(axis=1)].T)
-    return SeenWires((found[0], found[1]), identify_coupling(moves), view, lost)
+    found, moves, lost = zip(
+        *(
+            identify_axis(axis, partial(_settled, sensor, axis), partial(_step, sensor, axis))
+            for axis in range(2)
+        ),
+        strict=True,
+    )
+    wires, coupling = tuple(one.model for one in found), identify_coupling(moves)
+    return Results(wires=wires, coupling=coupling, view=view, lost=sum(lost))
 
 
 def _settled(
-    sensor: PictureSensor, axis: int, currents: FloatArray, *, follow: bool = False
+    sensor: PictureSensor, axis: int, currents: FloatArray, follow: bool = False
 ) -> FloatArray:
-    """Return the angles (n, 2) in degrees at the ends of holds of one axis, the other one cold."""
+    """Return the angles (n, 2) in degrees at the ends of holds of one axis, the other one cold.
+
+    If the view was lost on a way that is followed, which no picture had shown before, the hold is
+    repeated from the one before: the wire forgets that it went back.
+    """
     inputs = np.zeros((currents.size, 2))
     inputs[:, axis] = currents
     found = []
     for k, u in enumerate(inputs):
         angles = sensor.hold(u, HOLD, PICTURES, follow=follow)
-        for _ in range(AGAIN if follow and k else 0):
+        for _ in range(3 if follow and k else 0):
             if np.isfinite(angles).all():
                 break
             sensor.hold(inputs[k - 1], HOLD, PICTURES, follow=True)
@@ -300,15 +258,12 @@ def _settled(
 
 
 def _step(sensor: PictureSensor, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, currents and angles of a step to full current and back."""
-    on, off, end = STEP
-    t = np.arange(0.0, end, EVERY * TICK)
-    current = np.where((t >= on) & (t < off), CURRENT, 0.0)
+    """Return times, currents and angles of a step, by every other frame."""
+    t, current = step_input()
     u, seen = np.zeros(2), [sensor.look()[axis]]
     for now in current[:-1]:
         u[axis] = now
-        for _ in range(EVERY - 1):
-            sensor.pass_over(u)
+        sensor.pass_over(u)
         sensor.exchange(u)
         seen.append(sensor.latest[axis])
     angle = np.array(seen)
@@ -316,14 +271,10 @@ def _step(sensor: PictureSensor, axis: int) -> tuple[FloatArray, FloatArray, Flo
     return t[known], current[known], angle[known]
 
 
-CIRCLE = "circle_30s"
-"""The circle of all controllers, the faster one whose error is limited."""
-
-
 def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> dict[str, Any]:
     """Identify a specimen from pictures, run every controller on pictures, return the figures."""
     began = time.perf_counter()
-    seen, circle = identify_seen(seed), CIRCLES[CIRCLE]
+    seen, circle = identify_seen(seed), CIRCLES["circle_30s"]
     rivals = {}
     for law in LAWS:
         control, camera = seen_control(law, seen), given_camera(seed, seen.view)

@@ -23,8 +23,6 @@ from papers.harness import rms
 
 TICK, DELAY, NOISE = 0.04, 0.04, 0.05
 """Interval of the loop, delay and noise of the sensor: s, s, degrees."""
-BAND, LEAST_BAND = 0.02, 0.3
-"""A step has settled within 2 % of its target, or 0.3 degrees where that is more."""
 HOTTEST, HIGHEST = 150.0, 0.4
 """Limits of a wire: degrees Celsius and A."""
 STEADY = 5.0
@@ -75,9 +73,12 @@ class HeadRun:
 
     @property
     def settle(self) -> float:
-        """Settling time of the first axis at its last target, in seconds; infinite without."""
+        """Time in seconds from which the first axis stays at its last target; infinite without.
+
+        It has settled within 2 % of the target, or 0.3 degrees where that is more.
+        """
         target = float(self.wanted[-1, 0])
-        out = np.abs(self.truth.angle[:, 0] - target) > max(BAND * abs(target), LEAST_BAND)
+        out = np.abs(self.truth.angle[:, 0] - target) > max(0.02 * abs(target), 0.3)
         if out[-1]:
             return math.inf
         return float(self.t[np.flatnonzero(out)[-1]]) if out.any() else 0.0
@@ -121,7 +122,7 @@ def run_loop(
     wanted, read, current = (np.empty((steps, 2)) for _ in range(3))
     took = np.empty(steps)
     alarms: list[Alarm] = []
-    before: list[Unreachable | None] = [None, None]
+    before: tuple[Unreachable | None, ...] = (None, None)
     state, y = control.begin(), np.zeros(2)
     for k in range(steps):
         wanted[k] = reference(k * TICK)
@@ -130,10 +131,12 @@ def run_loop(
         took[k] = time.perf_counter() - began
         y = np.asarray(plant.exchange(u))
         current[k], read[k] = u, y
-        verdicts = [axis.unreachable for axis in state.axes]
-        for axis, (old, now) in enumerate(zip(before, verdicts, strict=True)):
-            if now is not None and old is None:
-                alarms.append(Alarm(k * TICK, axis, now))
+        verdicts = tuple(axis.unreachable for axis in state.axes)
+        alarms += [
+            Alarm(k * TICK, axis, now)
+            for axis, (old, now) in enumerate(zip(before, verdicts, strict=True))
+            if now is not None and old is None
+        ]
         before = verdicts
     t = TICK * np.arange(1.0, steps + 1.0)
     return HeadRun(name, t, wanted, read, current, truth(head), tuple(alarms), state.log, took)

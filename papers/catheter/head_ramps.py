@@ -30,28 +30,10 @@ LOW, HIGH, RAMPS, PERIOD, BEFORE = 5.0, 40.0, 10, 120.0, 30.0
 """Ramps in degrees, the upper end within the stroke of the weakest wire; how many; seconds for one
 up and down, 15 lags of a wire each way, since the paper's inputs are slow; and before them at the
 lower end, in which the wire warms up."""
-FASTEST = 30.0
-"""Seconds of the last of ramps that get faster: the period of the faster circle of this study."""
-STEP = 0.015
-"""Step of the inverse in V: 0.1 V across the 20 ohm of the paper, which are 5 mA or 0.015 V of the
-command."""
-FILTER = 0.5
-"""Time constant in seconds of the filter that makes the inverse of the heating proper. It turns
-each step of the inverse into a pulse that is higher by the lag over it, 0.12 V with this one."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """One experiment: how the heating varies, and what is changed beside it."""
-
-    cooling: Cooling | None = None
-    """Of the head in which the model is identified and the ramps are driven."""
-    fastest: float = PERIOD
-    """Period of the last ramp in seconds; that of the first is `PERIOD`."""
-
-
-CASES = {"as it is": Case(), "faster": Case(fastest=FASTEST), "body": Case(Cooling())}
-"""The first is the head of all other runs, the last the hypothesis."""
+CASES = {"as it is": (None, PERIOD), "faster": (None, 30.0), "body": (Cooling(), PERIOD)}
+"""The body of the head in which the model is identified and the ramps are driven, and the period of
+the last ramp in seconds, from `PERIOD` to that of the faster circle. The first is the head of all
+other runs, the last the hypothesis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +81,13 @@ class Ramps:
 
 def run_ramps(seed: int) -> dict[str, Ramps]:
     """Identify the paper's model in each kind of head, and drive the ramps by its inverse."""
-    models = {case.cooling: _identified(seed, case.cooling) for case in CASES.values()}
-    return {name: _driven(seed, case, *models[case.cooling]) for name, case in CASES.items()}
+    models: dict[Cooling | None, tuple[Preisach, float]] = {}
+    for cooling, _ in CASES.values():
+        if cooling not in models:
+            around = Surroundings(cooling=cooling)
+            model = identify_mesh(seed, around).model
+            models[cooling] = model, heating_lag(seed, model, around)
+    return {name: _driven(seed, *case, *models[case[0]]) for name, case in CASES.items()}
 
 
 def stepping_inverse(model: Preisach, wanted: FloatArray, step: float) -> FloatArray:
@@ -122,23 +109,22 @@ def stepping_inverse(model: Preisach, wanted: FloatArray, step: float) -> FloatA
     return np.asarray(np.minimum(inputs, model.levels[-1]))
 
 
-def _identified(seed: int, cooling: Cooling | None) -> tuple[Preisach, float]:
-    around = Surroundings(cooling=cooling)
-    model = identify_mesh(seed, around).model
-    return model, heating_lag(seed, model, around)
-
-
-def _driven(seed: int, case: Case, model: Preisach, lag: float) -> Ramps:
-    periods = np.geomspace(PERIOD, case.fastest, RAMPS)
+def _driven(
+    seed: int, cooling: Cooling | None, fastest: float, model: Preisach, lag: float
+) -> Ramps:
+    periods = np.geomspace(PERIOD, fastest, RAMPS)
     ends = BEFORE + np.concatenate([[0.0], np.cumsum(periods)])
     t = TICK * np.arange(round(ends[-1] / TICK) + 1)
     # A phase of 1 for each ramp; 0.5 is its top.
     phase = np.interp(t, np.concatenate([[0.0], ends]), [0.0, *range(RAMPS + 1)]) % 1.0
     wanted = LOW + (HIGH - LOW) * (1.0 - np.abs(2.0 * phase - 1.0))
-    steps = stepping_inverse(model, wanted, STEP)
-    inverse, _ = filtered_inverse(Linear.lags(lag), FILTER)
+    # A step is 0.1 V across the 20 ohm of the paper: 5 mA, or 0.015 V of the command.
+    steps = stepping_inverse(model, wanted, 0.015)
+    # The filter of 0.5 s makes the inverse of the heating proper. It turns each step into a pulse
+    # that is higher by the lag over it, 0.12 V.
+    inverse, _ = filtered_inverse(Linear.lags(lag), 0.5)
     command = np.clip(inverse.simulate(t, steps), 0.0, COMMAND)
-    around = Surroundings(cooling=case.cooling)
+    around = Surroundings(cooling=cooling)
     head = Head(seed, NOISE, seed, surroundings=around, log_truth=True)
     angle, cuts = np.zeros_like(t), np.searchsorted(t, np.concatenate([[0.0], ends]))
     for a, b in zip(cuts[:-1], np.append(cuts[1:-1], t.size - 1), strict=True):

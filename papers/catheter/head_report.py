@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,27 +28,70 @@ from papers.catheter.head_loop import (
     DISTURBED,
     HIGHEST,
     HOTTEST,
+    NOISE,
     STEADY,
     TICK,
     HeadRun,
     step_figures,
 )
-from papers.catheter.head_rivals_report import STEP, WORDS, ControllerFigure, where_better
 from papers.catheter.head_static import COMMAND, MESH
 from papers.catheter.picture_sensor import DROPPED
-from papers.drawing import WITH_ROOM, draw, level, panel
+from papers.claims import cell
+from papers.drawing import WITH_ROOM, draw, level, on_axes, panel
 from papers.harness import Results, Study, rms
 
 _COLOURS = {"pi": "C3", "feedforward_pi": "C4", "internal_model": "C1", "observer": "C0"}
 """Controllers that are drawn, the default last, on top. In steps, the others lie between the
 internal model and the observer."""
-_ROUNDING = 1e-9
-"""Error of an inverse in percent of the range that is of the floating-point numbers only."""
 FIG_7 = ("wanted angle", "inverse of the operator", "power", "inverse of the heating", "command")
 FIG_9 = ("wanted, less what the model missed", "C(s), G(s)", "v", "inverse operator, wire", "angle")
 FIG_9_MODEL = ("v", "H(s)", "angle of the model", "less the angle", "what the model missed")
-HISTORY = (0.0, 0.9, 0.35, 0.7)
-"""Commands of Fig 3 in V: extrema of the input, one after the other."""
+WORDS = {
+    "observer": "observer",
+    "feedforward": "open loop",
+    "pi": "PI alone",
+    "internal_model": "internal model",
+    "adaptive": "adaptive",
+    "feedforward_pi": "inverse and PI",
+    "model_reference": "model reference",
+}
+"""Name of each controller in reports, the default first."""
+
+
+class ControllerFigure(NamedTuple):
+    """A figure of a controller, of which less is better."""
+
+    key: str
+    words: str
+    unit: str
+    digits: int = 2
+    """Behind the decimal point."""
+    least: float = 0.0
+    """Difference that counts if it is exceeded."""
+
+    @property
+    def heading(self) -> str:
+        """Heading of a column."""
+        return f"{self.words}, {self.unit}"
+
+    def text(self, figures: Mapping[str, float]) -> str:
+        """Return the figure of one controller as a cell of a table."""
+        return cell(figures[self.key], f".{self.digits}f")
+
+    def less(self, one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+        """Return whether one controller is better than another, by a difference that counts."""
+        low, high = float(one[self.key]), float(other[self.key])
+        shown = round(low, self.digits) < round(high, self.digits)
+        return shown and not high - low <= self.least + 1e-9  # of times that are whole ticks
+
+
+STEP = (
+    ControllerFigure("settle_s", "settling", "s", 1, least=TICK),
+    # The noise of a reading is most of the overshoot of the lowest step.
+    ControllerFigure("overshoot_pct", "overshoot", "%", 1, least=100 * NOISE / TARGETS[0]),
+    ControllerFigure("steady_rms_deg", "steady rms", "deg"),
+)
+"""Figures of steps."""
 RIVALS = (
     *STEP,
     ControllerFigure("disturbed_settle_s", "settling when disturbed", "s", 1, least=TICK),
@@ -74,8 +117,37 @@ def names(study: Results, *_: Any) -> dict[str, Any]:
         "HOTTEST": HOTTEST,
         "AGE": AGE,
         "DROPPED": DROPPED,
-        "where_better": where_better,
     }
+
+
+def rivals_table(
+    quantities: Sequence[ControllerFigure], figures: Mapping[str, Mapping[str, float]]
+) -> Table:
+    """Return the figures of all controllers, one row for each."""
+    columns = ("controller", *(each.heading for each in quantities))
+    rows = [
+        (WORDS[name], *(each.text(own) for each in quantities)) for name, own in figures.items()
+    ]
+    return Table(columns, rows)
+
+
+def where_better(
+    quantities: Sequence[ControllerFigure], figures: Mapping[str, Mapping[str, float]], default: str
+) -> str:
+    """Return in words on which figures another controller is better than the default.
+
+    Figures count as they are shown: a difference behind the last digit is none. Nor is one of up to
+    a tick of the loop in a time, or the noise of a reading in an overshoot.
+    """
+    said = ""
+    for each in quantities:
+        better = [name for name, of in figures.items() if each.less(of, figures[default])]
+        if better:
+            parts = [f"{WORDS[name]} {each.text(figures[name])}" for name in (default, *better)]
+            said += f" {each.words[0].upper()}{each.words[1:]} in {each.unit}: {', '.join(parts)}."
+    if not said:
+        return f"No other controller is better than the {WORDS[default]} on any of these figures."
+    return f"On these figures others are better than the {WORDS[default]}:{said}"
 
 
 def holds(*values: float | str) -> str:
@@ -112,33 +184,28 @@ def _drawn(study: Results) -> dict[str, dict[str, float]]:
 
 
 def laws_table(camera: Results, sensed: Mapping[tuple[str, str], HeadRun]) -> Table:
-    """Return the steps by every law, on pictures and on sensors at the joints."""
-    steps, end = tuple(sorted({target for _, target in camera.steps})), end_of(camera)
-    found = {("camera", *key): run for key, run in camera.steps.items()}
-    for name, target in product(LAWS, steps):
-        if (f"step {target:g}", name) in sensed:
-            found["joint sensors", name, target] = sensed[f"step {target:g}", name]
+    """Return the steps by every law, on pictures and on sensors at the joints.
+
+    The last column is over the last seconds of the steps by the camera, which are shorter.
+    """
+    steps = tuple(sorted({target for _, target in camera.steps}))
+    end = float(min(run.t[-1] for run in camera.steps.values()))
+    sensors = {
+        (law, target): sensed.get((f"step {target:g}", law)) for law in LAWS for target in steps
+    }
     rows = []
-    several = dict.fromkeys((steps, steps[-1:]))
-    for targets, name, how in product(several, LAWS, ("camera", "joint sensors")):
-        runs = [run for target in targets if (run := found.get((how, name, target))) is not None]
-        if len(runs) == len(targets) and (name, targets[0]) in camera.steps:
-            of, which = step_figures(runs), ", ".join(f"{target:g}" for target in targets)
-            late = max(_late(run, end) for run in runs)
-            cells = (*(each.text(of) for each in STEP), f"{late:.2f}")
-            rows.append((WORDS[name], how, which, *cells))
+    for targets, name in product(dict.fromkeys((steps, steps[-1:])), LAWS):
+        for how, found in (("camera", camera.steps), ("joint sensors", sensors)):
+            runs = [run for each in targets if (run := found.get((name, each))) is not None]
+            if len(runs) == len(targets) and (name, targets[0]) in camera.steps:
+                of, which = step_figures(runs), ", ".join(f"{target:g}" for target in targets)
+                late = max(
+                    rms(run.error[(run.t > end - STEADY) & (run.t <= end), 0]) for run in runs
+                )
+                cells = (*(each.text(of) for each in STEP), f"{late:.2f}")
+                rows.append((WORDS[name], how, which, *cells))
     columns = ("controller", "sensor", "steps, deg", *(each.heading for each in STEP))
     return Table((*columns, f"rms from {end - STEADY:.0f} to {end:.0f} s, deg"), rows)
-
-
-def end_of(camera: Results) -> float:
-    """Return the duration of the steps by the camera alone, in seconds."""
-    return float(min(run.t[-1] for run in camera.steps.values()))
-
-
-def _late(run: HeadRun, end: float) -> float:
-    """Return the rms error of the first axis in the last seconds before a time, in degrees."""
-    return rms(run.error[(run.t > end - STEADY) & (run.t <= end), 0])
 
 
 def draw_loops(study: Results) -> Any:
@@ -197,12 +264,13 @@ def draw_history() -> Any:
     plane = RelayModel(u, np.zeros((u.size, u.size)), relay="unipolar")
     upper, lower = [], []
     for number, name in enumerate("abc", start=2):
-        way = np.array(HISTORY[:number])
+        way = np.array((0.0, 0.9, 0.35, 0.7)[:number])  # extrema of the input
         time = (np.arange(number), way, "C0 o-")
         frame: dict[str, Any] = {"xlim": (0, 3.2), "ylim": (0, COMMAND)}
         upper.append(panel("time", "command [V]", time, title=f"({name})", **frame))
         shown = np.where(np.tri(u.size, dtype=bool), plane.states(way), np.nan)
-        cells = partial(_cells, u=u, shown=shown)
+        look = {"cmap": "Blues", "vmin": -0.4, "vmax": 1.4, "rasterized": True}
+        cells = on_axes("pcolormesh", u, u, shown, **look)
         words = "beta [V]", "alpha [V]"
         lower.append(panel(*words, cells, title=f"({chr(ord(name) + 3)})", aspect="equal"))
     return draw(*upper, *lower, columns=3, height=5.4)
@@ -228,10 +296,6 @@ def draw_mesh(study: Results) -> Any:
     diagonal = ([0.0, COMMAND], [0.0, COMMAND], "0.3 - 0.8")
     words = "beta: where the fall ends [V]", "alpha: where the rise ends [V]"
     return draw(panel(*words, *lines, diagonal, nodes, aspect="equal"), height=4.4)
-
-
-def _cells(axes: Any, u: Any, shown: Any) -> None:
-    axes.pcolormesh(u, u, shown, cmap="Blues", vmin=-0.4, vmax=1.4, rasterized=True)
 
 
 def draw_ramps(study: Results) -> Any:
@@ -286,7 +350,7 @@ def draw_disturbed(study: Results) -> Any:
         panel("time [s]", "angle [deg]", *steps, goal, title=title),
         panel(
             "time [s]", "error [deg]", *errors,
-            lambda axes: axes.axvspan(RAMP_AT, RAMP_AT + 10, **words),
+            on_axes("axvspan", RAMP_AT, RAMP_AT + 10, **words),
         ),
         columns=2,
     )  # fmt: skip
@@ -323,7 +387,7 @@ def draw_hopeless(study: Results) -> Any:
         said = f"no alarm: in the end it comes to {study.reach[what]:.0f} degrees"
         for alarm in run.alarms[:1]:
             said = f"{alarm.verdict.reason}, after {alarm.t:.1f} s"
-        given_up = [partial(_mark, at=alarm.t) for alarm in run.alarms]
+        given_up = [on_axes("axvline", each.t, color="C3", lw=1.0) for each in run.alarms]
         angle = (run.t, run.truth.angle[:, 0], "C0", "angle")
         target = (run.t, run.wanted[:, 0], "0.2 -- 0.8", "target")
         title = f"{what}\n{said}"
@@ -333,13 +397,9 @@ def draw_hopeless(study: Results) -> Any:
     return draw(*upper, *lower, columns=2, height=5.0, sharex=True, sharey="row")
 
 
-def _mark(axes: Any, at: float) -> None:
-    axes.axvline(at, color="C3", lw=1.0)
-
-
 def to_rounding(error: float) -> str:
     """Return in words by how much of the range in percent an exact inverse errs."""
-    return "is exact to rounding" if error < _ROUNDING else f"errs by {error:.2g} %"
+    return "is exact to rounding" if error < 1e-9 else f"errs by {error:.2g} %"
 
 
 def mean_lag(wire: HeatedWire) -> float:

@@ -8,7 +8,7 @@ All are then tried on random holds and, as in the paper's Fig 5, on an arbitrary
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -39,69 +39,8 @@ COMMAND, CURRENT = 1.2, 0.4
 MESH, BANDS = 12, 16
 HOLD = 40.0
 """Seconds of a settled hold: more than five times the slowest time constant of the wire."""
-FIRST_LOOP, VALIDATION, TARGETS = 25, 40, 40
-STEP = (0.16, 25.0, 40.0)
-"""Times at which the current of the step is switched on and off, and end of its record, in s."""
-ARBITRARY_SECONDS, ARBITRARY_PERIODS, SINES, RISE = 600.0, (30.0, 90.0), 4, 20.0
-"""The arbitrary input: duration in s; a sum of so many sines with periods in this range, slow
-enough for the wire to cross its loop and fast enough for the lag to count; rise in s."""
-WHOLE, INSIDE = 200.0, 0.5
-"""Seconds over the whole range of commands, and the share of it above which the input stays after
-them and another rise: below, the wire is cold, and no reversal is a minor loop."""
-LOOP = 1.0
-"""Degrees by which the angle rises and falls in what counts as a minor loop."""
-MOVING, MOVING_GAP = 0.1, 2.0
-"""A wire moves where its angle changes by so many degrees a second over so many seconds: a
-hundredth of its usual rate, and four times the noise of such a difference."""
-_LAGS = (0.3, 60.0)
-"""Range in seconds in which the lag of a linear heating is looked for."""
-EDGE = 0.02
-"""Share of the stroke at each end that counts as the end."""
-_MARGIN = 0.05
-"""Share of the range at each end without targets, by trial: near saturation, the inverse is
-ill-conditioned."""
-
-
-@dataclass(frozen=True, eq=False)
-class Arbitrary:
-    """An arbitrary continuous input with minor loops, that no model was fitted to.
-
-    ``t`` (T,) in s, ``command`` (T,) in V, ``angle`` (T,) as measured in degrees; ``predicted``
-    are the angles (T,) of the operator on ``power`` with its lag, of the ``mesh`` behind a linear
-    lag, and of the ``ideal`` H(s) of Fig 9, whose lag is behind the operator.
-    """
-
-    t: FloatArray
-    command: FloatArray
-    angle: FloatArray
-    predicted: dict[str, FloatArray]
-
-    @property
-    def moving(self) -> npt.NDArray[np.bool_]:
-        """(T,) where the wire moves: the rest is predicted by any model."""
-        gap = MOVING_GAP / 2
-        later, before = (np.interp(self.t + off, self.t, self.angle) for off in (gap, -gap))
-        return np.asarray(np.abs(later - before) > MOVING * MOVING_GAP)
-
-    @property
-    def minor_loops(self) -> int:
-        """Reversals from a fall to a rise of the angle away from cold."""
-        count, falls, turn = 0, False, float(self.angle[0])
-        for angle in self.angle.tolist():
-            turn = min(turn, angle) if falls else max(turn, angle)
-            if abs(angle - turn) > LOOP:
-                count += falls and turn > 2.0 * LOOP
-                falls, turn = not falls, angle
-        return count
-
-    def figures(self) -> dict[str, float]:
-        """Return rms errors in degrees, of all samples and of those in which the wire moves."""
-        found = {"moving_share": float(np.mean(self.moving)), "minor_loops": self.minor_loops}
-        for name, predicted in self.predicted.items():
-            prefix, error = "" if name == "power" else f"{name}_", predicted - self.angle
-            found[f"{prefix}rms_deg"] = rms(error)
-            found[f"{prefix}moving_rms_deg"] = rms(error[self.moving])
-        return found
+RISE = 20.0
+"""Seconds in which the arbitrary input rises, at its begin and where it leaves the cold."""
 
 
 def run_static(seed: int) -> Results:
@@ -119,10 +58,10 @@ def run_static(seed: int) -> Results:
     dots = RelayModel.from_preisach(paper.model)
     wires, coupling = _identified(seed)
     rng = np.random.default_rng([seed, 5])
-    inputs = rng.uniform(0.0, COMMAND, VALIDATION)
+    inputs = rng.uniform(0.0, COMMAND, 40)
     low, high = paper.model.range
-    edge = _MARGIN * (high - low)
-    targets = rng.uniform(low + edge, high - edge, TARGETS)
+    edge = 0.05 * (high - low)  # near saturation, the inverse is ill-conditioned
+    targets = rng.uniform(low + edge, high - edge, 40)
     settled = _settled(seed, 0, inputs * CURRENT / COMMAND)[:, 0]
     predictions = {
         "power": wires[0].model.operator.simulate((inputs * CURRENT / COMMAND) ** 2),
@@ -136,7 +75,7 @@ def run_static(seed: int) -> Results:
     }
     arbitrary = _arbitrary(seed, wires[0].model, paper.model)
     errors = {name: y - settled for name, y in predictions.items()}
-    own, (least, most) = EDGE * np.ptp(wires[0].model.operator.range), wires[0].model.operator.range
+    own, (least, most) = 0.02 * np.ptp(wires[0].model.operator.range), wires[0].model.operator.range
     # Holds between the ends of the stroke: at the ends any model is right.
     between = (settled > least + own) & (settled < most - own)
     figures: dict[str, Any] = {
@@ -174,33 +113,65 @@ def heating_lag(seed: int, model: Preisach, surroundings: Surroundings | None = 
         heated = Linear.lags(lag).simulate(t, current * COMMAND / CURRENT)
         return float(np.mean((model.simulate(heated) - angle) ** 2))
 
-    return float(minimize_scalar(error, bounds=_LAGS, method="bounded").x)
+    return float(minimize_scalar(error, bounds=(0.3, 60.0), method="bounded").x)
 
 
-def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Arbitrary:
-    """Drive the first axis by an arbitrary input: over the whole range, then where it moves."""
+def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Results:
+    """Drive the first axis by an arbitrary continuous input that no model was fitted to.
+
+    ``t`` (T,) in s, ``command`` (T,) in V, ``angle`` (T,) as measured in degrees; ``predicted``
+    are the angles (T,) of the operator on ``power`` with its lag, of the ``mesh`` behind a linear
+    lag, and of the ``ideal`` H(s) of Fig 9, whose lag is behind the operator.
+
+    It is a sum of sines, slow enough for the wire to cross its loop and fast enough for the lag to
+    count. After 200 s it stays above half of the range: below, the wire is cold, and no reversal is
+    a minor loop.
+    """
     rng = np.random.default_rng([seed, 6])
-    t: FloatArray = 2 * TICK * np.arange(round(ARBITRARY_SECONDS / (2 * TICK)), dtype=np.float64)
-    turns = np.outer(1.0 / rng.uniform(*ARBITRARY_PERIODS, SINES), t)
-    shape = np.sin(2 * np.pi * (turns + rng.uniform(size=(SINES, 1)))).sum(axis=0)
+    t: FloatArray = 2 * TICK * np.arange(round(600.0 / (2 * TICK)), dtype=np.float64)
+    turns = np.outer(1.0 / rng.uniform(30.0, 90.0, 4), t)
+    shape = np.sin(2 * np.pi * (turns + rng.uniform(size=(4, 1)))).sum(axis=0)
     share = (shape - shape.min()) / np.ptp(shape)
-    floor = INSIDE * np.clip((t - WHOLE) / RISE, 0.0, 1.0)
+    floor = 0.5 * np.clip((t - 200.0) / RISE, 0.0, 1.0)
     share = floor + (1.0 - floor) * share
     command = COMMAND * np.minimum(t / RISE, 1.0) * share
     current = command * CURRENT / COMMAND
     head = Head(seed, NOISE, 2 * seed)
     heated = Linear.lags(heating_lag(seed, mesh)).simulate(t, command)
     lag = wire.lag + wire.latent * mean_slope(wire)
-    return Arbitrary(
-        t=t,
-        command=command,
-        angle=np.asarray(head.drive(t, np.array([current, np.zeros(t.size)])).y[0]),
-        predicted={
-            "power": wire.simulate(t, current),
-            "mesh": mesh.simulate(heated),
-            "ideal": Linear.lags(lag).simulate(t, wire.operator.simulate(current**2)),
-        },
-    )
+    angle = np.asarray(head.drive(t, np.array([current, np.zeros(t.size)])).y[0])
+    predicted = {
+        "power": wire.simulate(t, current),
+        "mesh": mesh.simulate(heated),
+        "ideal": Linear.lags(lag).simulate(t, wire.operator.simulate(current**2)),
+    }
+    figures = arbitrary_figures(t, angle, predicted)
+    return Results(figures, t=t, command=command, angle=angle, predicted=predicted)
+
+
+def arbitrary_figures(
+    t: FloatArray, angle: FloatArray, predicted: Mapping[str, FloatArray]
+) -> dict[str, float]:
+    """Return rms errors in degrees, of all samples and of those in which the wire moves.
+
+    Where it does not, any model predicts it. It moves where its angle changes by 0.1 degrees a
+    second over two seconds: a hundredth of the usual rate, and four times the noise of such a
+    difference. Minor loops are reversals from a fall to a rise, of a degree, away from cold.
+    """
+    later, before = (np.interp(t + off, t, angle) for off in (1.0, -1.0))
+    moving = np.abs(later - before) > 0.1 * 2.0
+    count, falls, turn, loop = 0, False, float(angle[0]), 1.0
+    for now in angle.tolist():
+        turn = min(turn, now) if falls else max(turn, now)
+        if abs(now - turn) > loop:
+            count += falls and turn > 2.0 * loop
+            falls, turn = not falls, now
+    found = {"moving_share": float(np.mean(moving)), "minor_loops": count}
+    for name, each in predicted.items():
+        prefix, error = "" if name == "power" else f"{name}_", each - angle
+        found[f"{prefix}rms_deg"] = rms(error)
+        found[f"{prefix}moving_rms_deg"] = rms(error[moving])
+    return found
 
 
 def identify_mesh(seed: int, surroundings: Surroundings | None = None) -> Identification:
@@ -223,18 +194,43 @@ def _identified(seed: int) -> tuple[tuple[HeatedIdentification, ...], FloatArray
 
 
 def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:
+    """Identify one axis by its sensors."""
+    found, readings, _ = identify_axis(
+        axis,
+        lambda currents, first: _settled(seed, axis, currents),
+        lambda: step_record(seed, axis),
+    )
+    return found, readings
+
+
+def identify_axis(
+    axis: int,
+    settled: Callable[[FloatArray, bool], FloatArray],
+    step: Callable[[], tuple[FloatArray, FloatArray, FloatArray]],
+) -> tuple[HeatedIdentification, FloatArray, int]:
     """Identify one axis from a first loop, holds where it moves, minor loops too, and a step.
 
-    The second value are the readings (2, n) of both sensors while only this axis moved.
+    Returns the model, the readings (2, n) of both axes while only this one moved, and how many
+    holds had no reading.
+
+    Parameters
+    ----------
+    settled : callable
+        Returns readings (n, 2) in degrees at the ends of holds of currents (n,) in A, the other
+        axis cold, NaN where there is none; and is told whether it is the first loop.
+    step : callable
+        Returns what `step_record` does.
     """
-    up = np.linspace(0.0, CURRENT, FIRST_LOOP)
+    up = np.linspace(0.0, CURRENT, 25)
     loop = np.concatenate([up, up[-2::-1]])
-    levels: Levels = moving_levels(loop, _settled(seed, axis, loop)[:, axis], BANDS)
+    seen = settled(loop, True)
+    good = np.isfinite(seen[:, axis])
+    levels: Levels = moving_levels(loop[good], seen[good, axis], BANDS)
     holds = wire_holds(levels, minor_loops=True)
-    readings = _settled(seed, axis, holds)
-    t, current, angle = step_record(seed, axis)
-    found = identify_heating(holds, readings[:, axis], step=(t, current, angle), levels=levels)
-    return found, readings.T
+    readings = settled(holds, False)
+    found = identify_heating(holds, readings[:, axis], step=step(), levels=levels)
+    lost = int(np.isnan(readings[:, axis]).sum() + (~good).sum())
+    return found, readings[np.isfinite(readings).all(axis=1)].T, lost
 
 
 def _settled(
@@ -251,14 +247,17 @@ def step_record(
     seed: int, axis: int, surroundings: Surroundings | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times, currents and readings of a step of one axis to full current and back."""
-    on, off, end = STEP
-    interval = 2 * TICK
-    t = np.arange(0.0, end, interval)
-    current = np.where((t >= on) & (t < off), CURRENT, 0.0)
+    (t, current), interval = step_input(), 2 * TICK
     head, inputs = _head(seed, axis, surroundings), np.zeros((t.size, 2))
     inputs[:, axis] = current
     read = [np.asarray(head.apply(u, interval, interval).y)[axis, -1] for u in inputs[:-1]]
     return t, current, np.array([0.0, *read])
+
+
+def step_input() -> tuple[FloatArray, FloatArray]:
+    """Return times in s, two ticks apart, and currents in A: on at 0.16 s, and off at 25 s."""
+    t: FloatArray = np.arange(0.0, 40.0, 2 * TICK)
+    return t, np.where((t >= 0.16) & (t < 25.0), CURRENT, 0.0)
 
 
 def _head(seed: int, axis: int, surroundings: Surroundings | None = None) -> Head:

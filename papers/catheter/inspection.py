@@ -11,35 +11,41 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from multiprocessing import parent_process
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop.report import Table
 from minorloop.threads import one_thread
-from minorloop_head.vision.defects import SIZED
-from papers.catheter.crack_trials import crack_figures, score_cracks
+from minorloop_head.procedures.inspected_view import AROUND
+from minorloop_head.procedures.sweep_map import draw_pipe_map
+from minorloop_head.vision.defects import DITHER, LEAST_EVIDENCE, SINGLE, SIZED, SWITCHED, Hole
+from papers.catheter.crack_trials import CrackOutcome, crack_figures, score_cracks, search_cracks
 from papers.catheter.detection import (
     FLOODED,
+    JUDGE,
+    JUDGED_SCENES,
+    SceneOutcome,
+    Search,
     detection_figures,
     plain_edges,
+    recall_curve,
     score_kind,
     score_scene,
+    search_scene,
 )
-from papers.catheter.flooded import reach_figures
-from papers.catheter.inspection_servo import Scene, servo_figures
+from papers.catheter.inspection_servo import SETTLED_PX, SWAY_WAIT, Scene, servo_figures
 from papers.catheter.mission import gather as gather_missions
-from papers.catheter.mission import run_mission
-from papers.catheter.scan_trials import SCANS, run_scans, scan_figures
+from papers.catheter.mission import reach_figures, run_mission
+from papers.catheter.scan_trials import SCANS, ScoredScan, run_scans, scan_figures
 from papers.catheter.sweep_trials import c_scan_figures, run_sweep
-from papers.harness import Results, for_each, mean, medians
+from papers.drawing import Paint, draw, level, on_axes, panel, photo
+from papers.harness import Results, Study, for_each, mean, medians
 
-FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
-FIRST_FLOODED, FIRST_SIZED = 4_000_000, 5_000_000
-"""Seeds of the scored scenes, and number of scenes with and without a hole or a crack for each
-specimen."""
-_PLAIN_SHARE, _SCANNED = 4, 4
-"""Scenes with a hole for each plain scene, and cracks for each one that is scanned: by trial. A
-scan takes five times as long as a scene."""
+SCENES = 4
+"""Scenes with and without a hole or a crack for each specimen."""
 _SCORED = ("outcomes", "cracks", "edges", "scored", "sweep")
 
 
@@ -91,24 +97,26 @@ def _servo(seed: int, *_: int) -> dict[str, Any]:
 
 
 def _holes(seed: int, scenes: int, *_: int) -> dict[str, Any]:
-    plain, first = -(-scenes // _PLAIN_SHARE), seed * scenes
+    # Plain scenes are a quarter as many: by trial.
+    plain, first = -(-scenes // 4), seed * scenes
     outcomes = [
         outcome
         for k in range(first, first + scenes)
         for hole in (True, False)
         for outcome in (
-            *score_scene(FIRST_SCENE + k, hole),
-            score_kind(FIRST_FLOODED + k, hole, FLOODED),
-            score_kind(FIRST_SIZED + k, hole, SIZED),
+            *score_scene(50_000 + k, hole),
+            score_kind(4_000_000 + k, hole, FLOODED),
+            score_kind(5_000_000 + k, hole, SIZED),
         )
     ]
-    edges = np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)])
+    edges = np.concatenate([plain_edges(2_000_000 + seed * plain + k) for k in range(plain)])
     return {"outcomes": tuple(outcomes), "edges": edges}
 
 
 def _cracks(seed: int, scenes: int, *_: int) -> dict[str, Any]:
+    # A scan takes five times as long as a scene, so that a quarter of the cracks are scanned.
     outcomes = (
-        score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
+        score_cracks(3_000_000 + seed * scenes + k, crack, scan=k % 4 == 0)
         for k in range(scenes)
         for crack in (True, False)
     )
@@ -143,3 +151,259 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "cscan": c_scan_figures([run["sweep"] for run in runs]),
         "reach": {key: mean([run["reach"][key] for run in runs]) for key in runs[0]["reach"]},
     }
+
+
+_WORDS = {
+    SWITCHED: ("three lights and none", "C0 - 2.6"),
+    SINGLE: ("one frame", "C1 -- 1.8"),
+    DITHER: ("five turns of 2 degrees", "C2 : 1.8"),
+}
+_LEAST_SHOWN = 3e-3
+"""Left end of the logarithmic axis of false findings, which cannot show 0; by trial."""
+_SHOWN = 6
+"""Most scenes that are drawn of each kind of error, by trial."""
+_LIGHTS = {0: "first light", 1: "second light", 2: "third light", 4: "all lights"}
+"""Drawn frames of an acquisition, and their lights; the one without light is left out."""
+
+
+def missed_holes(outcomes: Sequence[SceneOutcome]) -> dict[str, int]:
+    """Return counts of holes and of missed ones under switched lights, and of false findings."""
+    own = [each for each in outcomes if each.mode == SWITCHED]
+    missed = [each for each in own if each.hole and not each.found]
+    return {
+        "holes": sum(each.hole for each in own),
+        "missed": len(missed),
+        "dark": sum(each.inside == "dark" for each in missed),
+        "unseen": sum(not np.isfinite(each.evidence) for each in missed),
+        "false": sum(each.false for each in own),
+        "of": len(own),
+    }
+
+
+def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
+    """Draw recall against false findings for each kind of acquisition."""
+    most, least = 0.05, 0.98  # required
+    lines: list[Any] = [([_LEAST_SHOWN, most, most], [least, least, 1.0], "0.3 --")]
+    for mode, (words, look) in _WORDS.items():
+        own = [each for each in outcomes if each.mode == mode]
+        if not any(each.hole for each in own):
+            continue
+        false, recall = recall_curve(own)
+        # More false findings before more recall.
+        way = np.maximum(np.repeat(false, 2)[1:], _LEAST_SHOWN), np.repeat(recall, 2)[:-1]
+        at = max(sum(each.false for each in own) / len(own), _LEAST_SHOWN)
+        hits = float(np.mean([each.found for each in own if each.hole]))
+        lines += [(*way, look, words), ([at], [hits], f"{look.split()[0]} o 6")]
+    x = f"false findings an acquisition ({_LEAST_SHOWN:g} or fewer at the left)"
+    y, place = "share of the holes that are found", {"loc": "lower right"}
+    frame: dict[str, Any] = {"xscale": "log", "xlim": (_LEAST_SHOWN, 2.0), "ylim": (0.5, 1.03)}
+    return draw(panel(x, y, *lines, legend=place, **frame))
+
+
+def draw_missed(outcomes: Sequence[SceneOutcome]) -> Any:
+    """Draw holes that were missed, and the outlines with the most evidence there; None of none."""
+    own = [each for each in outcomes if each.mode == SWITCHED and each.hole and not each.found]
+    return _scenes([(each, each.evidence, each.inside) for each in own])
+
+
+def draw_false(outcomes: Sequence[SceneOutcome]) -> Any:
+    """Draw findings that were none, the strongest of each scene; None of none."""
+    shown = []
+    for each in outcomes:
+        if each.mode == SWITCHED and each.false:
+            most = max(value for value in each.alarms if value >= LEAST_EVIDENCE[SWITCHED])
+            shown.append((each, most, f"evidence {most:+.1f}"))
+    return _scenes(shown)
+
+
+def _scenes(shown: Sequence[tuple[SceneOutcome, float, str]]) -> Any:
+    """Draw the first scenes about the findings with some evidence, with words; None of none."""
+    panels: list[Paint] = []
+    for each, evidence, words in shown[:_SHOWN]:
+        (search,) = search_scene(each.seed, each.hole)
+        hole = next((hole for hole in search.holes if hole.evidence == evidence), None)
+        panels += _scene(f"scene {each.seed}\n{words}", search, hole)
+    rows = len(panels) // len(_LIGHTS)
+    return draw(*panels, columns=len(_LIGHTS), height=2.35 * rows) if panels else None
+
+
+def _scene(words: str, search: Search, hole: Hole | None) -> list[Paint]:
+    """Return pictures under each light about a finding, with its outline and the true edge.
+
+    Half a side is 75 pixels: 3 mm, within which a glint is, 20 mm away.
+    """
+    rim = None if hole is None else search.rim(hole)
+    true = search.true_rim() if search.view.hole is not None else None
+    about = true if rim is None else rim
+    middle = np.zeros(2) if about is None else about.mean(axis=0)
+    lines = [
+        (*np.vstack([edge, edge[:1]]).T, f"{colour} - 0.8")
+        for edge, colour in ((true, "C0"), (rim, "C1"))
+        if edge is not None
+    ]
+    roots = {  # shadows are seen so
+        light: np.sqrt(search.frames[frame].image, dtype=np.float32)
+        for frame, light in _LIGHTS.items()
+    }
+    first = next(iter(roots))
+    return [
+        photo(
+            root, f"{words}\n{light}" if light == first else light, *lines, middle=middle,
+            half=75, vmax=16,
+        )
+        for light, root in roots.items()
+    ]  # fmt: skip
+
+
+def crack_table(found: Mapping[str, Any]) -> Table:
+    """Return a table of recall by width."""
+    rows = []
+    classes = {"100um": "100 to 200 um", "50um": "50 to 100 um", "30um": "30 to 50 um"}
+    for name, words in classes.items():
+        if of := found[f"scenes_{name}"]:
+            low, high = found[f"recall_{name}_interval"]
+            share = f"{found[f'recall_{name}']:.1%} ({low:.1%} to {high:.1%})"
+            rows.append((words, share, str(of)))
+    return Table(("width", "found (95 % interval)", "cracks"), rows)
+
+
+def verdict_words(found: Mapping[str, Any]) -> str:
+    """Return the verdicts of scans across cracks as a list."""
+    return ", ".join(f"{verdict} {count}" for verdict, count in found["verdicts"].items()) or "none"
+
+
+def draw_walls(outcomes: Sequence[CrackOutcome]) -> Any:
+    """Draw the unrolled wall of the four widest cracks, with true and traced courses."""
+    shown = sorted(outcomes, key=lambda one: -one.width)[:4]
+    panels = [_wall(one) for one in shown]
+    return draw(*panels, columns=2, height=2.6 * -(-len(shown) // 2)) if shown else None
+
+
+def _wall(outcome: CrackOutcome) -> Paint:
+    search = search_cracks(outcome.seed, outcome.width > 0)
+    wall, radius = search.findings.wall, search.camera.radius
+    title = f"scene {outcome.seed}, {1e6 * outcome.width:.0f} um"
+    if wall is None:
+        return photo(None, title)
+    traced = [(*wall.window.texels(each.places, radius).T, "C1") for each in search.traces]
+    true = (*wall.window.texels(search.course, radius).T, "C0 , 1")
+    return photo(wall.whole - wall.ground, title, *traced, true, vmin=-0.8, vmax=0.5)
+
+
+def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
+    """Draw measured minus true depth of every pit, with its 90 % band."""
+    panels, probes = [], {"through the lens": ("pit", "fused"), "unfocused disc": ("unfocused",)}
+    for title, kinds in probes.items():
+        each = [one for run in runs for kind in kinds for one in run["scored"][kind]]
+        known = [one for one in each if one.found.measured]
+        depth = [1e3 * one.site.depth for one in known]
+        error = [1e6 * one.error for one in known]
+        band = [1e6 * PER_DEVIATION * one.found.depth_sd for one in known]
+        style = {"fmt": "o", "ms": 3, "lw": 0.8, "capsize": 1.5}
+        points = [on_axes("errorbar", depth, error, band, **style)] if known else []
+        words = "true depth [mm]", "measured less true [um], 90 % band"
+        title = f"{title}: {len(known)} of {len(each)} measured"
+        panels.append(panel(*words, *points, level(0.0), title=title))
+    return draw(*panels, columns=2, height=3.4)
+
+
+def names(
+    study: Results, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return what the template names beside figures."""
+    many, missions = len(runs) > 1, figures["mission"]
+    cracks = [one for run in runs for one in run["cracks"]]
+    outcomes = [outcome for run in runs for outcome in run["outcomes"]]
+    return {
+        "own_pipes": "pipes of their own" if many else "a pipe of its own",
+        "drawn": f"{'that of ' if many else ''}seed {study.seed}",
+        "missions": f"mission{'s' if missions['of'] > 1 else ''}",
+        "JUDGE": JUDGE,
+        "JUDGED_SCENES": JUDGED_SCENES,
+        "swept": draw_pipe_map(study.sweep.fused, picture=study.sweep.fused.picture),
+        "outcomes": outcomes,
+        "missed": missed_holes(outcomes),
+        "missed_cracks": [one for one in cracks if one.width > 0 and not one.found],
+        "false_cracks": [one for one in cracks if one.false],
+    }
+
+
+def save_beside(study: Results, folder: Path) -> list[str]:
+    """Write all files of the inspection of the first specimen to a folder beside the report."""
+    for name, content in study.mission.files.items():
+        path = folder / "inspection" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    return [f"written: {folder / 'inspection' / 'report.html'}"]
+
+
+def mission_table(mission: Results) -> Table:
+    """Return the findings of an inspection."""
+    rows = []
+    for row in mission.content["findings"]:
+        numbers = ("width [mm]", "length [mm]", "depth [mm]")
+        cells = ("-" if row[name] is None else f"{row[name]:.3f}" for name in numbers)
+        rows.append((row["kind"], row["grade"], *cells, row["verdict"]))
+    return Table(("finding", "grade", "width, mm", "length, mm", "depth, mm", "verdict"), rows)
+
+
+def log_table(mission: Results) -> Table:
+    """Return the steps of an inspection after it has looked round."""
+    rows = [
+        (f"{step.t:.0f} s", step.what, step.outcome, "" if step.succeeded else "failed")
+        for step in mission.log
+        if not step.what.startswith(AROUND)
+    ]
+    return Table(("time", "step", "outcome", ""), rows)
+
+
+def depth_table(scored: Mapping[str, Sequence[ScoredScan]]) -> Table:
+    """Return the depths of all scans beside the true ones."""
+    rows = []
+    for kind, scan in ((kind, one) for kind, each in scored.items() for one in each):
+        pit, truth = scan.found, scan.site.depth
+        true = "through" if np.isinf(truth) else f"{1e3 * truth:.3f}"
+        depth = f"{1e3 * pit.depth:.3f}" if np.isfinite(pit.depth) else "-"
+        sd = pit.depth_sd
+        band = f"{1e6 * PER_DEVIATION * sd:.1f}" if np.isfinite(sd) else "-"
+        rows.append((kind, true, pit.verdict, depth, band))
+    return Table(("scene", "true depth, mm", "verdict", "depth, mm", "90 % band, um"), rows)
+
+
+def draw_servo(study: Results) -> Any:
+    """Draw distances against time: centring, and holding against sway."""
+    sensor, camera, still, swayed = (
+        study.runs[name] for name in ("sensor", "camera", "still", "swayed")
+    )
+    centring = [(sensor.t, sensor.off, "C0", "with angle sensor")]
+    centring.append((camera.t, camera.off, "C1", "camera only"))
+    late = swayed.t > SWAY_WAIT
+    t = swayed.t[late] - SWAY_WAIT
+    lines = [(still.t, still.off, "C0", "constant angles, without camera")]
+    lines.append((t, swayed.off[late], "C1", "tracked and held"))
+    if swayed.left is not None:
+        lines.append((t, swayed.left[late], "C2", "and the picture shifted"))
+    most = 1.5 * float(max(still.off.max(), swayed.off[late].max(initial=0.0)))
+    words, limit = ("time [s]", "off the middle [px]"), level(SETTLED_PX, "0.3 -- 0.8")
+    frame: dict[str, Any] = {"title": "sway of 1 degree", "ylim": (0.0, most)}
+    return draw(
+        panel(*words, *centring, limit, yscale="log"),
+        panel(*words, *lines, legend={"loc": "upper right"}, **frame),
+        columns=2,
+        height=3.6,
+    )
+
+
+STUDY = Study(
+    "inspection",
+    "In-pipe inspection with a catheter head",
+    run_study,
+    gather,
+    {
+        "missions": "papers.catheter.mission",
+        "scans": "papers.catheter.scan_trials",
+        "sweeps": "papers.catheter.sweep_trials",
+    },
+    page=__name__,
+    beside=save_beside,
+)

@@ -39,7 +39,7 @@ from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
 from papers.catheter.head_static import identify_head
 from papers.drawing import draw, panel
-from papers.harness import Study, rms
+from papers.harness import Results, Study, rms
 
 TICK = 0.04
 APPROACH = 14.0
@@ -48,19 +48,15 @@ SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
 FOCAL = LENS.focal / 2
 """Focal length in the pixels of this study: those of an image of 320 x 240."""
-START_PX, SETTLED_PX = 43.0, 2.0
+SETTLED_PX = 2.0
 CLICK = 5.0
 """Rms distance in pixels of 640 between a click and what it is meant for."""
 SWAY_SECONDS, SWAY_WAIT = 40.0, 12.0
-SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
-"""Amplitude of the motion under which the tracker is tested, its fastest rate, and its duration."""
-AWAY = (19.0, 27.0)
-"""Deflection at which the hole is in the middle, in degrees."""
+SWING = math.radians(7.0)
+"""Amplitude of the motion under which the tracker is tested; its fastest rate is 10 degrees a
+second."""
 STROKE_SHARE = 0.93
 """Largest share of a wire's identified stroke in a scene, so that every hole can be reached."""
-BLIND = SensorWatch(patience=10_000)
-"""For a control that uses its model as long as there are no angles."""
-
 wires_of = lru_cache(maxsize=4)(identify_head)
 
 
@@ -141,8 +137,10 @@ class Scene:
         rng = np.random.default_rng([seed, 11])
         wires, coupling = wires_of(seed)
         self.control: HeadControl = head_control("observer", wires, coupling=coupling)
-        self.blind = head_control("observer", wires, coupling=coupling, sensor=BLIND)
-        aim, way = within_stroke(self.control, rng, AWAY)
+        # It uses its model as long as there are no angles.
+        watch = SensorWatch(patience=10_000)
+        self.blind = head_control("observer", wires, coupling=coupling, sensor=watch)
+        aim, way = within_stroke(self.control, rng, (19.0, 27.0))
         self.mount = Mount(
             offset=tuple(rng.uniform(-0.4e-3, 0.4e-3, 2)), roll=rng.uniform(-np.pi, np.pi)
         )
@@ -151,10 +149,8 @@ class Scene:
         self.hole = Bore(float(phi), float(z), 1e-3)
         self.pipe = replace(Pipe.draw(seed), bores=(self.hole,))
         self.aim = aim
-        off = START_PX / FOCAL
         side = way + np.pi / 2 * rng.choice([-1, 1]) + rng.uniform(-0.6, 0.6)
-        start = aim + off * np.array([np.cos(side), np.sin(side)])
-        self.start = CONE.clip(start)
+        self.start = CONE.clip(aim + 43.0 / FOCAL * np.array([np.cos(side), np.sin(side)]))
 
     def rig(self, sway: Sway | None = None, *, sensor: bool = True) -> InspectionRig:
         """Return a cold head with its camera; it is assumed to be on the axis of the pipe."""
@@ -171,41 +167,36 @@ class Watch:
 
     def __init__(self, scene: Scene, rig: InspectionRig, point: Centred | None = None) -> None:
         assert isinstance(rig.plant, Rig)
-        self.point = point
         self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
-        self.place: list[tuple[float, float]] = []
-        self.left: list[float] = []
-        self.verdicts: list[str] = []
-        self.pixel = self._pixel()
+        self._point, self._pixel = point, self.true_pixel()
+        self._seen: list[tuple[float, float, float, str]] = []
 
     def __call__(self) -> None:
         """Record the truth after a tick; ticks before the first tracked frame are omitted."""
-        before, self.pixel = self.pixel, self._pixel()
+        before, self._pixel = self._pixel, self.true_pixel()
         verdict, shown = TRACKED, None
-        if self.point is not None:
-            verdict, shown = self.point.verdict, self.point.shown
-        if not verdict:
-            return
-        x, y, z = self._point()
-        self.place.append((float(FOCAL * x / z), float(FOCAL * y / z)))
-        self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
-        self.verdicts.append(verdict)
+        if self._point is not None:
+            verdict, shown = self._point.verdict, self._point.shown
+        if verdict:
+            x, y, z = self._hole()
+            left = np.nan if shown is None else 0.5 * math.dist(before, shown)
+            self._seen.append((float(FOCAL * x / z), float(FOCAL * y / z), left, verdict))
 
     def run(self, after: int = 0) -> ServoRun:
         """Return the run from a tick on."""
-        place, left = np.array(self.place[after:]), np.array(self.left[after:])
+        x, y, left, verdicts = zip(*self._seen[after:], strict=True)
+        place = np.stack([x, y], axis=1)
         t = TICK * np.arange(1.0, len(place) + 1.0)
-        off = np.hypot(*place.T)
-        return ServoRun(t, off, tuple(self.verdicts[after:]), left, place)
+        return ServoRun(t, np.hypot(*place.T), verdicts, np.array(left), place)
 
-    def _point(self) -> FloatArray:
+    def _hole(self) -> FloatArray:
         """Return the hole (3,) in camera coordinates."""
         hole, radius = self._scene.hole, self._scene.pipe.radius
         return scoring.middle_of(self._scene.mount, self._plant, (hole.phi, hole.z), radius)
 
-    def _pixel(self) -> FloatArray:
+    def true_pixel(self) -> FloatArray:
         """Return the pixel (2,) of the hole, by the calibrated lens."""
-        return np.asarray(self._lens.project(self._point()))
+        return np.asarray(self._lens.project(self._hole()))
 
 
 def run_servo(
@@ -215,43 +206,61 @@ def run_servo(
     sway: Sway | None = None,
     seconds: float,
     integral: bool = True,
+    swings: bool = False,
+    law: type[Centring] = Centring,
 ) -> ServoRun:
     """Centre the hole in the image, from where the head starts, and hold it there.
 
-    Without a sensor, no reading of a joint is used.
+    Without a sensor, no reading of a joint is used. If the head ``swings`` at up to 10 degrees a
+    second about where it starts, the hole is tracked only.
     """
     rig = scene.rig(sway, sensor=sensor)
     patience = seconds + TICK  # a tick passes before the first frame is tracked
     gain = Centring.integral_gain if integral else 0.0
     options: dict[str, Any] = {"patience": patience, "integral_gain": gain, "by_image": not sensor}
-    centring = Centring(calibration=rig.calibration, still=math.inf, **options)
-    return watched(scene, rig, centring).run()
+    centring = law(calibration=rig.calibration, still=math.inf, **options)
+    picked = clicked(scene, rig)
+    point = Centred(place=picked.place, shown=picked.pixel)
+    watch = Watch(scene, rig, point)
+
+    def at_once(request: Request, now: Reading | None) -> Request:
+        """Pick the patch before the head moves."""
+        if now is None:
+            return Request(frame=True, now=True)
+        return request if request.focus is None else Request(focus=request.focus, now=True)
+
+    procedure = changed(centring.centre(point), at_once)
+    rig.run(swinging(procedure, scene.start) if swings else procedure, watch)
+    return watch.run()
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
     """Hold the angles at which what was picked is in the middle, without the camera."""
     rig = scene.rig(sway)
-    place, _ = clicked(scene, rig)
+    place = clicked(scene, rig).place
     watch, angles = Watch(scene, rig), aim_at(rig.calibration, place, rig.place)
     rig.run(go(angles=angles, still=math.inf, turning=APPROACH + seconds), watch)
     return watch.run(round(APPROACH / TICK))
 
 
-def clicked(scene: Scene, rig: InspectionRig) -> tuple[FloatArray, FloatArray]:
-    """Bring the head to where it starts, and return place and pixel (2,) of what is picked there.
+def clicked(
+    scene: Scene, rig: InspectionRig, true_pixel: Callable[[], FloatArray] | None = None
+) -> Results:
+    """Bring the head to where it starts, and pick the hole as an operator who clicks beside it.
 
-    An operator clicks beside the hole that he sees, and the procedure puts the point on its
-    outline.
+    ``true`` (2,) is the pixel of the hole, ``click`` (2,) that of the click; ``pixel`` and
+    ``place`` (2,) are those of the point that the procedure puts on the outline.
     """
-    seconds = 1.0
-    rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - seconds))
-    rig.run(meter(rig.calibration, rig.light, seconds))
+    rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - 1.0))
+    rig.run(meter(rig.calibration, rig.light, 1.0))
     rng = np.random.default_rng([scene.seed, 71])
-    click = Watch(scene, rig).pixel + CLICK / math.sqrt(2) * rng.standard_normal(2)
+    true = (true_pixel or Watch(scene, rig).true_pixel)()
+    click = true + CLICK / math.sqrt(2) * rng.standard_normal(2)
     frames, reading = acquire(rig), rig.reading(NOW)
     pixel = Centring(calibration=rig.calibration).outlined(frames, click, reading)
     camera = rig.calibration.camera_at(reading.place)
-    return np.asarray(camera.place(pixel, frames[-1].pan, frames[-1].tilt)), pixel
+    place = np.asarray(camera.place(pixel, frames[-1].pan, frames[-1].tilt))
+    return Results(true=true, click=click, pixel=pixel, place=place)
 
 
 def changed(
@@ -276,36 +285,11 @@ def swinging(procedure: Procedure[Result], aim: FloatArray) -> Procedure[Result]
         if now is None or request.now:
             return request
         began = now.t if began is None else began
-        phase = MOTION / SWING * (now.t - began)
+        phase = math.radians(10.0) / SWING * (now.t - began)
         swing = SWING * np.sin(phase) * np.array([1.0, 0.6])
         return replace(request, angles=CONE.clip(aim + swing))
 
     return changed(procedure, swung)
-
-
-def run_motion(scene: Scene) -> ServoRun:
-    """Track the hole while the head swings about it at up to 10 degrees a second."""
-    rig = scene.rig()
-    patience = MOTION_SECONDS + TICK
-    centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
-    return watched(scene, rig, centring, swings=True).run()
-
-
-def watched(scene: Scene, rig: InspectionRig, centring: Centring, *, swings: bool = False) -> Watch:
-    """Bring the head to where the servo takes over, and track what is picked there."""
-    place, pixel = clicked(scene, rig)
-    point = Centred(place=place, shown=pixel)
-    watch = Watch(scene, rig, point)
-
-    def at_once(request: Request, now: Reading | None) -> Request:
-        """Pick the patch before the head moves."""
-        if now is None:
-            return Request(frame=True, now=True)
-        return request if request.focus is None else Request(focus=request.focus, now=True)
-
-    procedure = changed(centring.centre(point), at_once)
-    rig.run(swinging(procedure, scene.start) if swings else procedure, watch)
-    return watch
 
 
 def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
@@ -316,7 +300,7 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
         "camera": run_servo(scene, sensor=False, seconds=SERVO),
         "swayed": run_servo(scene, sensor=True, sway=sway, seconds=SWAY_SECONDS),
         "still": run_still(scene, sway, SWAY_SECONDS - SWAY_WAIT),
-        "motion": run_motion(scene),
+        "motion": run_servo(scene, sensor=True, seconds=20.0, swings=True),
     }
     held, still = runs["swayed"].rms(SWAY_WAIT), runs["still"].rms(0.0)
     figures = {
@@ -344,10 +328,8 @@ CASES: Mapping[str, tuple[Sway | None, float]] = {
 }
 """Motion of the base, and seconds of a run. The slow turn is up to 0.13 degrees a second."""
 WITHOUT, PRINTED = ", no integral", "printed"
-BEGUN = 8.0
-"""Seconds after which a point on a turning base is scored: it has long been centred by then."""
-PRINTED_SECONDS, PRINTED_END = 12.0, 4.0
-"""Duration of the run with the printed sign, and its end that is scored, in seconds."""
+PRINTED_SECONDS = 12.0
+"""Duration of the run with the printed sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,22 +340,23 @@ class IntegralStudy:
 
     def figures(self) -> dict[str, Any]:
         """Return what the integral changes, in pixels of 320 and seconds."""
+
+        def left(name: str, after: float) -> float:
+            return self.runs[name].rms(after)
+
         found = {
-            "sway_ratio": self._rms("sway", SWAY_WAIT) / self._rms(f"sway{WITHOUT}", SWAY_WAIT),
-            "printed_px": self._rms(PRINTED, PRINTED_SECONDS - PRINTED_END),
+            "sway_ratio": left("sway", SWAY_WAIT) / left(f"sway{WITHOUT}", SWAY_WAIT),
+            "printed_px": left(PRINTED, PRINTED_SECONDS - 4.0),
         }
         for key, words in (("", ""), ("without_", WITHOUT)):
             found |= {
                 f"{key}settle_s": self.runs[f"still{words}"].settle,
                 f"{key}offset_px": self.runs[f"still{words}"].offset(SERVO - STEADY),
-                f"{key}still_px": self._rms(f"still{words}", SERVO - STEADY),
-                f"{key}drift_px": self._rms(f"drift{words}", BEGUN),
-                f"{key}sway_px": self._rms(f"sway{words}", SWAY_WAIT),
+                f"{key}still_px": left(f"still{words}", SERVO - STEADY),
+                f"{key}drift_px": left(f"drift{words}", 8.0),  # the point has long been centred
+                f"{key}sway_px": left(f"sway{words}", SWAY_WAIT),
             }
         return {"integral": found}
-
-    def _rms(self, name: str, after: float) -> float:
-        return self.runs[name].rms(after)
 
 
 def run_integral(seed: int, told: Callable[[str], None] = lambda part: None) -> IntegralStudy:
@@ -404,12 +387,7 @@ class _PrintedCentring(Centring):
 
 def run_printed(scene: Scene) -> ServoRun:
     """Centre the hole by the camera alone with the printed sign of the integral."""
-    rig = scene.rig(sensor=False)
-    patience = PRINTED_SECONDS + TICK
-    centring = _PrintedCentring(
-        calibration=rig.calibration, still=math.inf, patience=patience, by_image=True
-    )
-    return watched(scene, rig, centring).run()
+    return run_servo(scene, sensor=False, seconds=PRINTED_SECONDS, law=_PrintedCentring)
 
 
 def draw_integral(study: IntegralStudy) -> Any:

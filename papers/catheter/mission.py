@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.threads import one_thread
 from minorloop_head.control.head import head_control
-from minorloop_head.geometry import Mount, wall_distance, wall_lengths
+from minorloop_head.geometry import Mount, Probe, wall_distance, wall_lengths
 from minorloop_head.inspection.heads import InspectedHead
 from minorloop_head.inspection.inspect_pipe import inspect
 from minorloop_head.procedures.calibration import HeadCalibration
@@ -31,38 +32,30 @@ from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.trace import one_course
 from minorloop_head.procedures.values import LogEntry
-from minorloop_head.twins.camera import Camera
+from minorloop_head.twins.camera import LENS, Camera
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore, Crack, Pipe, draw_crack
 from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import FULL, Filling, Surroundings, Sway
 from minorloop_head.twins.turbid_water import TurbidWater
+from minorloop_head.ultrasound.pits import raster
 from papers.catheter import scoring
 from papers.catheter.crack_scenes import fine_course
 from papers.catheter.inspection_servo import wires_of
-from papers.harness import Results, Study, mean, median
+from papers.harness import Results, Study, deviation, mean, median
 
 RADIUS = 10e-3
 ADVANCES = (4e-3, 8e-3, 12e-3)
 """Places of the catheter in metres from which the head looks round."""
-BORED, CRACKED, CLEAR = (19e-3, 30e-3), (18e-3, 31e-3), 3e-3
-"""Ranges of pits and of cracks along the pipe, and their least distance, in metres."""
-WIDTHS = 30e-6, 300e-6
 CLASSES = {"30um": (30e-6, 50e-6), "50um": (50e-6, 100e-6), "100um": (100e-6, 300e-6)}
-"""Widths of cracks at their widest, in metres, equally likely on a logarithmic scale; and classes
-of them: up to 100 um a crack counts as a micro-crack."""
-OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
-"""Standard deviations of the known wall thickness, relative, and water temperature, in degrees."""
-TEMPERATURES, PRESSURES, OFF_SLEEVE = (30.0, 40.0), (1e5, 2e6), 0.04
-"""Ranges of the temperature of the water, in degrees Celsius, and of its pressure, in Pa, and
-largest share by which the convection of a sleeve differs from nominal: that of a bore which is 10 %
-wider or narrower. In colder water wires that are never out of it turn the camera too little."""
+"""Classes of cracks by the width at their widest, in metres, which is equally likely on a
+logarithmic scale: up to 100 um a crack counts as a micro-crack."""
+TEMPERATURES = (10.0, 20.0, 30.0, 40.0)
+"""Of the water, in degrees Celsius, for which the reach of a head is asked."""
 PROMISED = 3.0
 """Most standard deviations by which the depth of a pit may be wrong, and count as measured: the
 90 % band is scored by its coverage, and excludes one in ten."""
-TOUCHED = 0.3e-3
-"""Distance in metres of a touch from the middle of a pit that is allowed."""
 
 
 def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
@@ -74,7 +67,7 @@ def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
     rng = np.random.default_rng([seed, 31])
     phi, z, wide, deep = (
         float(rng.uniform(*ends))
-        for ends in ((-np.pi, np.pi), BORED, (0.9e-3, 1.1e-3), (0.3e-3, 0.8e-3))
+        for ends in ((-np.pi, np.pi), (19e-3, 30e-3), (0.9e-3, 1.1e-3), (0.3e-3, 0.8e-3))
     )
     bore = Bore(phi, z, wide, depth=deep, brightness=0.0, lining=0.08)
     crack = crack_beside(bore, np.random.default_rng([seed, 35]))
@@ -82,11 +75,13 @@ def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
     known_x, known_y = (np.array([x, y]) + rng.normal(0, 0.05e-3, 2)).tolist()
     about = np.random.default_rng([seed, 33])
+    # In colder water wires that are never out of it turn the camera too little. A sleeve whose bore
+    # is 10 % wider or narrower differs by 4 % in its convection.
     water = Filling(
         level=FULL * RADIUS,
-        temperature=float(about.uniform(*TEMPERATURES)),
-        sleeve=float(about.uniform(1 - OFF_SLEEVE, 1 + OFF_SLEEVE)),
-        pressure=float(np.exp(about.uniform(*np.log(PRESSURES)))),
+        temperature=float(about.uniform(30.0, 40.0)),
+        sleeve=float(about.uniform(1 - 0.04, 1 + 0.04)),
+        pressure=float(np.exp(about.uniform(*np.log((1e5, 2e6))))),
         sway=Sway(),
     )
     around, mount = water.around(Surroundings()), Mount(offset=(x, y))
@@ -100,8 +95,8 @@ def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
         lens=tip.camera.calibration.in_water(),
         leds=tip.camera.leds,
         offset=(known_x, known_y),
-        thickness=pipe.thickness * float(1 + OFF_THICKNESS * about.normal()),
-        temperature=water.temperature + OFF_TEMPERATURE * float(about.normal()),
+        thickness=pipe.thickness * float(1 + 0.01 * about.normal()),
+        temperature=water.temperature + 0.3 * float(about.normal()),
         tool=tip.tool.calibration,
     )
 
@@ -128,15 +123,15 @@ def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
 
 
 def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:
-    """Draw a crack that the views reach, away from the bore."""
-    low, high = CRACKED
-    widest = float(np.exp(rng.uniform(*np.log(WIDTHS))))
+    """Draw a crack of 30 to 300 um that the views reach, 3 mm or more away from the bore."""
+    low, high = 18e-3, 31e-3
+    widest = float(np.exp(rng.uniform(*np.log((30e-6, 300e-6)))))
     while True:
         crack = draw_crack(rng, float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(low, high)))
         z = [along for _, along in crack.points]
         place = bore.phi, bore.z
         off = min(float(wall_distance(corner, place, RADIUS)) for corner in crack.points)
-        if low < min(z) and max(z) < high and off > CLEAR:
+        if low < min(z) and max(z) < high and off > 3e-3:
             widths = widest * np.array(crack.widths) / max(crack.widths)
             return replace(crack, widths=tuple(widths.tolist()))
 
@@ -236,10 +231,10 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "unreachable_said": mean([run["refused"] for run in beyond]),
         "refused_in_vain": sum(run["refused"] for run in within),
         "touches": len(touches),
-        "touched": mean(np.array(touches) <= 1e3 * TOUCHED),
+        "touched": mean(np.array(touches) <= 0.3),
         "in_band": mean([run["in_band"] for run in deep]),
         "depth_bias_um": mean(off),
-        "depth_sd_um": float(np.std(off, ddof=1)) if len(off) > 1 else math.nan,
+        "depth_sd_um": deviation(off),
         "cracks_found": mean([run["crack_found"] for run in runs]),
         "crack_measured": mean([run["crack_measured"] for run in cracks]),
     }
@@ -255,6 +250,46 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for name in medians:
         found[name] = median([run[name] for run in runs if not math.isnan(run[name])])
     return {"mission": found}
+
+
+def water(temperature: float) -> Surroundings:
+    """Return the surroundings of sleeved wires in a flooded pipe at a temperature."""
+    view = _nominal(Probe())
+    return Filling(level=FULL * view.radius, temperature=temperature).around(Surroundings())
+
+
+def needed(probe: Probe | None = None) -> FloatArray:
+    """Return the least and largest reading (2, 2) of the joints in a raster, in degrees.
+
+    The raster of a probe that is given is bent alone, from a catheter that stays, square to the
+    wall at a tilt of 0; otherwise it is that of the default probe, whose rows are rolled.
+    """
+    view = _nominal(probe or Probe())
+    if probe is None:
+        pairs = RasterScan(calibration=view).needs.T
+    else:
+        square = probe.perpendicular(view.mount_at(np.zeros(2)), 0.0)
+        phi, z = view.probe_at(np.zeros(2)).spots([[square, 0.0]])[0, :2].tolist()
+        pairs = raster(view.probe_at(np.zeros(2)), (phi, z))
+    joints = np.array([view.joints(pair) for pair in pairs])
+    return np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
+
+
+def reach_figures(seed: int) -> dict[str, float]:
+    """Return, for each temperature of the water, whether a head reaches its raster (1 or 0).
+
+    A raster that is reached is reached everywhere in the pipe: the catheter rolls and advances.
+    """
+    needs = needed()
+    return {
+        f"at_{temperature:.0f}_c": float(scoring.reaches(Head(seed), water(temperature), needs))
+        for temperature in TEMPERATURES
+    }
+
+
+def _nominal(probe: Probe) -> HeadCalibration:
+    """Return the calibration of a nominal head with a probe."""
+    return HeadCalibration(lens=LENS, leds=np.empty((0, 3)), probe=probe)
 
 
 STUDY = Study("missions", "Unattended inspections of flooded pipes", run_mission, gather)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray, check_option
+from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.geometry import Mount, Probe, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
@@ -34,33 +34,18 @@ from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth, measure_pit
 from minorloop_head.vision.calibrated_camera import Image
-from papers.harness import Study, mean, median
+from papers.harness import Study, deviation, mean, median
 
-KINDS = ("pit", "dished", "dented", "hole", "mark", "dry")
-GYROSCOPE_NOISE = math.radians(0.05)
-"""Standard deviation of a gyroscope in the base."""
-POSES = ("camera", "gyroscope", "joints")
-"""What gives the pose of a burst besides the joints: pictures, a gyroscope in the base, nothing."""
-DISH = 0.1e-3
-"""Difference in depth between the middle and the rim of a dished floor, in metres."""
-_DENTED = 2.5e-3
-"""Farthest distance of the middle of a dent from that of a pit in or beside it, in metres: where
-the widest one slopes most, and a raster."""
-_Z = 20e-3
+JOINT_NOISE = GYROSCOPE_NOISE = math.radians(0.05)
+"""Standard deviations of a reading of a joint, as in a mission, and of a gyroscope in the base."""
+SWAY, PHASES = Sway(), 1e3
+"""Motion of the base in the flow, and range of times in it at which a scan begins, in seconds."""
 FLOODED = -9.999e-3
 """Height of the water of a full pipe, in metres."""
 CAMERA_SD = 0.035e-3
 """Standard deviation of a place by the camera, around and along the pipe, in metres."""
-_SCALE = 0.5
-"""Of the pictures that give the pose: 320 by 240 pixels."""
-_JOINT_NOISE = math.radians(0.05)
-"""Standard deviation of a reading of a joint, as in a mission."""
-_SWAY, _PHASES, _TICK = Sway(), 1e3, 0.04
-"""Motion of the base in the flow, range of times in it at which a scan begins, and interval of the
-loop, in seconds."""
-_DARK, _SHADE_NOISE, _EDGE = -1.2, 0.08, 0.05e-3
-_ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
-"""Standard deviations of the error of the known mount, in radians and metres."""
+_Z, _TICK = 20e-3, 0.04
+"""Place of the pits along the pipe in metres, and interval of the loop in seconds."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -78,7 +63,8 @@ class Scanned:
     rng: np.random.Generator
     """Of the sway, of the noise of the angles, and of the picture."""
     pose: str = "camera"
-    """One of "camera", "gyroscope", "joints". What gives the pose of a burst."""
+    """What gives the pose of a burst besides the joints: pictures, with "camera", a gyroscope in
+    the base, with "gyroscope", or nothing, with "joints"."""
     specimen: int = 0
     """Seed of camera and wall."""
 
@@ -123,8 +109,8 @@ class ScanTrial(ScanSite, Scanned):
         noise, drawn anew for each call.
         """
         off = np.linalg.norm(patch.off(*self.centre), axis=-1)
-        dark = 1 / (1 + np.exp(np.clip((off - self.diameter / 2) / _EDGE, -30.0, 30.0)))
-        shade: FloatArray = _DARK * dark + _SHADE_NOISE * self.rng.standard_normal(off.shape)
+        dark = 1 / (1 + np.exp(np.clip((off - self.diameter / 2) / 0.05e-3, -30.0, 30.0)))
+        shade: FloatArray = -1.2 * dark + 0.08 * self.rng.standard_normal(off.shape)
         return shade
 
 
@@ -145,19 +131,18 @@ def draw_trial(
         dent, a through-hole, a spot of dirt, or a pit in a dry pipe.
     lens : bool
         Whether the probe has its lens.
+    pose : {"camera", "gyroscope", "joints"}
+        As of `Scanned`.
     bore : Bore, optional
         Its diameter and depth replace the drawn ones.
     """
-    check_option("kind", kind, KINDS)
-    check_option("pose", pose, POSES)
     rng = np.random.default_rng([seed, 77])
     phi = float(rng.uniform(-np.pi, np.pi))
     pit = draw_pit(rng, phi, _Z)
     if bore is not None:
         pit = replace(pit, diameter=bore.diameter, depth=bore.depth)
-    pit = replace(
-        pit, dish=DISH if kind == "dished" else 0.0, depth=math.inf if kind == "hole" else pit.depth
-    )
+    dish, deep = 0.1e-3 if kind == "dished" else 0.0, math.inf if kind == "hole" else pit.depth
+    pit = replace(pit, dish=dish, depth=deep)
     transducer = Probe() if lens else Probe(focus=math.inf)
     true, probe, thickness, warm = draw_probe(rng, phi, _Z, transducer)
     pipe = Pipe(
@@ -181,7 +166,8 @@ def draw_trial(
 
 def _dent_beside(pit: Bore, rng: np.random.Generator) -> Dent:
     """Draw a dent that a pit is in or beside; no bead."""
-    way, off = rng.uniform(-np.pi, np.pi), _DENTED * math.sqrt(rng.uniform())
+    # Up to where the widest one slopes most, and a raster.
+    way, off = rng.uniform(-np.pi, np.pi), 2.5e-3 * math.sqrt(rng.uniform())
     phi, z = pit.phi + off * math.cos(way) / Pipe.radius, pit.z + off * math.sin(way)
     while (dent := draw_dent(rng, float(phi), float(z))).height > 0:
         pass
@@ -216,8 +202,8 @@ def draw_probe(
 def strayed(
     rng: np.random.Generator, probe: CalibratedProbe
 ) -> tuple[CalibratedProbe, tuple[float, float]]:
-    """Return a probe with an error of its roll and advance, and this error."""
-    turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
+    """Return a probe with an error of its roll and advance, and this error, in rad and m."""
+    turned, moved = float(rng.normal(0, 5e-3)), float(rng.normal(0, 0.05e-3))
     known = probe.mount
     known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
     return replace(probe, mount=known), (turned, moved)
@@ -248,7 +234,7 @@ class _Head:
     def __init__(self, trial: Scanned) -> None:
         self._trial, self._wet = trial, False
         self._place = self._start = np.array([trial.probe.mount.advance, trial.probe.mount.roll])
-        self._joints, self._begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
+        self._joints, self._begin = np.zeros(2), float(trial.rng.uniform(0.0, PHASES))
         self.view = _calibration(trial.probe)
         self.light: Light | None = None
         self._base: SeenBase | None = None
@@ -256,7 +242,7 @@ class _Head:
             return
         wall, seed = Pipe.draw(trial.specimen), trial.specimen
         wall = replace(wall, bores=trial.pipe.bores, cracks=trial.pipe.cracks)
-        optics = LENS.scaled(_SCALE)
+        optics = LENS.scaled(0.5)
         self._tip = SimulatedTip(wall, mount=trial.mount, specimen=seed, seed=seed, optics=optics)
         camera = self._tip.camera
         self.view = replace(self.view, lens=camera.calibration, leds=camera.leds)
@@ -268,7 +254,7 @@ class _Head:
         t = trial.twin.clock
         self._joints = self._joints if request.angles is None else request.angles
         self._place = self._place + _TICK * request.rates
-        angles = self._joints + _JOINT_NOISE * rng.standard_normal(2)
+        angles = self._joints + JOINT_NOISE * rng.standard_normal(2)
         image = self._picture(request, t, angles)
         shots = self._shots(request.shots)
         base = self._turned(t, image if shots else None)
@@ -279,7 +265,7 @@ class _Head:
 
     def _sway(self, t: float) -> FloatArray:
         """Return the true turn (2,) of the base."""
-        return _SWAY.at(self._begin + t) if self._wet else np.zeros(2)
+        return SWAY.at(self._begin + t) if self._wet else np.zeros(2)
 
     def _shots(self, count: int) -> list[Shot]:
         trial, (advance, roll) = self._trial, (self._place - self._start).tolist()
@@ -344,6 +330,18 @@ class ScoredScan:
     modality: str
     """By the first burst."""
 
+    @property
+    def error(self) -> float:
+        """Of the depth, in metres."""
+        return self.found.depth - self.site.depth
+
+    @property
+    def miss(self) -> float:
+        """Distance of the place from the true one, in metres."""
+        found, truth = self.found, self.site.truth
+        places = (found.phi, found.z), (truth.phi, truth.z)
+        return float(wall_distance(*places, self.site.probe.radius))
+
 
 def run_trial(trial: ScanTrial) -> ScoredScan:
     """Scan, measure and fuse one place."""
@@ -365,11 +363,11 @@ def measured(trial: ScanTrial, bursts: Sequence[Burst], modality: str = "ultraso
 def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return bias and standard deviation of depths in micrometres, and the number measured."""
     runs = list(scored)
-    errors = np.array([1e6 * _error(run) for run in runs if run.found.measured])
+    errors = np.array([1e6 * run.error for run in runs if run.found.measured])
     return {
         "bias_um": mean(errors),
-        "sd_um": float(errors.std(ddof=1)) if errors.size > 1 else math.nan,
-        "worst_um": float(np.abs(errors).max()) if errors.size else math.nan,
+        "sd_um": deviation(errors),
+        "worst_um": max(np.abs(errors).tolist(), default=math.nan),
         "measured_fraction": errors.size / max(len(runs), 1),
         "measured": errors.size,
         "scans": len(runs),
@@ -379,19 +377,18 @@ def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 
 def dished_figure(scored: Iterable[ScoredScan]) -> float:
     """Return the largest error in millimetres of the mean depth of unflagged dished floors."""
-    return max((1e3 * abs(_error(run)) for run in scored if run.found.measured), default=math.nan)
+    return max((1e3 * abs(run.error) for run in scored if run.found.measured), default=math.nan)
 
 
 def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return the largest errors of findings, and the share of texels inside their 90 % band."""
     runs = [run for run in scored if run.found.measured]
-    depths = np.array([1e3 * _error(run) for run in runs])
-    sizes = [run.found.diameter / run.site.truth.diameter - 1 for run in runs]
+    sizes = [100 * abs(run.found.diameter / run.site.truth.diameter - 1) for run in runs]
     texels = np.concatenate([_covered(run) for run in runs]) if runs else np.zeros(1, bool)
     return {
-        "position_mm": max((1e3 * _miss(run) for run in runs), default=math.nan),
-        "diameter_error_pct": 100 * float(np.abs(sizes).max()) if runs else math.nan,
-        "depth_error_mm": float(np.abs(depths).max()) if runs else math.nan,
+        "position_mm": max((1e3 * run.miss for run in runs), default=math.nan),
+        "diameter_error_pct": max(sizes, default=math.nan),
+        "depth_error_mm": dished_figure(runs),
         "texel_coverage": float(texels.mean()),
     }
 
@@ -399,7 +396,7 @@ def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 def band_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return the share of depths inside their 90 % band, half its width, and their number."""
     runs = [run for run in scored if run.found.measured]
-    depths = np.array([abs(1e3 * _error(run)) for run in runs])
+    depths = np.array([abs(1e3 * run.error) for run in runs])
     bands = np.array([1e3 * PER_DEVIATION * run.found.depth_sd for run in runs])
     return {
         "coverage": mean(depths <= bands),
@@ -416,16 +413,6 @@ def modality_wrong(scored: Iterable[ScoredScan]) -> int:
         made_up = bool((dry or hole) and np.isfinite(run.found.depth))
         wrong += made_up or run.modality != ("camera" if dry else "ultrasound")
     return wrong
-
-
-def _error(run: ScoredScan) -> float:
-    return run.found.depth - run.site.depth
-
-
-def _miss(run: ScoredScan) -> float:
-    found, truth = run.found, run.site.truth
-    places = (found.phi, found.z), (truth.phi, truth.z)
-    return float(wall_distance(*places, run.site.probe.radius))
 
 
 def _covered(run: ScoredScan) -> BoolArray:
@@ -446,9 +433,6 @@ def _covered(run: ScoredScan) -> BoolArray:
 
 SCANS = 6
 """Flat pits for each specimen; the last has the size for the score of fusion."""
-_FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
-_FIRST = 60_000
-"""Seed of the first scan."""
 
 
 def run_scans(seed: int, scans: int = SCANS) -> dict[str, Any]:
@@ -456,10 +440,10 @@ def run_scans(seed: int, scans: int = SCANS) -> dict[str, Any]:
 
     ``scored`` are the scans by the kind of place, or by what gave the pose.
     """
-    first = _FIRST + (scans + 4) * seed
+    first = 60_000 + (scans + 4) * seed
     drawn = {
         "pit": [draw_trial(first + 4 + k) for k in range(max(scans - 1, 1))],
-        "fused": [draw_trial(first, bore=_FUSED)],
+        "fused": [draw_trial(first, bore=Bore(0.0, 0.0, 1e-3, depth=0.5e-3))],
         "gyroscope": [draw_trial(first + 4, pose="gyroscope")],
         "joints": [draw_trial(first + 4, pose="joints")],
         "unfocused": [draw_trial(first + 4, lens=False)],

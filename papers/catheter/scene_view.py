@@ -1,14 +1,19 @@
-"""Random views of a place with or without a hole, beside a glint, for scoring the detector.
+"""Random views of a place with or without a hole, for scoring the detector.
 
 A view is a camera that looks at a place of the wall. Around the place are dents, beads, scratches
 and dirt, and at least one LED is mirrored to saturation within 3 mm of the place but not within
 0.2 mm of the rim, with and without a hole. A plain view has none of these: a dark hole with a sharp
-edge in a brushed wall.
+edge in a brushed wall. Views of all sizes have a hole or a pit of 0.4 to 3 mm, or none, beside
+slots and corrosion.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,16 +22,25 @@ from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Pinhole, Pose, meet_wall, wall_point, wrapped
 from minorloop_head.twins import pipe as drawing
 from minorloop_head.twins.camera import LENS, Camera, led_positions
-from minorloop_head.twins.pipe import Bore, Dent, Pipe
+from minorloop_head.twins.pipe import Bore, Crack, Dent, Dirt, Pipe
 from minorloop_head.twins.turbid_water import TurbidWater
 
 LEAST_AXIS = 9.0
 """Least minor axis of a hole in the image, in pixels of a 320 by 240 image."""
-_MARGIN = 70  # pixels
-_CLEAR, _REACH = 0.2e-3, 3e-3  # m
-_METERED = 70.0  # grey levels
-_TRIES = 60
-"""Most views drawn for a scene: fewer than one seed in a hundred thousand needs more."""
+DIAMETERS = (0.4e-3, 3e-3)
+"""Diameters of the mouths of all sizes, in metres, equally likely on a logarithmic scale; required.
+"""
+LEAST_OF_SIZES = 7.0
+"""Their least minor axis, in the same pixels: of a hole of 0.6 mm where the wall is seen as well as
+the search asks for one of that size, with a sixth to spare."""
+_CLEAR, _REACH = 0.2e-3, 3e-3
+"""Least distance of a glint from the rim, and largest from the place, in metres."""
+_DARK = 0.4
+"""Albedo of corrosion relative to the metal, at most; other dirt is brighter."""
+_TRIES = 400
+"""Most views drawn for a scene: each of 250 seeds needed fewer."""
+Drawn: TypeAlias = tuple[Mount, float, float, tuple[float, float]]
+"""Mount, pan and tilt in radians, and phi and z of a place in view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +80,8 @@ def draw_view(
 ) -> SceneView:
     """Draw a view by seed, with a hole or without.
 
-    The head turns 18 to 30 degrees from the axis, its pivot is up to 1 mm off it, and the gain
-    varies by 4 to 1 about the metered one. The diameter of the hole is 0.85 to 1.15 mm, its minor
-    axis at least 9 pixels of a 320 by 240 image.
+    The gain varies by 4 to 1 about the metered one. The diameter of the hole is 0.85 to 1.15 mm,
+    its minor axis at least 9 pixels of a 320 by 240 image.
 
     Parameters
     ----------
@@ -83,60 +96,98 @@ def draw_view(
     Raises
     ------
     ParameterError
-        If no view could be drawn, which happens for one seed in a hundred thousand.
+        If no view could be drawn, as of `first_view`.
     """
-    rng = np.random.default_rng([seed, int(hole)])
+    rng, lens = np.random.default_rng([seed, int(hole)]), LENS.in_water() if flooded else LENS
+
+    def view_of(head: Drawn) -> SceneView | None:
+        mount, pan, tilt, place = head
+        bore, pose = drawing.draw_hole(rng, *place), mount.pose(pan, tilt)
+        shown = "dark" if plain else inside
+        if shown is not None:
+            bright = {"dark": 0.0, "white": 2.0}.get(shown, 1.0)
+            bore = replace(bore, inside=shown, brightness=bright)
+        if plain:
+            bore = replace(bore, chamfer=0.0)
+        if minor_axis(pose, bore, lens) < LEAST_AXIS:
+            return None
+        wall = _wall(rng, bore, pose, hole)
+        if plain:
+            wall = replace(wall, dents=(), scratches=(), dirt=())
+        water = TurbidWater.draw(rng) if flooded else None
+        camera, gain = aimed(rng, wall, mount, pan, tilt, water)
+        if not 0.1 <= gain <= 20:
+            return None
+        camera.expose(0.01, gain)
+        view = SceneView(camera, mount, pan, tilt, gain, flooded, place, bore if hole else None)
+        bright_spots, rim = _saturated(view, bore), bore.diameter / 2 + bore.chamfer
+        near = bright_spots < _REACH
+        glint = (bright_spots > rim + _CLEAR).all() and near.sum() >= 4
+        return view if (not near.any() if plain else glint) else None
+
+    return first_view(seed, rng, view_of, lens)
+
+
+def draw_sized_view(seed: int, *, hole: bool) -> SceneView:
+    """Draw a view with a hole or, as often, a pit of any size, or the same kind of wall without.
+
+    Raises
+    ------
+    ParameterError
+        If no view could be drawn, as of `first_view`.
+    """
+    rng = np.random.default_rng([seed, int(hole), 17])
+    wide = math.exp(rng.uniform(*np.log(DIAMETERS)))
+    drawn = (drawing.draw_pit if rng.random() < 0.5 else drawing.draw_hole)(rng, 0.0, 0.0)
+    # An edge is broken by up to a tenth of a small mouth.
+    drawn = replace(drawn, diameter=wide, chamfer=min(drawn.chamfer, 0.1 * wide))
+
+    def view_of(head: Drawn) -> SceneView | None:
+        mount, pan, tilt, place = head
+        bore = replace(drawn, phi=place[0], z=place[1])
+        if minor_axis(mount.pose(pan, tilt), bore) < LEAST_OF_SIZES:
+            return None
+        wall = _marked_wall(rng, bore, hole)
+        camera, gain = aimed(rng, wall, mount, pan, tilt)
+        camera.expose(0.01, float(np.clip(gain, 0.1, 20.0)))
+        slots = [tuple(np.mean(slot.points, axis=0).tolist()) for slot in wall.cracks]
+        marks = [(mark.phi, mark.z) for mark in wall.dirt if mark.albedo < _DARK]
+        about = (camera, mount, pan, tilt, gain, False, place, bore if hole else None)
+        return SceneView(*about, marks=(*slots, *marks))
+
+    return first_view(seed, rng, view_of)
+
+
+def first_view(
+    seed: int,
+    rng: np.random.Generator,
+    view_of: Callable[[Drawn], SceneView | None],
+    lens: Pinhole = LENS,
+) -> SceneView:
+    """Return the first view that can be made of a head and a place that are drawn.
+
+    The head turns 18 to 30 degrees from the axis of the pipe, its pivot is up to 1 mm off it, and
+    the place is away from the edges of the picture.
+
+    Raises
+    ------
+    ParameterError
+        If there is none in 400 tries, which happens for fewer than one seed in a hundred thousand.
+    """
     for _ in range(_TRIES):
-        view = _try_view(rng, hole, "dark" if plain else inside, plain, flooded)
+        away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
+        off, side = rng.uniform(0, 1e-3), rng.uniform(0, 2 * np.pi)
+        offset = (off * np.cos(side), off * np.sin(side))
+        roll, advance = rng.uniform(-np.pi, np.pi), rng.uniform(0, 4e-3)
+        mount = Mount(offset=offset, roll=roll, advance=advance)
+        pan, tilt = float(away * np.cos(way)), float(away * np.sin(way))
+        pose = mount.pose(pan, tilt)
+        pixel = rng.uniform([70, 70], [lens.width - 70, lens.height - 70])
+        phi, z, _ = meet_wall(pose.position, pose.rotation @ lens.rays(pixel), 10e-3)
+        view = view_of((mount, pan, tilt, (float(phi), float(np.clip(z, 0.0, 50e-3)))))
         if view is not None:
             return view
     raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
-
-
-def _try_view(
-    rng: np.random.Generator, hole: bool, inside: str | None, plain: bool, flooded: bool
-) -> SceneView | None:
-    mount, pan, tilt = draw_head(rng)
-    lens = LENS.in_water() if flooded else LENS
-    place = draw_place(rng, mount.pose(pan, tilt), lens)
-    bore = drawing.draw_hole(rng, *place)
-    if inside is not None:
-        bore = replace(bore, inside=inside, brightness={"dark": 0.0, "white": 2.0}.get(inside, 1.0))
-    if plain:
-        bore = replace(bore, chamfer=0.0)
-    if minor_axis(mount.pose(pan, tilt), bore, lens) < LEAST_AXIS:
-        return None
-    wall = _wall(rng, bore, mount.pose(pan, tilt), hole)
-    if plain:
-        wall = replace(wall, dents=(), scratches=(), dirt=())
-    water = TurbidWater.draw(rng) if flooded else None
-    camera, gain = aimed(rng, wall, mount, pan, tilt, water)
-    if not 0.1 <= gain <= 20:
-        return None
-    camera.expose(0.01, gain)
-    view = SceneView(camera, mount, pan, tilt, gain, flooded, place, bore if hole else None)
-    if plain:
-        return view if not (_saturated(view, bore) < _REACH).any() else None
-    return view if _has_a_glint(view, bore) else None
-
-
-def draw_head(rng: np.random.Generator) -> tuple[Mount, float, float]:
-    """Draw a mount, pan and tilt in radians: 18 to 30 degrees off the axis of the pipe."""
-    away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
-    off, side = rng.uniform(0, 1e-3), rng.uniform(0, 2 * np.pi)
-    mount = Mount(
-        offset=(off * np.cos(side), off * np.sin(side)),
-        roll=rng.uniform(-np.pi, np.pi),
-        advance=rng.uniform(0, 4e-3),
-    )
-    return mount, float(away * np.cos(way)), float(away * np.sin(way))
-
-
-def draw_place(rng: np.random.Generator, pose: Pose, lens: Pinhole = LENS) -> tuple[float, float]:
-    """Return where a pixel away from the edges meets the wall."""
-    pixel = rng.uniform([_MARGIN, _MARGIN], [lens.width - _MARGIN, lens.height - _MARGIN])
-    phi, z, _ = meet_wall(pose.position, pose.rotation @ lens.rays(pixel), 10e-3)
-    return float(phi), float(np.clip(z, 0.0, 50e-3))
 
 
 def minor_axis(pose: Pose, bore: Bore, lens: Pinhole = LENS) -> float:
@@ -229,14 +280,8 @@ def aimed(
         camera._advance(camera.sensor.interval)
     camera.expose(0.01, 1.0)
     # Metered so that the brighter parts of the image are of middle grey.
-    metered = _METERED / max(float(np.percentile(camera.frame().image, 60)), 2.0)
+    metered = 70.0 / max(float(np.percentile(camera.frame().image, 60)), 2.0)
     return camera, metered * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
-
-
-def _has_a_glint(view: SceneView, bore: Bore) -> bool:
-    """Return whether pixels saturate within 3 mm of the place, and none near the rim."""
-    off, rim = _saturated(view, bore), bore.diameter / 2 + bore.chamfer
-    return bool((off > rim + _CLEAR).all() and (off < _REACH).sum() >= 4)
 
 
 def _saturated(view: SceneView, bore: Bore) -> FloatArray:
@@ -248,3 +293,52 @@ def _saturated(view: SceneView, bore: Bore) -> FloatArray:
     off = np.hypot(10e-3 * wrapped(phi - bore.phi), z - bore.z)
     rim = bore.diameter / 2 + bore.chamfer
     return np.asarray(off[off > rim])
+
+
+def _marked_wall(rng: np.random.Generator, bore: Bore, hole: bool) -> Pipe:
+    """Return a wall with clutter, slots and corrosion."""
+    somewhere = partial(_beside, rng, bore, 0.0)
+    return Pipe(
+        finish=drawing.draw_finish(rng),
+        bores=(bore,) if hole else (),
+        cracks=tuple(_slot(rng, bore) for _ in range(rng.integers(1, 4))),
+        dents=tuple(drawing.draw_dent(rng, *somewhere()) for _ in range(rng.integers(2, 8))),
+        scratches=tuple(
+            drawing.draw_scratch(rng, *somewhere()) for _ in range(rng.integers(2, 10))
+        ),
+        dirt=(
+            *(drawing.draw_dirt(rng, *somewhere()) for _ in range(rng.integers(2, 8))),
+            *(_corrosion(rng, bore) for _ in range(rng.integers(1, 4))),
+        ),
+    )
+
+
+def _beside(rng: np.random.Generator, bore: Bore, reach: float) -> tuple[float, float]:
+    """Return phi and z within 10 mm of a bore; what reaches that far stays clear of its rim."""
+    while True:  # what touches a rim hides it
+        x, y = rng.uniform(-10e-3, 10e-3, 2)
+        if not reach or math.hypot(x, y) > bore.diameter / 2 + reach + 0.4e-3:
+            return bore.phi + float(x) / Pipe.radius, float(np.clip(bore.z + y, 0, 51e-3))
+
+
+def _slot(rng: np.random.Generator, bore: Bore) -> Crack:
+    """Draw a milled slot: 0.3 to 0.8 mm wide and 2.5 to 6 times as long, with round ends."""
+    width = rng.uniform(0.3e-3, 0.8e-3)
+    length, angle = width * rng.uniform(1.5, 5.0), rng.uniform(0, np.pi)
+    phi, z = _beside(rng, bore, 0.5 * (length + width))
+    x, y = 0.5 * length * math.cos(angle) / Pipe.radius, 0.5 * length * math.sin(angle)
+    ends = ((phi - x, z - y), (phi + x, z + y))
+    return Crack(ends, (width, width), albedo=rng.uniform(0.02, 0.12))
+
+
+def _corrosion(rng: np.random.Generator, bore: Bore) -> Dirt:
+    """Draw a dark patch with lobes, as pitting leaves it."""
+    size = math.exp(rng.uniform(math.log(0.2e-3), math.log(1.5e-3)))
+    return Dirt(
+        *_beside(rng, bore, 2.0 * size),
+        size,
+        rng.uniform(0.1, _DARK),
+        softness=rng.uniform(0.05e-3, 0.15e-3),
+        raggedness=rng.uniform(0.8, 1.3),
+        seed=int(rng.integers(2**31)),
+    )

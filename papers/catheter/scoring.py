@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop_head.geometry import Mount, Pinhole, Tool, meet_wall, wall_point, wrapped
+from minorloop_head.geometry import Mount, Pinhole, meet_wall, wall_point, wrapped
 from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
@@ -22,9 +22,6 @@ from minorloop_head.twins.pipe import Bore
 from minorloop_head.twins.rig import STRAIGHT, Rig
 from minorloop_head.twins.surroundings import Surroundings
 from minorloop_head.twins.wire import HIGHEST_CURRENT, HeatedWires
-
-_SETTLED = 60.0
-"""Seconds after which a wire has settled: 15 of its lags."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +67,12 @@ def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:
 def ends(head: Head, surroundings: Surroundings) -> FloatArray:
     """Return the least and largest settled angle (axes, 2) of the wires in degrees.
 
-    The head is a fresh twin; it is used up.
+    The head is a fresh twin, which is used up; a wire has settled after 15 of its lags, 60 s.
     """
     head.surround(surroundings)
     found = []
     for current in (HIGHEST_CURRENT, 0.0):
-        head._hold(np.full(2, current), np.array([_SETTLED]))
+        head._hold(np.full(2, current), np.array([60.0]))
         found.append(np.degrees(head._state[:, 3] / head._axes[:, 17]))
     return np.stack(found[::-1], axis=1)
 
@@ -94,22 +91,10 @@ def reaches(head: Head, surroundings: Surroundings, needs: FloatArray) -> bool:
     )
 
 
-def touch_off(tip: Any, bore: Bore, radius: float) -> float:
-    """Return how far from a bore the tool last came to the wall, in metres; infinite if never."""
-    touches = tip.tool.touches
-    return apart(touches[-1], bore, radius) if touches else math.inf
-
-
 def off_middle(tip: Any, bore: Bore) -> float:
     """Return the distance of a bore from the true optical axis in the image, in pixels."""
     middle = np.array(tip.camera._optics.centre)
     return float(np.linalg.norm(true_pixel(tip.camera, bore.phi, bore.z) - middle))
-
-
-def true_tool(tip: Any) -> Tool:
-    """Return the tool of a simulated tip."""
-    tool: Tool = tip.tool._tool
-    return tool
 
 
 def places_seen(mount: Mount, joints: FloatArray, bore: Bore, radius: float) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,10 @@ from minorloop_head.geometry import Mount, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import Centred, Centring
 from minorloop_head.procedures.focus import focus
-from minorloop_head.procedures.go import go as go_to
 from minorloop_head.procedures.mark import aim_at
 from minorloop_head.procedures.meter import wall_ahead
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.steps import acquire, go, meter, search
+from minorloop_head.procedures.steps import go, meter, search
 from minorloop_head.procedures.values import Request
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
@@ -30,7 +30,7 @@ from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
-from papers.catheter.inspection_servo import APPROACH, CLICK, Scene, swinging, within_stroke
+from papers.catheter.inspection_servo import Scene, clicked, swinging, within_stroke
 from papers.catheter.tracking_trials import WALLS, run_tracking, tracking_figures
 from papers.claims import cell
 from papers.drawing import draw, panel, photo
@@ -38,10 +38,6 @@ from papers.harness import Results, median
 
 AHEAD = (20e-3, 18.5e-3, 17e-3)
 """Distances of the hole ahead of the head in the three pictures of the insertion, in metres."""
-AWAY = (25.0, 28.0)
-"""Deflection of the head in the last of them, in degrees."""
-BESIDE = (1.8e-3, 2.6e-3)
-"""Distance of the reflection from the hole, in metres."""
 SAME = 0.5e-3
 """Distance in metres from the hole, or from the bead, within which a finding is of it: half of the
 hole."""
@@ -58,35 +54,25 @@ def run_pick(scene: Scene) -> dict[str, float]:
     focus; ``off`` is that of the true middle from the middle of the image then. ``focus`` is the
     relative error of the distance that the autofocus found, NaN if it found none.
     """
-    rng = np.random.default_rng([scene.seed, 71])
     rig = scene.rig()
-    tip = rig.tip
+    tip, hole = rig.tip, scene.hole
     assert isinstance(tip, SimulatedTip)
     assert isinstance(rig.plant, Rig)
-    rig.run(go_to(angles=scene.start, still=math.inf, turning=APPROACH - 1.0))
-    meter(rig)
-    true = scoring.true_pixel(tip.camera, scene.hole.phi, scene.hole.z)
-    click = true + CLICK / math.sqrt(2) * rng.standard_normal(2)
-    centring = Centring(calibration=rig.calibration)
-    frames = acquire(rig)
-    pixel = centring.outlined(frames, click, rig.reading())
-    camera = rig.calibration.camera_at(rig.place)
-    place = camera.place(pixel, frames[-1].pan, frames[-1].tilt)
-    state = rig.run(centring.centre(Centred(place=np.asarray(place), shown=pixel)))
+    seen = partial(scoring.true_pixel, tip.camera, hole.phi, hole.z)
+    picked, centring = clicked(scene, rig, seen), Centring(calibration=rig.calibration)
+    state = rig.run(centring.centre(Centred(place=picked.place, shown=picked.pixel)))
     meter(rig, state.place)
     lens = rig.calibration.lens
     found = rig.run(focus(lens, lens.centre, wall_ahead(rig.calibration, rig.reading())))
     reading = rig.reading(Request(frame=True))
     assert state.track is not None
-    now = scoring.true_pixel(tip.camera, scene.hole.phi, scene.hole.z)
+    now = seen()
     track, _ = centring.follow(state.track, reading, reading.image)
-    point = scoring.middle_of(
-        scene.mount, rig.plant, (scene.hole.phi, scene.hole.z), scene.pipe.radius
-    )
+    point = scoring.middle_of(scene.mount, rig.plant, (hole.phi, hole.z), scene.pipe.radius)
     sharp = found.verdict == "sharp"
     return {
-        "clicked": 0.5 * math.dist(click, true),
-        "outlined": 0.5 * math.dist(pixel, true),
+        "clicked": 0.5 * math.dist(picked.click, picked.true),
+        "outlined": 0.5 * math.dist(picked.pixel, picked.true),
         "final": 0.5 * math.dist(track.pixel, now) if track.verdict == TRACKED else math.inf,
         "off": 0.5 * math.dist(now, lens.centre),
         "focus": found.distance / float(point[2]) - 1 if sharp else math.nan,
@@ -103,14 +89,14 @@ def run_insertion(seed: int, control: HeadControl) -> Results:
     the head turns, in pixels, and ``tracked`` (T,) whether it was.
     """
     rng = np.random.default_rng([seed, 72])
-    aim, _ = within_stroke(control, rng, AWAY)
+    aim, _ = within_stroke(control, rng, (25.0, 28.0))
     mount = Mount(
         offset=tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()), roll=float(rng.uniform(-3, 3))
     )
     pose = mount.pose(*aim.tolist())
     phi = math.atan2(pose.rotation[1, 2], pose.rotation[0, 2])
     hole = Bore(phi, 30e-3, 1e-3, inside="white", brightness=2.0)
-    way, far = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(*BESIDE))
+    way, far = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(1.8e-3, 2.6e-3))
     radius = Pipe.radius
     glint = np.array([phi + far * math.cos(way) / radius, hole.z + far * math.sin(way)])
     bead = Dent(float(glint[0]), float(glint[1]), 0.25e-3, 0.2e-3)
@@ -160,12 +146,13 @@ def _turned(
     errors: list[float] = []
     seen: list[bool] = []
     shots: list[tuple[Image, FloatArray]] = []
-    before = scoring.true_pixel(tip.camera, hole.phi, hole.z)
+    where = partial(scoring.true_pixel, tip.camera, hole.phi, hole.z)
+    before = where()
 
     def watch() -> None:
         """Compare with the truth of the frame, which was taken before the tick."""
         nonlocal before
-        then, before = before, scoring.true_pixel(tip.camera, hole.phi, hole.z)
+        then, before = before, where()
         if not point.verdict or point.track is None or point.shown is None:
             return
         seen.append(point.verdict == TRACKED)
@@ -177,9 +164,11 @@ def _turned(
     reading = rig.reading(Request(frame=True))
     assert reading.image is not None
     camera = rig.calibration.camera_at(reading.place)
-    pixel = camera.pixel(found, *reading.angles.tolist())
-    frame = LitFrame(reading.image, *reading.angles.tolist())
-    point = Centred(place=found, shown=centring.outlined([frame], pixel, reading))
+    angles = reading.angles.tolist()
+    outline = centring.outlined(
+        [LitFrame(reading.image, *angles)], camera.pixel(found, *angles), reading
+    )
+    point = Centred(place=found, shown=outline)
     rig.run(swinging(centring.centre(point), aim), watch)
     return shots, np.array(errors), np.array(seen)
 
@@ -209,10 +198,6 @@ def sight_figures(
             "lost_fraction": float(np.mean(~tracked)),
         },
     }
-
-
-_SQUARE = 15.0
-"""Half the side of the square in pixels of 640, about that of a hole of 1 mm."""
 
 
 def run_sight(seed: int, control: HeadControl) -> Results:
@@ -251,7 +236,8 @@ def walls_table(followed: Sequence[Results]) -> Table:
 
 def draw_insertion(insertion: Results) -> Any:
     """Draw Fig 14: the six pictures with squares, in the form of the paper."""
-    x, y = _SQUARE * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
+    # Half the side of the square is 15 pixels of 640, about that of a hole of 1 mm.
+    x, y = 15.0 * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
     panels = [
         photo(image, f"({name})", (marked[0] + x, marked[1] + y, "C3 - 1.2"))
         for (image, marked), name in zip(insertion.shots, "abcdef", strict=False)

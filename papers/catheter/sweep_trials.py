@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -22,46 +23,47 @@ from minorloop_head.procedures.meter import Light, meter
 from minorloop_head.procedures.probe_steps import resampled
 from minorloop_head.procedures.sweep import ProbeSweep, SweptArea
 from minorloop_head.procedures.values import NOTHING, Reading, Running, apply_to_tip
-from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, coupled_at
+from minorloop_head.reconstruction.depth_map import (
+    BOTH,
+    CAMERA,
+    ECHOES,
+    DepthMap,
+    Patch,
+    camera_map,
+    coupled_at,
+)
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_pit
 from minorloop_head.twins.rig import SimulatedTip
-from minorloop_head.twins.surroundings import Filling, Sway
+from minorloop_head.twins.surroundings import Filling
 from minorloop_head.twins.ultrasound import INTERVAL
 from minorloop_head.ultrasound.c_scan import CRACK, CUT, PIT, CScan, EchoFind, c_scan
 from minorloop_head.vision.reflectance_map import LitFrame, lay_flat
 from papers.catheter import scoring
 from papers.catheter.crack_scenes import FINE, fine_course
-from papers.catheter.pipe_map import PipeMap, pipe_map
-from papers.catheter.scan_trials import GYROSCOPE_NOISE
-from papers.harness import Results, Study, mean, median
+from papers.catheter.scan_trials import GYROSCOPE_NOISE, JOINT_NOISE, PHASES, SWAY
+from papers.harness import Results, Study, deviation, mean, median
 
 PITS = 3
 """Pits in the swept part of a pipe: 0.8 to 1.5 mm wide and 0.3 to 1 mm deep."""
 AROUND, ALONG = (-0.2, math.pi + 0.2), (20e-3, 22.4e-3)
 """Swept part of the pipe in radians and metres: the flooded half, with some drained wall."""
-LEVELS = (-1.5e-3, 0.4e-3)
-"""Range of the height of the water in metres, about half full. Wherever there is a pit, the probe
-is under water too."""
 SAME = 0.5e-3
 """Farthest distance in metres of a find from what it is."""
-_WIDE, _LONG = 0.1e-3, 1.5e-3
-"""Width and length in metres from which on a crack counts for the recall: narrower ones take so
-little of the echo that bursts between two lines miss it."""
-_MARGIN, _APART, _CLEAR = 0.8e-3, 2.5e-3, 2.5
-"""Distances of pits in metres from the ends of the swept part and from each other; and from a dent
-in its standard deviations, where it is shallower than 30 um: a pit in a dent is another
-defect."""
-_BAND = 0.35
-"""Distance of pits from the axis's height in radians, so that all are under water."""
-_JOINT_NOISE = math.radians(0.05)
-_SWAY, _PHASES = Sway(), 1e3
-_SETTLE = 0.03e-3
-"""Motion in metres within which the twin's echo is not computed again: an eighth of the beam."""
+_APART = 2.5e-3
+"""Distance of pits in metres from each other and from the crack."""
 _UNITS = np.array([1e-3, math.radians(1.0)])
-_RING, _VIEWS, _FROM = math.radians(25.0), 8, 4.5e-3
-"""Deflection of the views of the camera in radians, their number, and the advance in metres from
-which they show the swept part."""
+_VIEWS = 8
+"""Views of the camera to all sides."""
+
+
+@dataclass(frozen=True, eq=False)
+class PipeMap(CScan):
+    """Echoes of the flooded part of a pipe, and a picture of the rest."""
+
+    picture: FloatArray
+    """Shape (rows, columns). Logarithm of the reflectance where the camera saw drained wall; NaN
+    elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +101,22 @@ def draw_sweep(seed: int, pits: int = PITS) -> Results:
         if _is_clear(one, bores, drawn.dents):
             bores.append(one)
     crack = draw_crack(rng, *_somewhere(rng))
-    while any(_off(crack, bore.phi, bore.z) < _APART for bore in bores):
+    while any(_off(crack, bore) < _APART for bore in bores):
         crack = draw_crack(rng, *_somewhere(rng))
     thickness = float(rng.uniform(1.5e-3, 4e-3))
     pipe = replace(drawn, bores=tuple(bores), cracks=(crack,), thickness=thickness)
     off, warm = rng.uniform(-0.2e-3, 0.2e-3, 2), float(rng.uniform(10, 40))
-    known, level = off + rng.normal(0, 0.05e-3, 2), float(rng.uniform(*LEVELS))
+    known = off + rng.normal(0, 0.05e-3, 2)
+    # About half full; wherever there is a pit, the probe is under water too.
+    level = float(rng.uniform(-1.5e-3, 0.4e-3))
     tip = SimulatedTip(
         pipe,
         mount=Mount(offset=(float(off[0]), float(off[1]))),
         specimen=seed,
         seed=seed,
         flooded=Filling(level=level, temperature=warm),
-        probe={"settle": _SETTLE},
+        # Motion in which the twin's echo is not computed again: an eighth of the beam.
+        probe={"settle": 0.03e-3},
     )
     calibration = HeadCalibration(
         lens=tip.camera.calibration,
@@ -127,28 +132,31 @@ def draw_sweep(seed: int, pits: int = PITS) -> Results:
 
 
 def _somewhere(rng: np.random.Generator) -> tuple[float, float]:
-    """Draw a phi and a z in the swept part under water."""
+    """Draw a phi and a z in the swept part under water, 0.8 mm or more from its ends."""
     low, high = ALONG
-    phi = float(rng.uniform(_BAND, np.pi - _BAND))
-    return phi, float(rng.uniform(low + _MARGIN, high - _MARGIN))
+    phi = float(rng.uniform(0.35, np.pi - 0.35))
+    return phi, float(rng.uniform(low + 0.8e-3, high - 0.8e-3))
 
 
 def _is_clear(one: Bore, others: Sequence[Bore], dents: Sequence[Dent]) -> bool:
-    """Return whether a pit is beside all others and all dents."""
-    place = one.phi, one.z
-    return all(_apart(place, (pit.phi, pit.z)) > _APART for pit in others) and all(
-        _apart(place, (dent.phi, dent.z)) > one.diameter / 2 + _CLEAR * dent.size for dent in dents
+    """Return whether a pit is beside all others and all dents.
+
+    A dent is shallower than 30 um there: a pit in a dent is another defect.
+    """
+    return all(_apart(one, pit) > _APART for pit in others) and all(
+        _apart(one, dent) > one.diameter / 2 + 2.5 * dent.size for dent in dents
     )
 
 
-def _apart(one: tuple[float, float], other: tuple[float, float]) -> float:
-    return float(wall_distance(one, other, Pipe().radius))
+def _apart(one: Any, other: Any) -> float:
+    """Return the distance on the wall in metres of two things with a place."""
+    return float(wall_distance((one.phi, one.z), (other.phi, other.z), Pipe.radius))
 
 
-def _off(crack: Crack, phi: float, z: float) -> float:
-    """Return the distance of a place from the course of a crack, in metres."""
+def _off(crack: Crack, other: Any) -> float:
+    """Return the distance in metres of something with a place from the course of a crack."""
     course, _ = fine_course(crack, Pipe.radius)
-    return float(wall_distance(course, (phi, z), Pipe.radius).min())
+    return float(wall_distance(course, (other.phi, other.z), Pipe.radius).min())
 
 
 @one_thread()
@@ -165,7 +173,7 @@ def sweep(
     area, request = scanning.area(around, along), NOTHING
     running = Running(scanning.sweep(area), lambda request: None)
     tip, rng, catheter = trial.tip, trial.rng, trial.catheter
-    joints, begin = np.zeros(2), float(rng.uniform(0.0, _PHASES))
+    joints, begin = np.zeros(2), float(rng.uniform(0.0, PHASES))
     place, ticks = np.zeros(2), 0
     before = now = scoring.catheter_place(catheter)
     while not running.done:
@@ -176,10 +184,10 @@ def sweep(
         for k in range(request.shots):
             late = k * INTERVAL
             here = now + late * (now - before) / catheter.tick
-            tip.move_to((*(joints + _SWAY.at(begin + t + late)), 0.0, 0.0, *here))
+            tip.move_to((*(joints + SWAY.at(begin + t + late)), 0.0, 0.0, *here))
             shots += tip.shots(1)
-        angles = joints + _JOINT_NOISE * rng.standard_normal(2)
-        base = _SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2)
+        angles = joints + JOINT_NOISE * rng.standard_normal(2)
+        base = SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2)
         reading = Reading(
             t=t, angles=angles, place=place, base=base, shots=tuple(shots), fired=bool(shots)
         )
@@ -191,13 +199,16 @@ def sweep(
 
 
 def pictures(trial: Results, patch: Patch) -> list[FloatArray]:
-    """Return what the camera sees of a patch in views to all sides, before the sweep."""
+    """Return what the camera sees of a patch in views to all sides, before the sweep.
+
+    It looks 25 degrees off the axis, from 4.5 mm, where the views show the swept part.
+    """
     tip, rng, seen = trial.tip, trial.rng, []
     for k in range(_VIEWS):
         way = 2 * math.pi * k / _VIEWS
-        true = _RING * np.array([math.cos(way), math.sin(way)])
-        angles = true + _JOINT_NOISE * rng.standard_normal(2)
-        place, request, ticks = np.array([_FROM, 0.0]), NOTHING, 0
+        true = math.radians(25.0) * np.array([math.cos(way), math.sin(way)])
+        angles = true + JOINT_NOISE * rng.standard_normal(2)
+        place, request, ticks = np.array([4.5e-3, 0.0]), NOTHING, 0
         metering = Running(meter(trial.calibration, Light()), partial(apply_to_tip, tip))
         while not metering.done:
             tip.move_to((*true, 0.0, 0.0, *place))
@@ -214,6 +225,47 @@ def pictures(trial: Results, patch: Patch) -> list[FloatArray]:
     return seen
 
 
+def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:
+    """Merge the map of a sweep with pictures.
+
+    Views (rows, columns) are logarithms of the reflectance on the patch of the sweep, such as
+    `resampled` returns; NaN where nothing is seen. Under water a picture is refracted, so that the
+    camera counts above the water line only. Echoes reach above it by the width of the beam, so that
+    both sources meet there. Views under other lights differ by the constant of their medians.
+    """
+    patch = scan.wall.patch
+    total, count = (np.zeros(scan.amplitude.shape) for _ in range(2))
+    drained = ~scan.water.wet(patch.places[..., 0], patch.radius)
+    for view in views:
+        seen = np.isfinite(view) & drained
+        if seen.any():
+            total[seen] += view[seen] - np.median(view[seen])
+            count[seen] += 1
+    picture = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
+    camera = camera_map(patch, count > 0, np.zeros(count.shape))
+    fused = replace(scan, wall=blend(camera, scan.wall))
+    return PipeMap(
+        **{each.name: getattr(fused, each.name) for each in fields(fused)}, picture=picture
+    )
+
+
+def blend(first: DepthMap, second: DepthMap) -> DepthMap:
+    """Merge two maps of one patch: by inverse variance where both have data."""
+    assert first.patch == second.patch, "the maps are of different patches"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weights = [np.where(np.isnan(m.depth), 0.0, 1 / m.sd**2) for m in (first, second)]
+        total = weights[0] + weights[1]
+        depth = sum(
+            np.where(weight > 0, weight * np.nan_to_num(m.depth, posinf=0.0), 0.0)
+            for weight, m in zip(weights, (first, second), strict=True)
+        ) / np.where(total > 0, total, np.nan)
+        sd = np.where(total > 0, 1 / np.sqrt(total), np.inf)
+    through = np.isposinf(first.depth) | np.isposinf(second.depth)
+    depth = np.where(through, np.inf, depth)
+    source = (first.source | second.source).astype(np.uint8)
+    return DepthMap(first.patch, depth, np.where(through, np.nan, sd), source)
+
+
 def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
     """Look at the drained part, sweep the flooded one, and map both."""
     trial = draw_sweep(seed, pits)
@@ -226,28 +278,31 @@ def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
 def pit_found(run: ScoredSweep, bore: Bore) -> EchoFind | None:
     """Return the pit of a map that is nearest to a true one; None if none is near."""
     pits = [find for find in run.scan.finds if find.kind == PIT]
-    off = [_apart(find.place, (bore.phi, bore.z)) for find in pits]
+    off = [_apart(find, bore) for find in pits]
     return pits[int(np.argmin(off))] if off and min(off) <= SAME else None
 
 
 def on_crack(run: ScoredSweep, find: EchoFind) -> bool:
     """Return whether a find is on a true crack."""
-    return any(_off(crack, *find.place) <= SAME for crack in run.pipe.cracks)
+    return any(_off(crack, find) <= SAME for crack in run.pipe.cracks)
 
 
 def on_pit(run: ScoredSweep, find: EchoFind) -> bool:
     """Return whether a find is on a true pit."""
-    return any(_apart(find.place, (bore.phi, bore.z)) <= SAME for bore in run.pipe.bores)
+    return any(_apart(find, bore) <= SAME for bore in run.pipe.bores)
 
 
 def within_reach(run: ScoredSweep, crack: Crack) -> bool:
-    """Return whether the sweep passed over enough of a crack, wide enough, under water."""
+    """Return whether the sweep passed over 1.5 mm of a crack under water, 0.1 mm wide or more.
+
+    Narrower ones take so little of the echo that bursts between two lines miss it.
+    """
     patch = run.scan.wall.patch
     course, widths = fine_course(crack, patch.radius)
     wet = coupled_at(course[:, 0], patch.radius, face=Probe().face) > run.level + SAME
     along = (course[:, 1] - patch.z) / patch.step
-    inside = wet & (along >= 0) & (along < patch.rows) & (widths >= _WIDE)
-    return bool(FINE * inside.sum() >= _LONG)
+    inside = wet & (along >= 0) & (along < patch.rows) & (widths >= 0.1e-3)
+    return bool(FINE * inside.sum() >= 1.5e-3)
 
 
 def true_depth(pipe: Pipe, patch: Patch) -> FloatArray:
@@ -291,7 +346,7 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
     finds = [one for one in every if one[1].kind != CUT]
     errors = 1e6 * np.array([find.depth - bore.depth for find, bore in hits])
     bands = 1e6 * PER_DEVIATION * np.array([find.depth_sd for find, _ in hits])
-    off = [1e3 * _apart(find.place, (bore.phi, bore.z)) for find, bore in hits]
+    off = [1e3 * _apart(find, bore) for find, bore in hits]
     mapped = sum(float(np.isfinite(run.scan.amplitude).sum()) for run in runs)
     gaps = sum(float(run.scan.gap.sum()) for run in runs)
     area = 1e4 * mapped * runs[0].scan.wall.patch.step ** 2
@@ -311,7 +366,7 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
         "seconds_per_cm2": sum(run.seconds for run in runs) / area,
         "gap_share": gaps / (mapped + gaps),
         "depth_bias_um": mean(errors),
-        "depth_sd_um": float(errors.std(ddof=1)) if len(hits) > 1 else math.nan,
+        "depth_sd_um": deviation(errors),
         "coverage": mean(np.abs(errors) <= bands),
         "size_ratio": median([find.diameter / bore.diameter for find, bore in hits]),
         "place_mm": float(np.quantile(off, 0.9)) if hits else math.nan,

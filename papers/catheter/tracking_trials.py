@@ -21,11 +21,11 @@ from minorloop_head.geometry import Mount, meet_wall
 from minorloop_head.procedures.meter import LIMITS
 from minorloop_head.twins.camera import LENS, Camera
 from minorloop_head.twins.pipe import Bore, Dirt, Pipe
-from minorloop_head.twins.surroundings import Sway
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.tracking import TRACKED, PatchTracker
 from papers.catheter import scoring
 from papers.catheter.inspection_servo import CLICK
+from papers.catheter.scan_trials import PHASES, SWAY
 from papers.harness import Results, mean, quantile
 
 WALLS: Mapping[str, str] = {
@@ -41,24 +41,10 @@ FRAMES, INTERVAL = 60, 0.04
 """Frames of a sequence, and the time between them in seconds."""
 POINTS = 5
 """Pieces of wall that are followed beside the hole."""
-SWING, RATE = math.radians(10.0), math.radians(20.0)
-"""Amplitude of the motion of the head in radians, and its fastest rate in rad/s, the rate limit of
-the servo."""
-AWAY = (20.0, 27.0)
-"""Deflection at which the hole is in the middle, in degrees: from where the head centres it."""
-JOINT_NOISE = math.radians(0.05)
-OFF_MOUNT = 0.05e-3
-"""Standard deviation of the known place of the pivot, in metres, as in a mission."""
 PITCH = 2.0e-3
 """Distance of equal spots in metres: less than a patch, so that it always shows some."""
 GRADED = 2.0
 """Error in pixels of 320 beyond which a point that counts as tracked has drifted."""
-_SWAY, _PHASES = Sway(), 1e3
-_BORDER = 60.0
-"""Distance from the edge of a frame of 640 by 480 pixels, about half a patch, within which a point
-cannot be asked for."""
-_SPREAD = 120.0
-"""Standard deviation in pixels of 640 of picked points about the middle."""
 
 
 def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
@@ -90,11 +76,11 @@ def draw_sequence(kind: str, seed: int) -> Results:
     scoring only.
     """
     rng = np.random.default_rng([seed, 52, list(WALLS).index(kind)])
-    away, way = math.radians(rng.uniform(*AWAY)), float(rng.uniform(0, 2 * np.pi))
+    away, way = math.radians(rng.uniform(20.0, 27.0)), float(rng.uniform(0, 2 * np.pi))
     aim = away * np.array([math.cos(way), math.sin(way)])
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
     mount = Mount(offset=(x, y), roll=float(rng.uniform(-np.pi, np.pi)))
-    known = replace(mount, offset=(x + rng.normal(0, OFF_MOUNT), y + rng.normal(0, OFF_MOUNT)))
+    known = replace(mount, offset=(x + rng.normal(0, 0.05e-3), y + rng.normal(0, 0.05e-3)))
     pose = mount.pose(*aim.tolist())
     phi, z, length = meet_wall(pose.position, pose.rotation[:, 2], Pipe.radius).tolist()
     pipe = wall_of(kind, seed, Bore(phi, z, 1e-3))
@@ -103,17 +89,17 @@ def draw_sequence(kind: str, seed: int) -> Results:
     joints, base = _motion(rng, aim)
     images = []
     true = np.empty((FRAMES, POINTS + 1, 2))
-    picked = np.clip(
-        np.array(LENS.centre) + _SPREAD * rng.standard_normal((POINTS + 1, 2)), 110, (530, 370)
-    )
+    picked = np.array(LENS.centre) + 120.0 * rng.standard_normal((POINTS + 1, 2))
+    picked = np.clip(picked, 110, (530, 370))
     places = np.empty((POINTS + 1, 2))
     for n in range(FRAMES):
         now = joints[n] + base[n]
         ahead = joints[n + 1] + base[n + 1]
         rates = (ahead - now) / INTERVAL if n else np.zeros(2)
         camera.look(*now.tolist(), rates=(float(rates[0]), float(rates[1])))
-        if kind == "lights":
-            _switch(camera, n)
+        if kind == "lights":  # four times a second
+            lights = [(True, True, True), (True, False, True), (False, True, True)]
+            camera.switch([*lights, (True, True, False)][n // 6 % 4])
         if n == 0:
             click = CLICK / math.sqrt(2) * rng.standard_normal(2)
             picked[0] = scoring.true_pixel(camera, phi, z) + click
@@ -121,7 +107,7 @@ def draw_sequence(kind: str, seed: int) -> Results:
             places = view.place(picked, *now.tolist())
         true[n] = scoring.true_pixel(camera, *places.T)
         images.append(camera.frame().image)
-    read = joints[:FRAMES] + JOINT_NOISE * rng.standard_normal((FRAMES, 2))
+    read = joints[:FRAMES] + math.radians(0.05) * rng.standard_normal((FRAMES, 2))
     seen = CalibratedCamera(camera.calibration, known, camera.leds)
     return Results(
         wall=kind, images=np.array(images), angles=read, camera=seen, picked=picked, true=true
@@ -132,10 +118,11 @@ def follow(sequence: Results) -> list[Results]:
     """Follow the points of a sequence; one that the tracker refuses to pick is left out.
 
     Of each, ``error`` (T,) is in pixels of 320, ``tracked`` (T,) whether it was, and ``shown`` (T,)
-    whether the frame showed its patch.
+    whether the frame showed its patch: nearer to the edge than 60 pixels of 640, about half a
+    patch, a point cannot be asked for.
     """
-    tracker = PatchTracker(sequence.camera)
-    edge = np.array(sequence.images.shape[:0:-1]) - _BORDER
+    tracker, border = PatchTracker(sequence.camera), 60.0
+    edge = np.array(sequence.images.shape[:0:-1]) - border
     found = []
     for k, pixel in enumerate(sequence.picked):
         error, tracked = np.zeros(len(sequence.images)), np.ones(len(sequence.images), bool)
@@ -148,7 +135,7 @@ def follow(sequence: Results) -> list[Results]:
             error[n] = 0.5 * math.dist(track.pixel, sequence.true[n, k])
             tracked[n] = track.verdict == TRACKED
         true = sequence.true[1:, k]
-        shown = np.asarray(((true > _BORDER) & (true < edge)).all(axis=-1))
+        shown = np.asarray(((true > border) & (true < edge)).all(axis=-1))
         about = {"wall": sequence.wall, "hole": k == 0, "shown": shown}
         found.append(Results(error=error[1:], tracked=tracked[1:], **about))
     return found
@@ -163,19 +150,16 @@ def tracking_figures(followed: Sequence[Results]) -> dict[str, Any]:
     """Return the errors of holes, and those of plain wall while it counted as tracked."""
     holes = [each for each in followed if each.hole]
     walls = [each for each in followed if not each.hole]
-    errors, texture = (
-        np.concatenate([np.empty(0), *(each.error[each.tracked] for each in points)])
-        for points in (holes, walls)
-    )
-    lost, given_up = (
-        np.concatenate([np.empty(0), *(~each.tracked[each.shown] for each in points)])
-        for points in (holes, walls)
-    )
+
+    def joined(points: Sequence[Results], name: str, where: str) -> FloatArray:
+        parts = (getattr(each, name)[getattr(each, where)] for each in points)
+        return np.concatenate([np.empty(0), *parts])
+
     return {
-        "true_error_px_p95": quantile(errors, 0.95),
-        "lost_fraction": mean(lost),
-        "texture_error_px_p99": quantile(texture, 0.99),
-        "texture_lost_fraction": mean(given_up),
+        "true_error_px_p95": quantile(joined(holes, "error", "tracked"), 0.95),
+        "lost_fraction": 1.0 - mean(joined(holes, "tracked", "shown")),
+        "texture_error_px_p99": quantile(joined(walls, "error", "tracked"), 0.99),
+        "texture_lost_fraction": 1.0 - mean(joined(walls, "tracked", "shown")),
         "texture_drifted": sum(bool((each.error[each.tracked] > GRADED).any()) for each in walls),
         "texture_points": len(walls),
     }
@@ -192,18 +176,16 @@ def _expose(camera: Camera, aim: FloatArray, focus: float) -> None:
         gain = float(np.clip(gain * (LIMITS.grey / mean) ** 0.7, 0.1, LIMITS.most_gain))
 
 
-def _switch(camera: Camera, n: int) -> None:
-    """Switch lights on and off, one after the other, four times a second."""
-    lights = [(True, True, True), (True, False, True), (False, True, True), (True, True, False)]
-    camera.switch(lights[n // 6 % len(lights)])
-
-
 def _motion(rng: np.random.Generator, aim: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return angles (T + 1, 2) of the joints about an aim, and the turns (T + 1, 2) of the base."""
+    """Return angles (T + 1, 2) of the joints about an aim, and the turns (T + 1, 2) of the base.
+
+    The joints swing by up to 10 degrees, at up to 20 degrees a second, the limit of the servo.
+    """
     t = INTERVAL * np.arange(FRAMES + 1)
-    begin = float(rng.uniform(0, _PHASES))
+    begin = float(rng.uniform(0, PHASES))
     shares, signs = rng.uniform(0.5, 1.0, 2), rng.choice([-1, 1], 2)
-    phases = RATE / SWING * t[:, None] * np.array([1.0, 0.7])
-    joints = aim + SWING * shares * signs * np.sin(phases)
-    base = np.array([_SWAY.at(begin + now) for now in t])
+    swing = math.radians(10.0)
+    phases = math.radians(20.0) / swing * t[:, None] * np.array([1.0, 0.7])
+    joints = aim + swing * shares * signs * np.sin(phases)
+    base = np.array([SWAY.at(begin + now) for now in t])
     return joints, base

@@ -1,6 +1,6 @@
 import pytest
 
-from papers import design, design_report
+from papers import design
 from papers.claims import claim_table
 from papers.harness import medians
 
@@ -33,14 +33,14 @@ def test_every_method_sees_the_same_plant_and_noise(study):
 
 
 def test_every_claim_has_a_figure(study):
-    rows = claim_table(design_report.STUDY.claims, medians([study.figures()] * 2)).rows
-    assert len(rows) == len(design_report.STUDY.claims)
+    rows = claim_table(design.STUDY.claims, medians([study.figures()] * 2)).rows
+    assert len(rows) == len(design.STUDY.claims)
     assert medians([study.figures()] * 2)["ipmc"]["beats_baseline_at_12_mean"] == 1.0
 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_the_report_has_the_curves_and_the_bands(study):
     figures = study.figures()
-    html = design_report.STUDY.report(study, figures, [figures]).html()
+    html = design.STUDY.report(study, figures, [figures]).html()
     assert html.count("<img") == 3
     assert "Bands after twelve holds" in html

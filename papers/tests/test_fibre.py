@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.identification import excitation
-from papers import fibre, fibre_report
+from papers import fibre
 from truth import hidden_truth
 
 
@@ -14,7 +14,7 @@ def study():
 
 def test_one_specimen_keeps_every_bound(study):
     figures = study.figures()
-    rows = {claim.key: claim.row(figures) for claim in fibre_report.STUDY.claims}
+    rows = {claim.key: claim.row(figures) for claim in fibre.STUDY.claims}
     assert {key: row[-1] for key, row in rows.items() if row[-1] == "not met"} == {}
 
 
@@ -48,17 +48,8 @@ def test_the_marker_leaves_the_left_two_columns_on():
 @pytest.mark.usefixtures("without_pictures")
 def test_the_report_shows_every_figure_of_the_paper(study):
     figures = study.figures()
-    html = fibre_report.STUDY.report(study, figures, [figures]).html()
+    html = fibre.STUDY.report(study, figures, [figures]).html()
     for number in range(2, 6):
         assert f"Fig {number}" in html
     assert html.count("<img") == 8
     assert "Eq. (2)" in html
-
-
-def test_its_sensor_has_noise_of_its_own_in_every_experiment():
-    first, second = (
-        np.asarray(fibre.fibre_at_rest(1000, experiment).apply(0.2, 400.0, 1.0).y)
-        for experiment in (0, 1)
-    )
-    assert np.std(first[-200:]) == pytest.approx(1.0, rel=0.2)  # um
-    assert np.std((first - second)[-200:]) == pytest.approx(np.sqrt(2), rel=0.2)

@@ -3,7 +3,7 @@ import re
 import numpy as np
 import pytest
 
-from papers import ipmc, ipmc_report
+from papers import ipmc
 from truth import hidden_truth
 
 
@@ -15,7 +15,7 @@ def study():
 
 def test_one_specimen_keeps_every_bound(study):
     figures = study.figures()
-    rows = {claim.key: claim.row(figures) for claim in ipmc_report.STUDY.claims}
+    rows = {claim.key: claim.row(figures) for claim in ipmc.STUDY.claims}
     missed = {key: row for key, row in rows.items() if row[-1] == "not met"}
     assert set(missed) <= {"positioning.coverage_mean", "positioning_ours.coverage_mean"}
     assert figures["positioning"]["coverage_mean"] >= 0.7  # of one specimen, 14 targets
@@ -33,7 +33,7 @@ def test_the_two_densities_differ_between_the_levels_only(study):
 @pytest.mark.usefixtures("without_pictures")
 def test_the_report_shows_every_figure_of_the_paper(study):
     figures = study.figures()
-    report = ipmc_report.STUDY.report(study, figures, [figures, figures])
+    report = ipmc.STUDY.report(study, figures, [figures, figures])
     html = report.html()
     named = " ".join(re.findall(r"Figs? ([\d, to]+)", html))
     assert set(re.findall(r"\d+", named)) == {str(number) for number in range(4, 17)}

@@ -107,32 +107,6 @@ def test_refuses_in_one_line(line, says, refused):
     assert says in refused(line)
 
 
-def test_a_part_of_a_study_keeps_its_figures_and_has_no_report(run, monkeypatch):
-    monkeypatch.setitem(
-        sys.modules,
-        "made_study",
-        SimpleNamespace(STUDY=Study("made", "A study", print, parts={"half": "made_part"})),
-    )
-    monkeypatch.setitem(sys.modules, "made_part", Specimen(None))
-    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
-    status, _, _ = run("made --only half --seed 7 --out made")
-    assert status == 0
-    (file,) = Path("made").iterdir()
-    assert file.name == "figures.json"
-    assert json.loads(file.read_text())["seed_of"] == 7
-
-
-def test_the_parts_of_a_specimen_that_are_done_are_said_where_a_study_tells_them(run, monkeypatch):
-    def parted(seed, told):
-        told("servo: 7 s")
-        return SimpleNamespace(figures=dict)
-
-    made = SimpleNamespace(STUDY=Study("made", "A study", parted))
-    monkeypatch.setitem(sys.modules, "made_study", made)
-    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
-    assert "seed 3, servo: 7 s" in run("made --seed 3")[2].splitlines()
-
-
 def test_every_study_has_claims_and_so_have_its_parts():
     for module in study.STUDIES.values():
         whole = study_of(module)

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from papers.ipmc_report import draw_short_holds
-from papers.short_holds import TARGETS, run_short_holds
+from papers.ipmc import TARGETS, draw_short_holds, run_short_holds
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ def quick():
 EVERY = stage.FREQUENCIES
 
 
+@pytest.mark.whole
 def test_the_inverse_with_dynamics_meets_its_bounds(study):
     figures = study.figures()
     assert figures["dynamics"]["hz_50"] <= 0.005
@@ -33,6 +34,7 @@ def test_the_inverse_with_dynamics_meets_its_bounds(study):
     assert study.tracked[100]["targets"].size == 500
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("without_pictures")
 def test_the_report_has_every_claim(study):
     figures = study.figures()

@@ -14,7 +14,7 @@ PUBLIC = {"PARAMETERS", "resonance", "checkpoint"}
 SCORES = {
     "catheter/scoring.py": {
         *("_axes", "_cross", "_hold", "_optics", "_output_now", "_peaks"),
-        *("_pixel", "_state", "_tool", "_truth"),
+        *("_pixel", "_state", "_truth"),
     },
     "catheter/scene_view.py": {"_advance", "_focus_wanted", "_optics"},
     "benchmark.py": {"PARAMETERS"},

@@ -290,27 +290,6 @@ def test_axes_that_cannot_be_exported_are_refused(known, message):
         axis(**known)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"interval": 0.0105}, "whole milliseconds"),
-        ({"patience": 0.0}, "patience is 0 s"),
-        ({"response": 0.01}, "response is 0.01 s"),
-        ({"coupling": [[1.0, 0.6]]}, "coupling has shape"),
-        ({"coupling": [[1.5]]}, "cannot be separated"),
-        ({"lines": HEAD_LINES * 3}, "there are 12 lines"),
-    ],
-)
-def test_options_out_of_range_are_refused(options, message):
-    with pytest.raises(ParameterError, match=message):
-        board_source([axis()], **options)
-
-
-def test_five_axes_are_refused():
-    with pytest.raises(ParameterError, match="there are 5 axes"):
-        board_source([axis()] * 5)
-
-
 @pytest.fixture(scope="module")
 def image(tmp_path_factory):
     """The firmware of a head, built for the emulator; it waits two seconds for its host."""

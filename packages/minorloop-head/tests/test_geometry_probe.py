@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Probe, meet_wall, wall_point
 
 near = st.floats(-0.08, 0.08)
@@ -44,12 +43,3 @@ def test_angles_at_another_roll_give_the_same_beam(pan, tilt, roll, rolled):
     there = Probe().beam(other, *Probe().moved(mount, pan, tilt, other))
     for found, was in zip(there, Probe().beam(mount, pan, tilt), strict=True):
         assert found == pytest.approx(was, abs=1e-9)
-
-
-def test_impossible_values_are_refused():
-    with pytest.raises(ParameterError, match="squint"):
-        Probe(squint=2.0)
-    with pytest.raises(ParameterError, match="positive lengths"):
-        Probe(aperture=0.0)
-    with pytest.raises(ParameterError, match="roll"):
-        Probe().aim(Mount(), wall_point(np.pi / 2, 0.0, 10e-3))

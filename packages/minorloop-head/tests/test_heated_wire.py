@@ -3,8 +3,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
-from minorloop_head.heated_wire import HeatedWire
 from wires import TICK, made_up
 
 powers = st.floats(0.0, 0.16)
@@ -63,14 +61,6 @@ def test_an_angle_that_the_power_does_not_explain_means_a_warmer_or_colder_wire(
     found = wire.found(0.0, 30.0)
     assert found.angle == pytest.approx(30.0)
     assert found.power > 0.05
-
-
-def test_times_of_heat_that_cannot_be_are_refused():
-    wire = made_up()
-    with pytest.raises(ParameterError, match="lag is 0"):
-        HeatedWire(wire.operator, 0.0)
-    with pytest.raises(ParameterError, match="latent is -1"):
-        HeatedWire(wire.operator, 1.0, -1.0)
 
 
 def test_no_wire_turns_faster_than_its_fastest_rate():

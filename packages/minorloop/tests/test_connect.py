@@ -25,13 +25,6 @@ def test_every_twin_has_an_address(name):
     assert [str(q) for q in record.outputs] == [str(c) for c in twin.outputs]
 
 
-def test_options_reach_the_twin():
-    plain = connect("twin:ipmc").exchange(1.0)
-    assert connect("twin:ipmc", specimen=1).exchange(1.0) != plain
-    noisy = [connect("twin:ipmc", noise=0.1, seed=seed).exchange(1.0) for seed in (1, 1, 2)]
-    assert noisy[0] == noisy[1] != noisy[2]
-
-
 @pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "twin:", "visa:", "vsa:x"])
 def test_refuses_unknown_addresses_and_names_the_known_ones(address):
     with pytest.raises(ParameterError, match=r"give one of .*'twin:ipmc'.*'visa:NAME'"):
@@ -180,8 +173,3 @@ def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypat
         for _ in range(2):  # the port is free again
             with pytest.raises(InstrumentError, match=r"the driver failed: ValueError: .*xx"):
                 connect(address)
-
-
-def test_refuses_unknown_options_and_names_the_known_ones():
-    with pytest.raises(ParameterError, match=r"ipmc has no option 'wind'; it takes.* tick"):
-        connect("twin:ipmc", wind=3.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop.delivery import Delivery
-from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
+from minorloop.errors import NotInvertibleError, UnreachableError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.store import Point
 from minorloop.operators.after_effect import AfterEffect
@@ -76,20 +76,6 @@ def test_the_plan_settles_in_saturation_and_never_ends_an_interval_early():
 def test_inputs_stay_within_the_limits_of_the_actuator():
     points = carried(delivery(low=-1.0, high=0.2), MODEL)
     assert max(point.input for point in points) == 0.2
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"every": 0.0}, "every"),
-        ({"hold": 0.1}, "one interval"),
-        ({"every": 1e-4}, "at most 10000 can be given"),
-        ({"model": PLANE}, "a Preisach, whose output does not change while its input is held"),
-    ],
-)
-def test_what_cannot_be_delivered_is_refused(options, why):
-    with pytest.raises(ParameterError, match=why):
-        delivery(**options)
 
 
 def test_targets_that_are_never_reached_and_models_without_an_inverse_are_refused():

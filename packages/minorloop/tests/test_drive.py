@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 
 from minorloop.drive import Arrival, DriveResult, TargetDrive
-from minorloop.errors import InstrumentError, NotInvertibleError, ParameterError, UnreachableError
+from minorloop.errors import InstrumentError, ParameterError, UnreachableError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.store import Point
 from minorloop.operators.preisach import Preisach
-from minorloop.operators.relays import RelayModel
 
 MODEL = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)), offset=0.5)
 VOLTAGE = Channel("voltage", "V", -1.2, 1.2)
@@ -164,22 +163,3 @@ def test_targets_out_of_reach_are_refused_with_the_shift_that_helps(targets, sai
 def test_a_model_beyond_the_limits_of_the_actuator_is_refused():
     with pytest.raises(ParameterError, match=r"saturated at -1.2 V, .* limited to \[-1, 1\]"):
         drive().check(Channel("voltage", "V", -1.0, 1.0))
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"targets": []}, "there are no targets"),
-        ({"corrections": -1}, "corrections is -1; give 0 to 100"),
-        ({"within": np.nan}, "within is nan"),
-        ({"nrmse": -0.1}, "nrmse is -0.1"),
-    ],
-)
-def test_refuses_parameters_out_of_range(options, said):
-    with pytest.raises(ParameterError, match=said):
-        drive(**options)
-
-
-def test_refuses_a_model_without_an_inverse():
-    with pytest.raises(NotInvertibleError, match="no exact inverse"):
-        TargetDrive(RelayModel(np.arange(3.0), np.tril(np.ones((3, 3)))), np.ones(1), 0.0)

@@ -153,12 +153,8 @@ def test_provenance_that_is_given_is_kept(path, tmp_path):
     ("model", "options", "message"),
     [
         (PLAYS, {"provenance": {"author": "me"}}, "unknown field `author`"),
-        (PLAYS, {"provenance": {"sha256": "123"}}, "at `sha256`"),
         (PLAYS, {"provenance": {"scores": {"nrmse": np.nan}}}, "score nrmse is nan"),
-        (PLAYS, {"provenance": {"scores": {"nrmse": "good"}}}, "score nrmse is 'good'"),
-        (PLAYS, {"provenance": "run.csv"}, "not a mapping"),
         (PLAYS, {"lag": -1}, "`int` >= 0 - at `lag`"),
-        (PLAYS, {"lag": 0.5}, "got `float` - at `lag`"),
         (PLAYS, {"input": "\udcff"}, "surrogates"),
         ({}, {}, "cannot hold a dict; give one of Preisach, Relay"),
     ],
@@ -201,16 +197,12 @@ def spoil(content, keys, value):
     ("keys", "value", "message"),
     [
         (["format"], "other", "is not a model file"),
-        (["format"], None, "is not a model file"),
-        (["version"], None, "is not a model file"),
-        (["version"], "1", "is not a model file"),
         (["version"], 5, "format version 5, and this minorloop reads up to 4; install a newer"),
         (["version"], 2, "its keys need version 1, and it has 2"),
         (["warnings"], [], "at `warnings`"),
         (["model", "kind"], "bouc-wen", "'bouc-wen' - at `model.kind`; kinds are preisach, relay"),
         (["model", "levels"], [0.0, 1.0, 1.0, 2.0], "not strictly increasing"),
         (["model", "levels"], [0.0, 1.0], "weights have 3 rows; the levels need 1"),
-        (["model", "levels"], [], "levels have shape"),
         (["model", "weights", 1], [1.0], "row 1 of weights has 1 numbers; it needs 2"),
     ],
 )
@@ -221,23 +213,13 @@ def test_refuses_a_file_that_is_inconsistent(keys, value, message, content, path
         load(path)
 
 
-@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999", "9" * 400, "0x10"])
-def test_refuses_numbers_that_are_not_finite(number, content, path):
-    content["model"]["offset"] = "here"
-    path.write_text(json.dumps(content).replace('"here"', number))
-    with pytest.raises(ModelFileError, match=r"damaged|out of range"):
-        load(path)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         (b"", "damaged, or is not JSON"),
-        (b"not json", "is not a model file; give one that identify --save has"),
         (b"\x80\x04\x95", "is not a model file"),
         (b'{"format": "\xff"}', "damaged, or is not JSON"),
         (b'{"a": ' * 100_000, "damaged, or is not JSON"),
-        (b'{"weights": [1]}', "is not a model file"),
     ],
 )
 def test_refuses_other_files(text, message, path):
@@ -389,20 +371,6 @@ def bands_of(path):
     return BandModel.of_file(known.bands, known.model)
 
 
-def test_a_file_with_bands_has_version_3_and_its_bands_are_read_when_they_are_used(
-    with_bands, path
-):
-    content = json.loads(with_bands)
-    assert content["version"] == 3
-    path.write_text(with_bands)
-    found = bands_of(path)
-    np.testing.assert_allclose(found.posterior.factor, np.tril(found.posterior.factor))
-    for version in (1, 2):
-        path.write_text(json.dumps({**content, "version": version}))
-        with pytest.raises(ModelFileError, match="its keys need version 3"):
-            read(path)
-
-
 @pytest.mark.parametrize(
     ("keys", "value", "message"),
     [
@@ -411,8 +379,6 @@ def test_a_file_with_bands_has_version_3_and_its_bands_are_read_when_they_are_us
         (["factor", 1], [1.0], "row 1 of factors has 1 numbers; it needs 2"),
         (["error", "reached", 1], "2a", "text of 0 and 1"),
         (["error", "factors"], [1.0, -1.0, 0.0], "must be >= 0"),
-        (["error", "variance"], [1.0, 1.0], "one for each input"),
-        (["noise"], -1.0, "at `bands.noise`"),
     ],
 )
 def test_damaged_bands_are_refused(keys, value, message, with_bands, path):

@@ -38,12 +38,6 @@ def test_bands_are_as_wide_as_the_model_was_off_in_the_other_run():
     assert result.coverage == reached.mean()
 
 
-@pytest.mark.parametrize("seed", [-1, 1.5, True])
-def test_refuses_what_is_no_seed(seed):
-    with pytest.raises(ParameterError, match="seed"):
-        run_positioning(seed)
-
-
 def test_a_quadratic_that_noise_has_bent_is_said_to_be_so(monkeypatch):
     bent = Polynomial([0.0, 0.0, 1.0], -1.2, 1.2)
     monkeypatch.setattr(Polynomial, "fit", lambda *_, **__: bent)

@@ -36,11 +36,6 @@ def test_every_error_is_public():
     assert classes == {name for name in NAMES if name.endswith("Error")}
 
 
-def test_counts_in_messages_have_the_right_number():
-    assert [errors.counted(count, "gap") for count in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
-    assert (errors.are(1), errors.are(2)) == ("is", "are")
-
-
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_a_public_name_is_the_one_of_its_module(name):
     found = getattr(minorloop, name)

@@ -74,38 +74,9 @@ def test_models_of_every_kind_are_scored(kind):
     assert len(found.plot().axes) == 4
 
 
-@pytest.mark.parametrize("model", [Linear.lags(1.0), ml.Cascade(PLANE, Linear.lags(0.3))])
-def test_a_model_that_cannot_be_simulated_so_is_refused(model):
-    counted = Record(U, Y, np.arange(U.size), time=ml.lab.records.SAMPLE)
-    with pytest.raises((ml.ModelFileError, ml.RecordError), match=r"identify --save|--time"):
-        simulate(model, counted)
-
-
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
-        (lambda: score(Record(U, Y), PLANE), "cannot hold a Record; give one of Preisach"),
-        (lambda: score(PLANE, "other.csv"), "the record is a str; give what minorloop.read"),
-        (lambda: ml.save(PLANE, "m.json", input=3), "the name is 3; give one such as"),
-    ],
-)
-def test_arguments_of_another_type_are_refused_in_one_sentence(call, says):
-    with pytest.raises(ml.ParameterError, match=says):
-        call()
-
-
 def test_clipped_readings_are_named():
     found = score(PLANE, Record(U, np.minimum(Y, np.quantile(Y, 0.7)), T))
     assert "is clipped" in str(found.advice)
-
-
-@pytest.mark.parametrize(
-    ("u", "y", "says"), [(1e-3, 1, "range of u is about 0.001"), (1, 1e3, "v [mm/s]")]
-)
-def test_another_prefix_of_a_unit_is_named(u, y, says):
-    found = score(in_file(), Record(u * U, y * Y, T, "u", "v"))
-    assert says in found.advice[0]
-    assert "times that of the model" not in str(score(in_file(), Record(U, 5 - Y, T)).advice)
 
 
 def test_an_identification_is_scored_like_its_model():

@@ -18,13 +18,6 @@ from minorloop_head.control.controller import width
 from minorloop_head.control.observer import Estimate, ObserverControl, ObserverState
 from minorloop_head.heated_wire import HeatedState, HeatedWire
 
-_STILL_DEGREES, _STILL_POWER = 0.4, 0.01
-"""A wire is settled within so many degrees of its target and this share of the range of power."""
-_MOVED = 0.02
-"""Share of the range of power between samples that are learnt: nearer ones tell nothing new."""
-_BIAS_SHARE, _SCORE_SHARE = 0.2, 0.1
-"""Share of a new sample in the slow bias and in the smoothed errors."""
-
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveEstimate:
@@ -122,36 +115,46 @@ class AdaptiveControl:
     def step(
         self, state: AdaptiveState, reference: float, measurement: float
     ) -> tuple[float, AdaptiveState]:
-        """Return the current for the next interval and the next state."""
-        adapted = self._followed(state.adapted, state.applied)
+        """Return the current for the next interval and the next state.
+
+        A wire is settled within 0.4 degrees of its target and 1 % of the range of power; samples
+        that are nearer than 2 % of this range to the last one tell nothing new.
+        """
+        # The two free wires are simulated for an interval.
+        adapted, options = state.adapted, {"ambient": state.adapted.ambient}
+        for_interval = (state.applied**2, self.interval)
+        adapted = replace(
+            adapted,
+            free=adapted.control.wire.step(adapted.free, *for_interval, **options),
+            identified=self.control.wire.step(adapted.identified, *for_interval, **options),
+        )
         before = replace(state.observer, applied=state.applied)
         current, observer = adapted.control.step(before, reference, measurement)
         power = observer.estimate.wire.power
-        near = abs(reference - measurement) < _STILL_DEGREES
+        near = abs(reference - measurement) < 0.4
         span = width(self.control.wire)
-        if not (near and abs(power - state.anchor) < _STILL_POWER * span):
+        if not (near and abs(power - state.anchor) < 0.01 * span):
             return current, AdaptiveState(observer, adapted, 0.0, power, state.learnt, current)
         still = state.still + self.interval
         new = AdaptiveState(observer, adapted, still, state.anchor, state.learnt, current)
-        if still < self.settling or abs(power - state.learnt) < _MOVED * span:
+        if still < self.settling or abs(power - state.learnt) < 0.02 * span:
             return current, new
         return current, self._learnt(new, reference)
 
-    def _followed(self, adapted: AdaptiveEstimate, current: float) -> AdaptiveEstimate:
-        """Simulate the two free wires for an interval."""
-        options = {"ambient": adapted.ambient}
-        power = current**2
-        return replace(
-            adapted,
-            free=adapted.control.wire.step(adapted.free, power, self.interval, **options),
-            identified=self.control.wire.step(adapted.identified, power, self.interval, **options),
-        )
-
     def _learnt(self, state: AdaptiveState, angle: float) -> AdaptiveState:
-        """Return the state after a settled sample at an angle."""
+        """Return the state after a settled sample at an angle.
+
+        It has a share of a fifth in the slow bias, and of a tenth in the errors of the two free
+        wires, before it is used.
+        """
         adapted, estimate = state.adapted, state.observer.estimate
-        ambient = adapted.ambient + _BIAS_SHARE * (estimate.ambient - adapted.ambient)
-        adapted = self._scored(replace(adapted, ambient=ambient), angle)
+        own, first = abs(adapted.free.angle - angle), abs(adapted.identified.angle - angle)
+        adapted = replace(
+            adapted,
+            ambient=adapted.ambient + 0.2 * (estimate.ambient - adapted.ambient),
+            score=adapted.score + 0.1 * (own - adapted.score),
+            identified_score=adapted.identified_score + 0.1 * (first - adapted.identified_score),
+        )
         if adapted.score > adapted.identified_score + self.tolerance:
             adapted = replace(
                 self._with(adapted, self.control.wire.operator),
@@ -166,16 +169,6 @@ class AdaptiveControl:
             estimate=replace(estimate, wire=_moved_to(estimate.wire, adapted.control.wire)),
         )
         return replace(state, observer=observer, adapted=adapted, learnt=estimate.wire.power)
-
-    def _scored(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
-        """Update the smoothed errors of the two free wires, before the sample is used."""
-        own, first = abs(adapted.free.angle - angle), abs(adapted.identified.angle - angle)
-        return replace(
-            adapted,
-            score=adapted.score + _SCORE_SHARE * (own - adapted.score),
-            identified_score=adapted.identified_score
-            + _SCORE_SHARE * (first - adapted.identified_score),
-        )
 
     def _updated(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
         """Change the weights to explain the sample, within the limit of one update."""

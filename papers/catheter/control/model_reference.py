@@ -14,13 +14,6 @@ import numpy as np
 
 from papers.catheter.control.internal_model import InverseLoop, InverseState
 
-_NOISE = 0.1
-"""Degrees of difference from the reference model that adapt nothing: twice the noise of a
-sensor."""
-_BOUNDS = (0.5, 2.0)
-"""Adapted weights stay within these multiples of what the identified wire asks for: its lag and
-gain change by less than twofold in surroundings in which it still moves."""
-
 
 @dataclass(frozen=True, eq=False)
 class ModelReferenceState(InverseState):
@@ -65,9 +58,8 @@ class ModelReference(InverseLoop):
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> ModelReferenceState:
         """Return a state that keeps the present current if the reference is the measurement."""
-        tracker = self.wire.found(current**2, measurement).tracker.copy()
-        angle = tracker.push(current**2)
-        ratio = self._ratio
+        tracker, angle = self.found(measurement, current)
+        ratio = self.wire_lag / self.response
         weights = (ratio, 1.0 - ratio, angle - measurement)
         past = (measurement,) * self.delay
         return ModelReferenceState(tracker, past, current, weights, measurement, measurement)
@@ -91,22 +83,23 @@ class ModelReference(InverseLoop):
         past = models[: self.delay]
         return current, ModelReferenceState(tracker, past, current, weights, seen, model)
 
-    @property
-    def _ratio(self) -> float:
-        """Weight of the target for the identified wire: its lag over that of the model."""
-        return self.wire_lag / self.response
-
     def _adapted(
         self, weights: tuple[float, float, float], target: float, reading: float, error: float
     ) -> tuple[float, float, float]:
-        """Return the weights after a difference between reading and reference model."""
+        """Return the weights after a difference between reading and reference model.
+
+        One of 0.1 degrees, twice the noise of a sensor, adapts nothing. Weights stay within 0.5 to
+        2 times what the identified wire asks for: its lag and gain change by less than twofold in
+        surroundings in which it still moves.
+        """
         low, high = self.wire.operator.range
-        stroke, ratio = high - low, self._ratio
-        beyond = math.copysign(max(abs(error) - _NOISE, 0.0), error)
+        # The weight of the target for the identified wire: its lag over that of the model.
+        stroke, ratio = high - low, self.wire_lag / self.response
+        beyond = math.copysign(max(abs(error) - 0.1, 0.0), error)
         phi = np.array([target, reading, stroke]) / stroke
         rate = self.adaptation * self.interval * beyond / (stroke * (1.0 + phi @ phi))
         moved = np.array(weights) - rate * phi * (1.0, 1.0, stroke)
-        least = (_BOUNDS[0] * ratio, _BOUNDS[1] * (1.0 - ratio), -stroke)
-        most = (_BOUNDS[1] * ratio, _BOUNDS[0] * (1.0 - ratio), stroke)
+        least = (0.5 * ratio, 2.0 * (1.0 - ratio), -stroke)
+        most = (2.0 * ratio, 0.5 * (1.0 - ratio), stroke)
         of_target, of_reading, constant = np.clip(moved, least, most).tolist()
         return of_target, of_reading, constant

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from minorloop.identification.bands import PER_DEVIATION
-from minorloop_head.geometry import Mount, meet_wall, wall_lengths
+from minorloop_head.geometry import Mount, meet_wall
 from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.pipe import Crack, Pipe
 from minorloop_head.vision.cracks import TracedCrack
 from papers.catheter import crack_trials
-from papers.catheter.crack_scenes import FINE, draw_crack_view, fine_course
+from papers.catheter.crack_scenes import FINE
 from papers.catheter.crack_trials import CrackOutcome, crack_figures, score_cracks
-from papers.catheter.inspection_report import crack_table, draw_walls, verdict_words
+from papers.catheter.inspection import crack_table, draw_walls, verdict_words
 
 
 def outcome(width, *, found=True, false=0, scan="", depth=math.nan):
@@ -49,19 +49,6 @@ def test_a_crack_narrower_than_a_pixel_takes_light_in_proportion_to_its_width():
         taken.append(float((bare - camera._radiance()).sum()))
     assert taken[0] > 0
     assert taken[1] == pytest.approx(2 * taken[0], rel=0.1)
-
-
-def test_scenes_with_and_without_a_crack_have_the_same_kinds_of_marks():
-    with_crack, without = (draw_crack_view(1014, crack=one) for one in (True, False))
-    assert with_crack.pipe.cracks
-    assert not without.pipe.cracks
-    assert without.width == 0
-    for view in (with_crack, without):
-        assert min(map(len, (view.pipe.scratches, view.pipe.dirt, view.pipe.dents))) > 0
-    course, widths = fine_course(with_crack.pipe.cracks[0], Pipe.radius)
-    assert len(course) == len(widths)
-    assert len(course) * FINE == pytest.approx(wall_lengths(course, Pipe.radius)[-1], rel=0.05)
-    assert np.median(widths) == pytest.approx(with_crack.width, rel=0.15)
 
 
 def test_figures_count_by_width_and_give_intervals():

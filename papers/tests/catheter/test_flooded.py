@@ -5,7 +5,7 @@ from minorloop_head.geometry import Probe
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings, convection
 from papers.catheter import scoring
-from papers.catheter.flooded import TEMPERATURES, needed, reach_figures, water
+from papers.catheter.mission import TEMPERATURES, needed, reach_figures, water
 
 
 def test_the_default_raster_needs_less_than_one_that_is_bent_or_on_the_warm_side():

@@ -75,6 +75,7 @@ class Trouble:
         return Frame(frame.t, image)
 
 
+@pytest.mark.whole
 def test_a_head_holds_by_its_model_while_it_sees_nothing_and_goes_on(control):
     step, sensor = run(control, 30.0, 14.5, Trouble())
     late = step.t > 7.0
@@ -134,6 +135,7 @@ def test_a_lens_that_was_fouled_in_a_move_is_not_lost_again_once_it_is_clean(con
     assert np.abs(step.error[-1]).max() < 1.0
 
 
+@pytest.mark.whole
 def test_the_exposure_does_not_swing_when_pictures_are_late():
     greys, before = [], []
 
@@ -149,6 +151,7 @@ def test_the_exposure_does_not_swing_when_pictures_are_late():
     assert greys[-50:] == pytest.approx([95.0] * 50, rel=0.1)
 
 
+@pytest.mark.whole
 def test_a_head_that_never_sees_again_cools(control, monkeypatch):
     monkeypatch.setattr(head_control_module, "PATIENCE", 50)
     wires = tuple(axis.observer.wire for axis in control.axes)

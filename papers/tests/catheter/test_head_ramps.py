@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from papers.catheter import head_ramps
-from papers.catheter.head_ramps import Ramps, stepping_inverse
+from papers.catheter.head_ramps import stepping_inverse
 from papers.catheter.head_static import identify_mesh
 
 
@@ -46,15 +46,3 @@ def test_an_unchanged_target_leaves_the_input():
     for u, rounding in ((stepping_inverse(model, wanted, 0.015), 0.0), (exact, 1e-15)):
         assert np.ptp(u.reshape(4, 5), axis=1).max() <= rounding
         assert np.abs(np.diff(u[::5])).min() > 0.01
-
-
-def test_errors_are_scored_ramp_by_ramp():
-    t = np.arange(0.0, 50.0, 0.5)
-    error = np.where(t < 10, 9.0, np.where(t < 20, 1.0, np.where(t < 30, 2.0, 3.0)))
-    run = Ramps(t, 0 * t, error, 0 * t, np.array([10.0, 30.0, 50.0]), np.array([21.0, 22.0]), 4.0)
-    assert run.rms.tolist() == [[1.0, 2.0], [3.0, 3.0]]
-    found = run.figures()
-    assert found["error_first_ramp_deg"] == pytest.approx(np.sqrt(2.5))
-    assert found["error_last_ramp_deg"] == pytest.approx(3.0)
-    assert (found["first_rise_deg"], found["last_fall_deg"]) == (1.0, 3.0)
-    assert found["body_K"] == 2.0

@@ -1,5 +1,4 @@
 import re
-from copy import deepcopy
 from functools import cache
 from types import SimpleNamespace
 
@@ -19,10 +18,11 @@ from papers.catheter import (
     sight,
     tracking_trials,
 )
-from papers.catheter.head_loop import circle, constant, ramps, run_loop, stairs
+from papers.catheter.head_loop import constant, run_loop
 from papers.catheter.inspection_servo import IntegralStudy
 from papers.catheter.picture_sensor import PictureSensor
 from papers.claims import claim_table
+from papers.harness import Results
 from servo_runs import held_points
 
 
@@ -66,14 +66,15 @@ def seen_wires(seed):
     """Wires identified by sensors, which takes less time than pictures."""
     found, moves = zip(*(head_static._wire(seed, axis) for axis in range(2)), strict=True)
     view = PictureSensor(Head(seed), seed).survey()
-    return head_camera.SeenWires(found, identify_coupling(moves), view, 0)
+    wires, coupling = [one.model for one in found], identify_coupling(moves)
+    return Results(wires=wires, coupling=coupling, view=view, lost=0)
 
 
 def circled(seed, control, circle, camera):
     """A circle that is not driven."""
     run = run_loop("observer", control, constant(0.0), 0.2, specimen=seed, seed=seed)
     around = np.stack([4 * np.cos(run.t), 4 * np.sin(run.t)], axis=1)
-    return head_camera.WallCircle(run.t, around, around + 0.1, run)
+    return Results(t=run.t, wanted=around, reached=around + 0.1, rms=0.1 * 2**0.5, run=run)
 
 
 @pytest.fixture(scope="module")
@@ -136,25 +137,6 @@ def test_the_report_has_every_figure(study, figures):
     for said in ("20 to 25 mm across", "better than the observer", "no bound is set"):
         assert said in page
     assert not re.search(r"<td[^>]*>(nan|inf)</td>", page)
-
-
-@pytest.mark.whole
-def test_medians_add_up_what_must_never_happen(study):
-    one = study.figures()
-    other = deepcopy(study.figures())
-    other["limits"]["violations"] = 3
-    other["unreachable"]["detected"] = False
-    found = head.gather([one, other])
-    assert found["limits"]["violations"] == 3
-    assert found["unreachable"]["detected"] == 0.5
-
-
-def test_references():
-    assert constant(3.0)(7.0) == (3.0, 0.0)
-    assert [stairs([1.0, 2.0], 10.0)(t)[0] for t in (0.0, 9.9, 10.0, 25.0)] == [1.0, 1.0, 2.0, 2.0]
-    assert circle(60.0, before=5.0)(3.0) == circle(60.0)(0.0) == (35.0, 25.0)
-    assert circle(60.0)(15.0) == pytest.approx((25.0, 35.0))
-    assert [ramps(5.0, 45.0, 60.0)(t)[0] for t in (0.0, 15.0, 30.0, 60.0)] == [5, 25, 45, 5]
 
 
 class Full:

@@ -13,7 +13,7 @@ from minorloop_head.reconstruction.depth_map import (
     WaterLine,
 )
 from minorloop_head.ultrasound.c_scan import CScan
-from papers.catheter.pipe_map import blend, echo_map, pipe_map
+from papers.catheter.sweep_trials import blend, pipe_map
 
 PATCH = Patch(-0.05, 20e-3, 2, 11)  # phi from -0.05 to 0.05 in steps of 0.01
 
@@ -55,14 +55,6 @@ def test_each_source_has_its_uncertainty(merged):
     assert np.isinf(sd[0, 0])
 
 
-def test_views_under_other_lights_are_levelled(merged):
-    phi = PATCH.places[..., 0]
-    bright = [np.where(phi < 0, level + 10 * phi, np.nan) for level in (-1.0, 3.0)]
-    scan = CScan(merged.wall, merged.amplitude, phi > 9, merged.water, (), (0, 0))
-    both, one = pipe_map(scan, bright).picture, pipe_map(scan, bright[:1]).picture
-    assert both == pytest.approx(one, nan_ok=True)
-
-
 SMALL = Patch.around(0.3, 20e-3, size=2e-3)
 
 
@@ -79,17 +71,3 @@ def test_blending_weighs_by_inverse_variance(a, b):
     assert both.depth[0, 0] == pytest.approx(a**2 / (a**2 + b**2))
     assert both.sd[0, 0] == pytest.approx(1 / np.hypot(1 / a, 1 / b))
     assert (both.source == BOTH).all()
-
-
-def test_a_hole_stays_a_hole():
-    both = blend(filled(np.inf, np.nan, ECHOES), filled(0.0, 1e-5, CAMERA))
-    assert np.isposinf(both.depth).all()
-
-
-def test_the_sonar_fills_what_its_footprints_reach():
-    wall = echo_map(SMALL, [(0.3, 20e-3), (0.3, 25e-3)], [0.2e-3, 9.0], [1e-6, np.nan])
-    middle = SMALL.rows // 2
-    assert wall.depth[middle, middle] == pytest.approx(0.2e-3)
-    assert wall.source[middle, middle] == ECHOES
-    assert wall.source[0, 0] == UNSEEN
-    assert np.isnan(wall.depth[0, 0])

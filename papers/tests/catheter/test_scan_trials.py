@@ -1,30 +1,25 @@
 """Figures from made-up findings, and one scan of a dry pipe."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from minorloop_head.geometry import Mount, Probe, wrapped
-from minorloop_head.procedures.scan import DWELL, NO_COUPLING, SHOTS, RasterScan, ScannedRaster
-from minorloop_head.procedures.values import NOTHING, Running
+from minorloop_head.procedures.scan import DWELL, NO_COUPLING, SHOTS, RasterScan
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.fusion import fuse
 from minorloop_head.twins.pipe import Bore
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth, raster
-from papers.catheter import scan_trials
 from papers.catheter.scan_trials import (
     ScanSite,
     ScoredScan,
     band_figures,
     depth_figures,
-    dished_figure,
     draw_trial,
     fusion_figures,
     modality_wrong,
-    run_trial,
     scan,
 )
 
@@ -61,13 +56,6 @@ def test_coverage_counts_depths_inside_the_band():
     assert figures["position_mm"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_dished_floor_is_scored_by_its_mean():
-    dished = replace(TRUTH, dish=0.1e-3)
-    assert dished_figure([run(replace(FOUND, depth=0.46e-3), dished)]) == pytest.approx(0.01)
-    flagged = replace(FOUND, verdict="uneven floor", depth=0.9e-3)
-    assert np.isnan(dished_figure([run(flagged, dished)]))
-
-
 def test_a_depth_in_air_or_in_a_hole_is_wrong():
     hole = replace(TRUTH, depth=np.inf)
     assert modality_wrong([run()]) == 0
@@ -76,17 +64,6 @@ def test_a_depth_in_air_or_in_a_hole_is_wrong():
     silent = replace(FOUND, verdict="no coupling", depth=np.nan)
     assert modality_wrong([run(silent, dry=True, modality="camera")]) == 0
     assert modality_wrong([run(silent, dry=True, modality="ultrasound")]) == 1
-
-
-def test_the_mount_and_the_camera_are_off_together_and_the_place_is_small():
-    place = draw_trial(3)
-    turned, moved = place.strayed
-    assert turned != 0
-    assert moved != 0
-    assert place.probe.mount.advance != 20e-3
-    assert abs(place.centre[1] - moved - place.truth.z) < 4 * 0.035e-3
-    # A study of many specimens keeps every place, and hands it from process to process.
-    assert len(pickle.dumps(place.site)) < 10_000
 
 
 def test_the_scan_is_that_of_mission_and_console():
@@ -106,30 +83,3 @@ def test_the_scan_is_that_of_mission_and_console():
     np.testing.assert_array_less(np.abs(off), 1.4)  # a sway of 1 degree, and noise
     assert (off.std(axis=0) > 0.4).all()
     assert place.twin.clock >= (len(targets) - 1) * DWELL
-
-
-@pytest.mark.parametrize(("pose", "most"), [("camera", 0.15), ("gyroscope", 0.4), ("joints", 1.3)])
-def test_the_pose_of_a_burst_is_what_the_camera_sees_of_the_swaying_head(pose, most):
-    head = scan_trials._Head(draw_trial(3, kind="dry", pose=pose))
-    made, off, request = ScannedRaster(), [], NOTHING
-    scan = RasterScan(calibration=head.view, points=3).scan(made, (0.3, 20e-3), light=head.light)
-    running = Running(scan, lambda request: None)
-    while not running.done:
-        reading = head.reading(request)
-        if reading.shots and np.isfinite(reading.base).all():
-            true = head._joints + head._sway(reading.t)
-            off.append(np.degrees(np.abs(reading.line_of_sight - true)))
-        request = running.advance(reading)
-        head._trial.twin.wait(0.04)
-    assert len(made.bursts) == 9
-    assert 0.3 * (pose == "joints") < np.max(off) < most
-
-
-def test_a_dry_pipe_is_detected():
-    assert run_trial(draw_trial(3, kind="dry")).modality == "camera"
-
-
-def test_a_place_beside_the_catheter_is_scanned_too():
-    probe, bursts = scan(draw_trial(70_005, kind="dry"))
-    assert len(bursts) == RasterScan.points**2
-    assert np.isfinite(probe.mount.roll)

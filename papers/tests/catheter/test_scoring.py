@@ -1,7 +1,5 @@
 """Scores against the truth of twins."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -22,10 +20,3 @@ def test_places_are_apart_straight_through_the_pipe():
     bore = Bore(0.0, 20e-3, 1e-3)
     assert scoring.apart((np.pi, 20e-3), bore, 10e-3) == pytest.approx(20e-3)
     assert scoring.apart((0.0, 21e-3), bore, 10e-3) == pytest.approx(1e-3)
-
-
-def test_a_tool_that_never_touched_is_infinitely_far():
-    bore, tip = Bore(0.0, 20e-3, 1e-3), SimpleNamespace(tool=SimpleNamespace(touches=[]))
-    assert scoring.touch_off(tip, bore, 10e-3) == np.inf
-    tip.tool.touches += [(1.0, 0.0), (0.0, 21e-3)]
-    assert scoring.touch_off(tip, bore, 10e-3) == pytest.approx(1e-3)

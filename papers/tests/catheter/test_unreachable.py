@@ -1,5 +1,3 @@
-import math
-
 import pytest
 
 from minorloop_head.control.reach import Unreachable
@@ -35,12 +33,7 @@ def test_shares_are_over_the_cases_of_all_specimens():
     assert found["after_max_s"] == 8.0
 
 
-def test_nothing_found_gives_no_number():
-    found = gather([{"cases": (case(COLD, 39.0),), "seconds": 1.0}])["unreachable"]
-    assert math.isnan(found["detected"])
-    assert found["false_alarms"] == 0
-
-
+@pytest.mark.whole
 def test_one_specimen_is_found_out_of_reach_and_not_within_it():
     figures = gather([unreachable.run_study(1000)])
     assert figures["unreachable"]["detected"] == 1.0

@@ -3,27 +3,11 @@ import tomllib
 import numpy as np
 import pytest
 
-from minorloop import PrandtlIshlinskii, Preisach, modelfile
+from minorloop import Preisach
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.procedures.head_file import HeadFile, save_head
 from wires import in_a_file
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("head board model.json --out a --patience 0.001", "patience is 0.001 s"),
-        ("head board model.json --out a --interval 0.0105", "interval is 0.0105 s"),
-        ("head board model.json --out a --rate -1", "rate limit -1"),
-        ("head board plays.json --out a", "has a PrandtlIshlinskii; firmware is written for"),
-        ("head board nothing.json --out a", "there is no file nothing.json"),
-    ],
-)
-def test_refusals(refused, line, message):
-    plays = PrandtlIshlinskii([0.0, 0.5], [1.0, 1.0])
-    modelfile.save(plays, "plays.json", input="voltage [V]", output="length [um]")
-    assert message in refused(line)
 
 
 def test_firmware_is_written_for_an_axis_of_each_model_file(answer, tmp_path):

@@ -2,7 +2,6 @@ import json
 import math
 import re
 import shutil
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -12,12 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from minorloop import Channel, InstrumentError, Plan, Record, SafetyError, Setup, Store, StoreError
+from minorloop import InstrumentError, SafetyError, StoreError
 from minorloop.cli._compilation import COMPILES
-from minorloop.cli._run_progress import carry_out_levels
 from minorloop_head.control.head import head_control
 from minorloop_head.geometry import Pinhole
-from minorloop_head.inspection.heads import opened_head
 from minorloop_head.inspection.identification import kept_view, swept_view
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import (
@@ -26,7 +23,6 @@ from minorloop_head.procedures.head_file import (
     read_head,
     save_head,
 )
-from minorloop_head.procedures.identify import HeadMeasurement
 from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from scripted_inspection import VIEW as SCRIPTED
@@ -103,15 +99,12 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
 @pytest.mark.parametrize(
     ("command", "sentence"),
     [
-        (f"{IDENTIFY} --head head.json --inputs bands=1", "bands"),
         ("head identify --actuator twin:ipmc --store runs --head head.json", "two currents in A"),
         (
             "head identify --actuator twin:head --camera camera:0 --store runs --head head.json",
             "no calibration of the camera; calibrate it with minorloop head calibrate first",
         ),
-        (f"{IDENTIFY} --head head.json --serial H-07", "--serial is 'H-07'"),
         (f"{IDENTIFY} --head model.json", "not a valid file of a head"),
-        ("head drive targets.csv --head none.json --actuator twin:head", "there is no file"),
         (
             "head identify --actuator twin:head --store other.json --head new.json",
             "--store is other.json, a file; give the name of a folder",
@@ -192,35 +185,6 @@ def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypa
     assert "no reading was used, so that no error is known" in out
     assert "nan" not in out
     assert "tilt did not reach target 1, 25 degrees: there was no reading" in error
-
-
-@pytest.mark.parametrize(
-    ("table", "head", "sentence"),
-    [
-        (
-            "empty.csv",
-            "head.json",
-            "column 'pan [deg]' of empty.csv is empty in row 3; give a number",
-        ),
-        ("rad.csv", "head.json", "is in rad and a head is driven in deg; give the column in deg"),
-        ("head.json", "head.json", "head.json is a head file, not a table; give a CSV"),
-        ("good.csv", "good.csv", "good.csv is not a valid file of a head: it is a table"),
-        ("good.csv", "none.json", "no file none.json; give one that head identify or head cal"),
-    ],
-)
-def test_head_drive_says_what_a_file_is_and_what_is_needed(run, table, head, sentence):
-    save_head(HeadFile(serial="H-07"), "head.json")
-    Path("model.json").write_text('{"format": "minorloop model", "version": 1}')
-    Path("head.toml").write_text("tick = 0.04\n")
-    Path("good.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
-    Path("empty.csv").write_text("pan [deg],tilt [deg]\n30,25\n,25\n")
-    Path("rad.csv").write_text("pan [rad],tilt [deg]\n0.3,25\n")
-    status, out, error = run(f"head drive {table} --head {head} --actuator twin:head")
-    assert (status, out) == (2, "")
-    assert sentence in error
-    assert "--time" not in error
-    assert "model" not in error or head == "model.json"
-    assert error.count("\n") == 1
 
 
 @pytest.mark.usefixtures("targets")
@@ -313,22 +277,6 @@ def test_an_unfinished_drive_does_not_call_a_head_safe_that_did_not_confirm_it(r
     ]
 
 
-@pytest.mark.parametrize("sensors", [(), (Channel("pan", "deg"), Channel("tilt", "deg"))])
-def test_a_camera_beside_sensors_says_that_they_are_not_used(monkeypatch, sensors):
-    @contextmanager
-    def opened(address, say):
-        yield SimpleNamespace(outputs=sensors)
-
-    camera = SimpleNamespace(frame=None, close=lambda: None)
-    said = []
-    monkeypatch.setattr("minorloop_head.inspection.heads.opened", opened)
-    monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", lambda *_: camera)
-    monkeypatch.setattr("minorloop_head.procedures.seen_angles.SeenHead", lambda *_, **__: None)
-    with opened_head("bench:head.toml", "camera:0", VIEW, told=said.append):
-        told = "the camera gives the angles; the sensors of the actuator, pan [deg], tilt [deg], "
-        assert said == [f"{told}are not used"] * bool(sensors)
-
-
 SMALL = "--target squares=7x5,side=4"
 CALIBRATE = f"head calibrate --head head.json --serial H-07 {SMALL}"
 
@@ -400,6 +348,7 @@ def test_a_head_is_calibrated_from_pictures(run, scene):
     assert len(read_head("head.json").measured) == len(printed)  # LEDs were entered, not measured
 
 
+@pytest.mark.whole
 def test_a_camera_on_a_robot_is_calibrated_from_poses_of_its_flange(run, refused, scene):
     from minorloop_head.geometry import pan_tilt
 
@@ -458,18 +407,9 @@ def bad_pictures(scene, tmp_path_factory):
     [
         ("--mount mount --angles radians.csv", "column 'pan [rad]' of"),
         ("--mount lens", "the name of 00.png has no angles; call it such as pan12.5_tilt-3.png"),
-        ("--mount lens --angles angles.csv", "has no row for 00.png"),
         ("--pictures few", "few: 2 pictures with a target; give 3 or more; 1 is left out: "),
-        ("--pictures sizes", "8 by 8 pixels"),
-        (
-            "--pictures lens --target squares=6x6",
-            "shows a charuco target of 7 by 5 squares (DICT_4X4_50)",
-        ),
-        ("--pictures lens --target chessboard", "(DICT_4X4_50), and --target is chessboard"),
         ("--pictures cats", "no picture of cats shows a target: no markers, chessboard or grid"),
         ("--pictures mirrored", "they are mirrored; take them again"),
-        ("--pictures zoomed", "the pictures are of two cameras, or the zoom was changed: "),
-        ("--pictures none", "there is no folder"),
     ],
 )
 def test_bad_pictures_are_refused_in_one_sentence(
@@ -485,16 +425,10 @@ HALF = replace(VIEW, lens=Pinhole(320, 240, 260.0, (159.5, 119.5)))
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ("--leds 1,2,3", "head.json exists already"),
         ("--leds 1,2,3 --serial H-08 --force", "is of head 'H-07', and the head here is 'H-08'"),
-        ("--leds 1,2 --force", "give x,y,z in mm for each LED"),
         ("--leds 1,2,300 --force", "0.2 to 50 mm from the lens"),
         ("--force", "there is nothing to calibrate"),
         ("--leds 1,2,3 --head new.json", "the lens is not calibrated; give its pictures"),
-        ("--leds 1,2,3 --angles a.csv --force", "those of the pictures of --mount"),
-        ("--leds 1,2,3 --target disc --force", "--target is 'disc'; give auto, charuco"),
-        ("--leds 1,2,3 --force --pipe radius=0", "radius of --pipe is 0; give 0.1 to 1000 mm"),
-        ("--leds 1,2,3 --target squares=9", "squares of --target is '9'; give columns and rows"),
         ("--print-target target.doc", "let it end in .pdf, .svg, .png"),
     ],
 )
@@ -594,7 +528,6 @@ def test_a_calibration_without_leds_says_what_will_refuse_it():
             "--actuator bench:head.toml --camera camera:0 --seed 3",
             "are of twin:pipe, and --actuator is bench:head.toml",
         ),
-        ("--actuator bench:head.toml --camera twin:pipe", "give it as --actuator, without"),
         ("--actuator bench:head.toml --camera camera:0 --resume", "there is no folder s1; give"),
     ],
 )
@@ -647,35 +580,6 @@ def test_an_inspection_that_was_begun_with_a_calibration_is_not_resumed_without(
     assert f"calibrated was '{calibrated.isoformat()}' and is left out now" in error
 
 
-@pytest.mark.usefixtures("targets")
-@pytest.mark.parametrize(
-    ("kept", "said"),
-    [
-        (
-            None,
-            "nothing was measured yet, and nothing is kept; the same command begins anew with the "
-            "whole sweep of the camera, which takes 2.4 min\n",
-        ),
-        ("camera.json", "the sweep is kept in runs, and nothing else yet; the same command goes"),
-    ],
-)
-def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch, kept, said):
-    def wait_for_the_cold_head(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("minorloop_head.inspection.heads._in_pipe", wait_for_the_cold_head)
-    monkeypatch.setattr(HeadMeasurement, "left", lambda self: {})
-    Path("runs").mkdir()
-    if kept is not None:
-        (Path("runs") / kept).touch()
-    status, _, error = run("head identify --actuator twin:pipe --store runs --head new.json")
-    assert status == 130
-    assert error.startswith(said)
-    status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
-    assert status == 130
-    assert error.startswith("the drive has not begun, and nothing is kept")
-
-
 @pytest.mark.usefixtures("drawn")
 def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, monkeypatch):
     from minorloop_head.procedures import inspection, probing
@@ -707,36 +611,6 @@ def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, mo
     assert "was 'dry' and is '3.5' now" in run(f"{wet} --resume")[2]
 
 
-def test_a_run_that_is_continued_says_what_it_repeats_and_how_to_go_on(tmp_path, capsys):
-    plan = Plan([0.0, 0.1, 0.2], 1.0, sample_interval=0.1, input="current [A]")
-    setup = Setup(address="twin:wire", input="current [A]", output="angle [deg]")
-
-    class Ended:
-        tick, description = 0.1, None
-        inputs, outputs = (Channel("current", "A", 0.0, 0.4),), (Channel("angle", "deg"),)
-        left = 1
-
-        def apply(self, u, duration, interval):
-            if self.left == 0:
-                raise KeyboardInterrupt
-            self.left -= 1
-            t = 0.1 * np.arange(1.0, 11.0)
-            names = ["current [A]"], ["angle [deg]"]
-            return Record(np.full(10, float(u)), np.ones(10), t, *names)
-
-        def safe(self):
-            """Do nothing."""
-
-    with Store.create(tmp_path / "a.sqlite", plan, setup) as store:
-        for _ in range(2):
-            with pytest.raises(KeyboardInterrupt):
-                carry_out_levels(Ended(), store, None, again="continue with the same command")
-    said = capsys.readouterr().err
-    safe = "the actuator has confirmed that it is safe"
-    assert said.count(f"1 of 3 levels are kept; {safe}; continue with the same command") == 2
-    assert said.count("0 A  repeated for 0.2 s, as it was measured before") == 1
-
-
 SWEEP = "head sweep --actuator twin:pipe --along 19,19.5 --out swept"
 
 
@@ -750,20 +624,10 @@ def identified_at_once(monkeypatch):
 def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, tmp_path):
     for options, words in (
         ("--actuator bench:head.toml", "is not a head with an ultrasonic probe"),
-        (
-            "--actuator twin:ipmc",
-            "twin:ipmc is not a head with an ultrasonic probe; give twin:pipe",
-        ),
         ("--along 19,31", "which are 12 mm; give at least 0.48, two widths"),
-        ("--along 101,103", "up to the end of the pipe at 102.4 mm"),
         ("--around 10,5", "that is -5 degrees; give at least 2.8, two"),
-        ("--around 10,11", "from 10 to 11 degrees around the pipe, that is 1 degree; give"),
         ("--water dry", "a dry pipe cannot be swept"),
         ("--water 12", "--water is 12; give full, dry, or its height above the axis of the pipe"),
-        ("--water full,temperature=4", "temperature of --water is 4; give 5 to 60 degrees"),
-        ("--water 0,gas=neon", "gas of --water is 'neon'; give one of air, nitrogen, argon"),
-        ("--water pressure=0", "pressure of --water is 0; give 0.01 to 100 bar"),
-        ("--water salt=3", "--water has no 'salt'; it has level, temperature, gas, pressure"),
     ):
         status, _, error = run(f"{SWEEP} {options}")
         assert (status, words in error) == (2, True), error

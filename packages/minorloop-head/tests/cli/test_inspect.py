@@ -12,7 +12,7 @@ from minorloop_head.geometry import Mount, Pinhole, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile, save_head
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from vision.walls import lit_at_the_lens, photograph
+from vision.walls import photograph
 
 LENS = Pinhole()
 OPTIONS = "--lens 520 --radius 10 --lever 8"
@@ -76,26 +76,6 @@ def test_a_head_has_the_lens_and_a_file_the_poses(run):
     status, out, _ = run("inspect pictures --head head.json --pan 54 --json")
     (found,) = json.loads(out)["findings"]  # a tilt that is not given is along the pipe
     assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
-
-
-def test_angles_from_another_zero_and_a_dark_wall_are_said(run):
-    folder = Path("lit")
-    folder.mkdir()
-    image = lit_at_the_lens(14.0, -32.0)
-    cv2.imwrite("lit/a.png", image)
-    status, out, _ = run(f"inspect lit {OPTIONS} --pan 14 --tilt -32 --out found --json")
-    printed = json.loads(out)
-    assert (status, printed["advice"]) == (0, [])
-    assert 0.4 < printed["searched"] < 0.95
-    (wrong,) = json.loads(run(f"inspect lit {OPTIONS} --pan 44 --tilt -2 --json")[1])["advice"]
-    more = re.search(r"would fit about ([+-]\d+) and ([+-]\d+) degrees more", wrong)
-    assert [int(more[1]), int(more[2])] == pytest.approx([-30, -30], abs=6)
-    assert "would fit" in run(f"inspect lit {OPTIONS} --pan 44 --tilt -2")[1]
-    cv2.imwrite("lit/a.png", image // 16)
-    status, out, _ = run(f"inspect lit {OPTIONS} --pan 14 --tilt -32")
-    share = int(re.search(r"(\d+)% of their area searched", out)[1])
-    assert share < 100 * printed["searched"] / 2
-    assert "of their area searched" in Path("found/report.html").read_text()
 
 
 @pytest.mark.usefixtures("pictures")

@@ -11,10 +11,8 @@ from minorloop_head.console.perception import Perception
 from minorloop_head.console.scan_echoes import ScanEchoes
 from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.sweep import ProbeSweep
-from minorloop_head.reconstruction.depth_map import Patch
-from minorloop_head.reconstruction.fusion import fuse
 from minorloop_head.twins.surroundings import Sway
-from minorloop_head.ultrasound.pits import PITCH, PitDepth
+from minorloop_head.ultrasound.pits import PITCH
 
 
 def fitted(flooded):
@@ -61,22 +59,7 @@ def test_the_echoes_of_a_scan_give_depth_map_and_mesh():
     assert last["meshes"]["glb"].startswith(b"glTF")
 
 
-def test_no_depth_is_made_up_where_there_is_no_floor():
-    patch = Patch.around(*PIT[:2], size=0.2e-3)
-    pit = PitDepth("through-hole", *PIT[:2], diameter=PIT[2])
-    shown = depth_work._result(pit, fuse(pit, None, patch))["patch"]
-    assert len(shown["through"]) > 5
-    assert all(shown["depth"][i][j] is None for i, j in shown["through"])
-    known = [depth for row in shown["depth"] for depth in row if depth is not None]
-    assert max(known, default=0.0) == 0.0
-
-
-def test_a_dry_pipe_gives_no_depth_and_says_why():
-    *_, last = fitted(False)
-    assert last["result"]["depth"] is None
-    assert last["result"]["verdict"] not in ("measured", "")
-
-
+@pytest.mark.whole
 def test_the_bursts_of_a_sweep_give_a_map_with_the_pit():
     """Lines over the pit, by the commands of a sweep."""
     camera, sweep = Perception(tip()[0], view()), ProbeSweep(calibration=view())

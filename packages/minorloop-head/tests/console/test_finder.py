@@ -32,7 +32,3 @@ def test_a_pick_has_the_frames_that_were_taken_from_the_same_place():
     finder.keep(tuple(taken))
     assert finder.frames_with(now, here) == (*taken[:4], now)
     assert finder.frames_with(now, away) == (now,)
-
-
-def test_without_candidates_nothing_is_shown():
-    assert Finder(view()).shown(to_si((0.0, 0.0, 0.0, 0.0))) == []

@@ -12,7 +12,6 @@ from minorloop_head.console.head_pose import (
     gaze,
     into_cone,
     jumped,
-    slewed,
     turn,
 )
 
@@ -83,13 +82,6 @@ def test_a_turn_by_the_reach_goes_to_the_edge_less_the_dead_band():
     assert np.degrees(state.command) == pytest.approx((30.0 * 44 / 45, 0.0), abs=1e-3)
 
 
-@given(st.floats(-0.017, 0.017), st.floats(0, 6.28))
-def test_turns_within_the_dead_band_do_nothing(size, way):
-    state = settle(HeadPoseState(), looking(0, 0), 1)
-    state = settle(state, looking(size * math.cos(way), size * math.sin(way)), 100)
-    assert state.command == (0.0, 0.0)
-
-
 def test_a_head_behind_which_something_happens_is_unwrapped_and_one_that_comes_round_is_not():
     state = HeadPoseState()
     for yaw in np.arange(0.0, 4.0, 0.1):
@@ -116,17 +108,3 @@ def test_a_turn_that_no_neck_makes_is_a_jump(degrees, passed, believed):
 def test_what_is_no_pose_moves_nothing(numbers):
     state = settle(HeadPoseState(), looking(0, 0), 1)
     assert gaze(HOW, state, numbers, TICK) == state
-
-
-def test_a_head_that_trembles_is_calmed():
-    rng = np.random.default_rng(1)
-    state, commands = settle(HeadPoseState(), looking(0, 0), 1), []
-    for noise in rng.normal(0.0, 0.01, (200, 2)):
-        state = gaze(HOW, state, looking(0.35 + noise[0], noise[1]), TICK)
-        commands.append(state.command)
-    assert np.std(np.array(commands)[100:, 0]) < 0.5 * 0.01 * HOW.scale
-
-
-def test_heating_is_faster_than_cooling():
-    command = slewed(HOW, (0.0, 0.0), (0.35, -0.35), TICK)
-    assert np.degrees(command) == pytest.approx((0.48, -0.32))

@@ -30,25 +30,8 @@ def test_each_stage_has_the_delay_that_it_was_given():
     assert math.isnan(stages["network"])
 
 
-def test_words_name_the_stages_that_are_known():
-    assert followed(60.0).words == (
-        "behind your head: tracker 8 ms, loop 170 ms, wire 400 ms, picture 80 ms"
-    )
-    assert followed(10.0).words == ""
-    cleared = followed(60.0)
-    cleared.clear()
-    assert cleared.words == ""
-
-
 @pytest.mark.parametrize("shift", [0, 1, 40])
 def test_a_delay_is_found_whatever_the_offset(shift):
     signal = np.cumsum(np.random.default_rng(1).normal(size=(500, 2)), axis=0)
     response = 3.0 + np.roll(signal, shift, axis=0)
     assert delay(signal[100:], response[100:], TICK) == pytest.approx(shift * TICK)
-
-
-def test_a_head_that_rests_or_never_arrives_has_no_delay():
-    still = np.zeros((500, 2))
-    assert math.isnan(delay(still, still, TICK))
-    signal = np.stack([np.linspace(0, 1, 500)] * 2, axis=1)
-    assert math.isnan(delay(signal**2, np.roll(signal, 200, axis=0) ** 2, TICK))

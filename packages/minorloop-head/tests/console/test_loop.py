@@ -1,10 +1,6 @@
-import gc
 import json
 import socket
 import threading
-import weakref
-from collections import deque
-from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -146,61 +142,3 @@ def test_a_restarted_plant_stays_cold_until_a_mode_is_requested(running):
     running.order(messages.SetMode, mode="HEAD")
     while running.until("state")["angle"][0] < -5:
         running.answer()
-
-
-def test_a_recording_tells_its_size_and_ends_when_its_pilot_has_left(running):
-    running.until("hello")
-    running.order(messages.RecordSession, on=True)
-    message = running.until("recording", lambda status: status["name"] and status["seconds"] > 0.5)
-    assert message["size"] > 1000
-    running.order(messages.Release)
-    assert running.until("recording", lambda message: message["name"] is None)
-    running.pipe.send_bytes(msgspec.msgpack.encode(messages.ControlsTaken()))
-    running.order(messages.RecordSession, on=True)  # the next pilot's
-    running.until("recording", lambda status: status["name"] not in (None, message["name"]))
-
-
-class Litter:
-    """A session that drops a reference cycle after a collection in which it was in use."""
-
-    interval, state = 0.0, SimpleNamespace(mode="HOLD")
-
-    class Cycle:
-        def __init__(self):
-            self.itself = self
-
-    def __init__(self, stop):
-        self.ticks, self.events, self.stop, self.used = 0, deque(), stop, self.Cycle()
-        self.left = weakref.ref(self.used)
-
-    def tick(self, now):
-        self.ticks += 1
-        if self.ticks == loop._COLLECT_EVERY + 1:
-            self.used = None
-        if self.ticks == 2 * loop._COLLECT_EVERY:
-            self.stop.set()
-
-    def report(self, now, **known):
-        return b""
-
-    def notice(self, text):
-        return
-
-
-def test_garbage_that_was_in_use_during_a_collection_is_collected_later(monkeypatch, tmp_path):
-    monkeypatch.setattr(loop, "raise_priority", lambda: None)
-    gc.freeze()  # what other tests have left
-    session = Litter(stop := threading.Event())
-    plant = SimpleNamespace(
-        responds=True, made_safe=False, answer=SimpleNamespace(safe_at=0.0, safe=True)
-    )
-    settings = LoopSettings(folder=str(tmp_path), timeout=5.0)
-    it = loop._Loop(session, plant, SimpleNamespace(), NewestPipe(), settings)
-    it._receive_all = it._recording.write = it._outbox.forward = lambda *_: None
-    gc.disable()
-    try:
-        it.run(SimpleNamespace(beat=lambda: None), stop)
-        assert session.left() is None
-    finally:
-        gc.enable()
-        gc.unfreeze()

@@ -5,14 +5,8 @@ import numpy as np
 import pytest
 
 from console_rig import PIT, DirectCamera, Pilot, request, right, tip, towards, view
-from minorloop.errors import LimitError
 from minorloop_head.console import messages
 from minorloop_head.console.mark import (
-    NO_CONTACT,
-    OUT_OF_REACH,
-    PATIENCE,
-    TOUCHED,
-    ended,
     marking,
     reaches,
     servoed,
@@ -66,21 +60,6 @@ def test_a_mark_is_measured_from_the_picked_point_by_the_next_picture():
     assert touch.tool.extension == 0.0
 
 
-def test_a_wall_that_is_farther_than_a_pit_is_deep_is_not_touched():
-    offset = tuple(np.add(view().tool.offset, (1.2e-3, 0.0, 0.0)).tolist())
-    touch = Touching(known=replace(view(), tool=replace(view().tool, offset=offset)))
-    touch.camera._marking = replace(touch.camera._marking, close=400.0)
-    assert touch.marked() == {"what": "marked", "verdict": touches.NO_CONTACT, "off": None}
-    assert touch.tool.touches == []
-
-
-def test_a_mark_that_is_not_seen_is_not_measured():
-    """On the floor of a pit no mark is left, and its edge is none."""
-    touch = Touching(AT_PIT)
-    assert touch.marked()["off"] is None
-    assert touch.tool.marks == []
-
-
 def test_a_touch_that_is_ended_withdraws_the_tool_and_reports_nothing():
     touch = Touching()
     touch.camera._marking = replace(marking(view()), close=60.0)
@@ -94,20 +73,6 @@ def test_a_touch_that_is_ended_withdraws_the_tool_and_reports_nothing():
         assert not [each for each in touch.events if each["what"] in ("touched", "marked")]
 
 
-def test_a_point_far_from_the_tool_is_not_touched_and_a_failed_tool_is_reported(monkeypatch):
-    touch = Touching(off=(9.0, -6.0))
-    touch.camera._marking = replace(marking(view()), patience=2.0)
-    assert touch.marked()["verdict"] == touches.UNSTEADY
-    assert touch.tool.touches == []
-
-    def refuse(length):
-        raise LimitError("the tool is stuck")
-
-    monkeypatch.setattr(touch.camera._tip, "extend", refuse)
-    touch.ticks(2, "not extended", ("mark", []))
-    assert touch.events[-1] == {"what": "not extended", "text": "the tool is stuck"}
-
-
 def test_a_point_is_servoed_to_where_the_tool_meets_it_and_may_be_out_of_reach():
     here = reading_at(towards(PIT))
     pixel = tuple(tool_pixel(view(), view().tool, here.place, here.angles).tolist())
@@ -117,23 +82,6 @@ def test_a_point_is_servoed_to_where_the_tool_meets_it_and_may_be_out_of_reach()
     assert not reaches(short, pixel, here)
     assert not reaches(view(), (0.0, 0.0), reading_at((0.5, 0.0, 0.0, 0.0)))
     assert not reaches(view(), (np.nan, 0.0), here)
-
-
-def test_each_end_has_its_sentence():
-    assert ended(touches.TOUCHED, 0.12e-3) == (
-        "the tool has touched the wall 0.12 mm from the picked point, and is withdrawn"
-    )
-    assert "0.45 mm from the picked point, farther than 0.3 mm, and is" in ended("touched", 0.45e-3)
-    unknown = "its distance from the picked point is not known: the camera does not show its mark"
-    assert ended(touches.TOUCHED, None) == f"{TOUCHED}; {unknown}"
-    assert ended(touches.NO_CONTACT, None) == NO_CONTACT
-    assert "in a hole" in NO_CONTACT
-    assert "on plain wall" in NO_CONTACT
-    assert ended(touches.BEYOND, None) == OUT_OF_REACH
-    assert ended(touches.BEYOND, None, 0.6) == OUT_OF_REACH
-    unsure = "; the point was hard to recognise, with a score of 0.45, and 0.6 is sure: "
-    assert ended(touches.TOUCHED, 0.12e-3, 0.45).partition("withdrawn")[2].startswith(unsure)
-    assert f"did not come to rest with the tool at the point in {PATIENCE:g} s" in ended("", None)
 
 
 @pytest.mark.whole

@@ -148,11 +148,6 @@ def test_no_number_asks_for_more_than_the_full_rate(how, deflection):
     assert -1 <= how.shaped(deflection) <= 1
 
 
-@given(maps, deflections)
-def test_both_ways_are_alike(how, deflection):
-    assert how.shaped(-deflection) == -how.shaped(deflection)
-
-
 @given(st.lists(st.one_of(st.none(), st.tuples(deflections, deflections)), max_size=50))
 def test_the_catheter_never_goes_off_with_a_jerk(pushes):
     how, rates = StickMap(), (0.0, 0.0)

@@ -318,6 +318,7 @@ def test_a_browser_without_the_key_gets_an_instruction(browser, address):
     context.close()
 
 
+@pytest.mark.whole
 def test_a_hint_of_the_search_does_not_take_the_place_of_why_the_head_holds(browser):
     state = {
         "type": "state", "seq": 1, "t": 1.0, "mode": "HOLD", "reason": "The pose is lost.",

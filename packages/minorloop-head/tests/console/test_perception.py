@@ -92,22 +92,6 @@ def test_a_point_that_is_centred_is_exposed_for_and_the_whole_picture_otherwise(
             assert (about > 1.5 * LIMITS.grey) == (n == 49)
 
 
-@pytest.mark.parametrize("live", [False, True])
-def test_during_a_scan_a_live_camera_is_watched_and_a_simulated_one_draws_what_is_shown(live):
-    own = tip()[0]
-    if live:
-        own.newest = own.frame
-    camera = Perception(own, view())
-    camera.tick(request(there(), ("begin_scan", [1.0, *PIT[:2], PIT[2]]), number=101))
-    shown = []
-    for n in range(102, 111):
-        assert camera.tick(request(there(), number=n)).number == n
-        shown += [n] * camera.shown
-    assert shown == (list(range(102, 111)) if live else [105, 110])
-    camera.tick(request(there(), ("end_scan", []), number=111))
-    assert camera.shown
-
-
 def test_a_scan_that_cannot_be_flooded_or_is_not_on_gives_no_echoes():
     own = tip()[0]
 
@@ -122,25 +106,6 @@ def test_a_scan_that_cannot_be_flooded_or_is_not_on_gives_no_echoes():
         "the pump is off",
         "the camera was started anew",
     ]
-
-
-@pytest.mark.parametrize("pixel", [(1.0, 1.0), (320.0, 479.0)])
-def test_an_impossible_command_gives_a_notice(seeing, pixel):
-    camera, _ = seeing
-    commands = ("pick", list(pixel)), ("finish_scan", []), ("focus", [9.0])
-    reports = [camera.tick(request(there(), *commands))]
-    assert len(events(reports, "notice")) == 2
-    assert len(events(reports, "unpicked")) == 1
-
-
-def test_nothing_round_is_not_measured():
-    camera = Perception(tip()[0], view())
-    for n in range(30):
-        camera.tick(request(towards((PIT[0] + 2.0, PIT[1]), 0.6), number=n))
-    away = towards((PIT[0] + 2.0, PIT[1]), 0.6)
-    reports = [camera.tick(request(away, ("pick", [330.0, 200.0])))]
-    reports += [camera.tick(request(away, *each)) for each in ((("extract", []),), *((),) * 6)]
-    assert [event["hole"] for event in events(reports, "extracted")] == [None]
 
 
 def test_a_search_that_takes_long_does_not_let_pictures_pile_up():

@@ -1,6 +1,5 @@
 import time
 from dataclasses import replace
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -46,13 +45,6 @@ def test_plant_and_tip_are_what_the_console_needs_with_the_camera_that_the_view_
     assert found.frame().image.shape == (view.lens.height, view.lens.width)
 
 
-def test_pipe_and_water_are_known_as_well_as_they_can_be_measured():
-    tip, view = open_tip("twin:pipe", seed=5)
-    assert 0 < abs(view.radius - tip.pipe.radius) < 0.1e-3
-    assert 0 < abs(view.thickness / tip.pipe.thickness - 1) <= 0.03
-    assert 0 < abs(view.temperature - 20.0) < 1.5
-
-
 def test_a_head_that_was_identified_is_brought_to_the_middle():
     control, plant = head_of("twin:pipe", 3), open_plant("twin:pipe", specimen=3)
     state, y = control.begin(), np.zeros(4)
@@ -60,14 +52,6 @@ def test_a_head_that_was_identified_is_brought_to_the_middle():
         u, state = control.step(state, np.degrees([STRAIGHT, STRAIGHT]), np.degrees(y[:2]))
         y = plant.exchange(np.concatenate([u, [0.0, 0.0]]))
     assert y[:2] == pytest.approx([STRAIGHT, STRAIGHT], abs=8e-3)
-
-
-def test_a_calibration_of_another_number_of_leds_is_refused_at_the_start(tmp_path):
-    view, file = replace(SMALL, leds=np.zeros((1, 3))), tmp_path / "head.json"
-    on = datetime(2026, 1, 31, tzinfo=UTC)
-    save_head(HeadFile(serial="twin-head-3", calibration=view, calibrated=on), file)
-    with pytest.raises(ModelFileError, match="has 1 LED, and acquisitions switch 3; give their"):
-        head_at("twin:pipe", 3, file)
 
 
 def test_the_file_of_the_head_is_read_and_that_of_another_refused(tmp_path):
@@ -168,12 +152,6 @@ def test_a_plant_that_cannot_be_used_is_one_sentence_before_the_console_starts(b
         with pytest.raises((InstrumentError, ParameterError), match=sentence):
             probed(address)
     assert not [words for words in commands(folder) if words[0] == "SET"]
-
-
-def test_other_addresses_are_refused():
-    for ask in (open_plant, open_tip, lambda address: head_of(address, None)):
-        with pytest.raises(ParameterError, match="twin:pipe"):
-            ask("twin:ipmc")
 
 
 def test_the_first_pit_is_drawn_from_the_seed_and_that_of_the_demonstration_is_easy_to_find():

@@ -124,10 +124,15 @@ def console(tmp_path):
     found.supervisor.end()
 
 
-def test_the_head_holds_or_is_safe_after_a_fault_and_the_pilot_can_continue(console):
+@pytest.mark.whole
+def test_the_head_holds_without_its_camera_and_the_pilot_can_continue(console):
     console.steer()
     console.fault("camera", signal.SIGSTOP)
     assert "no picture" in console.until(lambda message: message["mode"] == "HOLD")["reason"]
+    console.steer()
+
+
+def test_the_head_is_safe_without_its_loop_and_the_pilot_can_continue(console):
     console.steer()
     began = console.fault("loop", signal.SIGKILL)
     first = console.until(lambda message: message["safe_at"] > began)

@@ -134,9 +134,3 @@ def test_what_is_no_recording_is_refused(recorded):
 def test_a_recording_is_never_replaced(recorded):
     with pytest.raises(FileExistsError):
         Recorder(recorded.parent, "one")
-
-
-def test_only_recordings_are_listed(recorded):
-    (recorded.parent / "notes.session").write_text("not one")
-    (recorded.parent / "folder.session").mkdir()
-    assert listed(recorded.parent) == ["one"]

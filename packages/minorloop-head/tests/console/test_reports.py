@@ -1,8 +1,5 @@
-import math
-
 import pytest
 
-from minorloop_head.console import units
 from minorloop_head.console.reports import NO_ECHOES, camera_finding, with_depth
 
 HOLE = {"phi": -0.1, "z": 0.03, "diameter": 1e-3, "evidence": 1.234}
@@ -11,12 +8,6 @@ RESULT = {
     "phi": 0.2, "z": 0.031, "diameter": 1.1e-3, "depth": 0.5e-3, "place_sd": 20e-6,
     "diameter_sd": 30e-6, "depth_sd": 4e-6, "verdict": "measured",
 }  # fmt: skip
-
-
-def test_positions_are_shown_in_degrees_and_millimetres():
-    shown, si = (180.0, -90.0, 12.5, 45.0), (math.pi, -math.pi / 2, 12.5e-3, math.pi / 4)
-    assert units.to_si(shown) == pytest.approx(si)
-    assert units.to_shown(si) == pytest.approx(shown)
 
 
 def test_a_finding_by_its_outline_is_in_degrees_and_millimetres():

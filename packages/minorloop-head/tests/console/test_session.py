@@ -7,12 +7,9 @@ import pytest
 
 from console_rig import PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop_head.console import messages
-from minorloop_head.console.mark import NO_CONTACT, OUT_OF_REACH, TOUCHED
-from minorloop_head.console.session import Session
-from minorloop_head.console.settings import LoopSettings
+from minorloop_head.console.mark import NO_CONTACT, TOUCHED
 from minorloop_head.procedures.mark import tool_pixel
 from minorloop_head.procedures.scan import RasterScan
-from minorloop_head.procedures.values import NO_PROBE
 from minorloop_head.reconstruction.findings import outlined
 from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.ultrasound.c_scan import EchoFind
@@ -30,11 +27,6 @@ def sent(session, kind):
     """Messages of a kind to the pages."""
     every = [msgspec.json.decode(event) for event in session.events]
     return [each for each in every if each["type"] == kind]
-
-
-def change_view(pilot, **changes):
-    session = pilot.session
-    session.view = session._scanning._view = replace(session.view, **changes)
 
 
 def test_the_head_goes_where_the_operator_looks():
@@ -210,16 +202,6 @@ def test_a_pose_of_the_page_that_jumps_holds_and_a_clutch_lets_it_pass():
     assert pilot.session.state.mode == "HEAD"
 
 
-def test_a_head_that_followed_says_how_far_it_was_behind():
-    pilot = Pilot().steering()
-    for n in range(720):
-        pilot.drive(1, pose=right(20.0 * math.sin(0.02 * n)))
-    pilot.silence(5)
-    said = texts(pilot)[-1]
-    assert said.startswith("behind your head: tracker 0 ms, loop ")
-    assert "wire" in said
-
-
 def test_a_pose_that_is_too_old_holds():
     pilot = Pilot().steering(20)
     pilot.drive(1, age=0.2)
@@ -252,19 +234,6 @@ def test_a_release_holds_and_forgets_the_pilot():
     assert pilot.session.state.mode == "HOLD"
 
 
-def test_a_measurement_or_scan_without_a_target_gives_a_notice():
-    pilot = Pilot().steering(5)
-    pilot.order(messages.Measure)
-    pilot.order(messages.Scan)
-    pilot.camera.events = [{"what": "extracted", "hole": None, "verdict": "nothing round"}]
-    pilot.drive(2)
-    sentences = " ".join(notice["text"] for notice in sent(pilot.session, "notice"))
-    for part in ("pick a point", "measure a finding first", "nothing round"):
-        assert part in sentences
-    assert pilot.session.findings == []
-    assert pilot.session.state.mode == "HEAD"
-
-
 def scanning(stick=(0.0, 0.0)):
     """In SCAN of a finding, after a second of the stick."""
     pilot = Pilot().following((319.5, 239.5))
@@ -276,40 +245,6 @@ def scanning(stick=(0.0, 0.0)):
     pilot.drive(2)
     assert pilot.session.state.mode == "SCAN"
     return pilot
-
-
-def test_a_head_without_a_probe_says_so_and_does_not_scan():
-    pilot = Pilot().following((319.5, 239.5))
-    pilot.camera.events = [EXTRACTED]
-    pilot.drive(2)
-    pilot.session.no_probe = LoopSettings(address="bench:head.toml").no_probe
-    pilot.order(messages.Scan)
-    pilot.drive(2)
-    assert pilot.session.state.mode == "TRACK"
-    assert sent(pilot.session, "notice")[-1]["text"] == NO_PROBE
-    assert msgspec.json.decode(pilot.session.introduction())["no_probe"] == NO_PROBE
-    assert LoopSettings().no_probe == ""
-
-
-def test_a_scan_that_cold_water_puts_out_of_reach_is_not_begun():
-    pilot = Pilot().following((319.5, 239.5))
-    pilot.camera.events = [EXTRACTED]
-    pilot.drive(2)
-    change_view(pilot, temperature=1.0)
-    pilot.order(messages.Scan)
-    pilot.drive(2)
-    assert (pilot.session.state.mode, pilot.session.scan) == ("TRACK", None)
-    assert "out of reach: " in sent(pilot.session, "notice")[-1]["text"]
-    assert "begin_scan" not in pilot.camera.commands
-
-
-def test_a_scan_without_echoes_is_ended_with_its_cause():
-    pilot = scanning()
-    pilot.camera.events = [{"what": "unscanned", "text": "the pump is off"}]
-    pilot.drive(2)
-    assert (pilot.session.state.mode, pilot.session.scan) == ("HOLD", None)
-    assert "no echoes: the pump is off;" in pilot.session.state.reason
-    assert pilot.camera.commands[-1] == "end_scan"
 
 
 def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():
@@ -461,43 +396,6 @@ def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
     assert "the mark was stopped: no picture came" in texts(pilot)[-1]
 
 
-def test_a_pick_that_is_refused_stops_a_mark_and_says_why():
-    pilot = marking()
-    pilot.camera.events = [{"what": "unpicked", "text": "pixel (2, 3) was not picked"}]
-    pilot.drive(2)
-    assert texts(pilot)[-2:] == [
-        "the mark was stopped: another point was picked",
-        "pixel (2, 3) was not picked",
-    ]
-    assert numbers_of(pilot, "end_mark") == [[]]
-
-
-def test_a_mark_that_does_not_come_to_rest_says_why_and_a_far_one_is_not_begun(monkeypatch):
-    pilot = marking()
-    monkeypatch.setattr(Session, "_trouble", lambda self: "pan: out of reach in the cold")
-    pilot.camera.events = [{"what": "marked", "verdict": "not steady enough", "off": None}]
-    pilot.drive(2)
-    assert "did not come to rest" in texts(pilot)[1]
-    assert texts(pilot)[1].endswith(" (pan: out of reach in the cold)")
-    change_view(pilot, tool=replace(pilot.session.view.tool, longest=5e-3))
-    pilot.order(messages.Mark)
-    assert texts(pilot)[2:] == [OUT_OF_REACH]
-
-
-def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():
-    pilot = Pilot().steering()
-    pilot.order(messages.Mark)
-    assert b"no target is tracked" in pilot.session.events[-1]
-    pilot = beside()
-    pilot.order(messages.Mark)
-    pilot.mode("HOLD")
-    pilot.drive(2)
-    assert any(b"the mark was stopped" in event for event in pilot.session.events)
-    change_view(pilot, tool=None)
-    pilot.order(messages.Mark)
-    assert b"no micro-tool" in pilot.session.events[-1]
-
-
 class Seeing(ScriptedCamera):
     """A camera that gives the angles of the plant, once it knows the cold head."""
 
@@ -605,34 +503,6 @@ def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
     pilot.mode("HEAD")
     pilot.drive(2)
     assert pilot.session.state.mode == "HEAD"
-
-
-def test_a_sweep_beyond_the_end_of_the_pipe_is_refused():
-    pilot = Pilot().steering()
-    pilot.drive(150, pose=right(20.0, -10.0))
-    change_view(pilot, length=15e-3)
-    pilot.order(messages.Sweep)
-    pilot.drive()
-    assert "the end of the pipe at 15 mm" in texts(pilot)[-1]
-    assert pilot.session.state.mode == "HEAD"
-
-
-def test_a_sweep_needs_wall_in_the_middle_of_the_picture_within_reach_and_a_probe():
-    pilot = Pilot().steering(150)
-    pilot.order(messages.Sweep)
-    pilot.drive(150, pose=right(20.0, -10.0))
-    change_view(pilot, temperature=1.0)
-    pilot.order(messages.Sweep)
-    pilot.drive(1, pose=right(20.0, -10.0))
-    pilot.session.no_probe = NO_PROBE
-    pilot.order(messages.Sweep)
-    pilot.drive(1, pose=right(20.0, -10.0))
-    assert pilot.session.state.mode == "HEAD"
-    said = [notice["text"] for notice in sent(pilot.session, "notice")]
-    for words, sentence in zip(
-        ("middle of the picture", "out of reach", NO_PROBE), said, strict=True
-    ):
-        assert words in sentence
 
 
 def test_a_sweep_lists_what_is_known_before_no_second_time():

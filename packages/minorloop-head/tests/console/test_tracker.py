@@ -133,22 +133,6 @@ def test_what_is_no_address_of_a_tracker_is_refused(address):
         listening_for(address)
 
 
-def test_a_port_in_use_is_refused(sender):
-    port = sender[1].getsockname()[1]
-    with pytest.raises(ParameterError, match=f"port {port}.*another port to --tracker"):
-        listening_for(f"udp:127.0.0.1:{port}")
-
-
-def test_the_time_between_packets_is_shared_among_those_that_come_together(sender):
-    tracker = UdpTracker(sender[1])
-    for now, angles in ((0.0, [0]), (0.04, [25, 50]), (0.08, [75, 110])):
-        for each in angles:
-            sender[0].send(packet(yaw=each))
-        pose, _, problem = tracker.read(now)
-    assert tracker.spacing == pytest.approx(0.02)
-    assert (pose, problem) == (None, "the pose of the tracker jumped")  # 35 degrees in 20 ms
-
-
 @pytest.mark.parametrize("udp", [True, False])
 def test_a_planted_jump_holds_and_a_fast_turn_does_not(udp):
     t = np.arange(0.0, 3.0, 0.017)

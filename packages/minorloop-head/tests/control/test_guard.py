@@ -7,12 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
-from minorloop_head.control.guard import MOST_ALIKE, MOST_EVENTS, Guard
+from minorloop_head.control.guard import MOST_EVENTS, Guard
 from minorloop_head.control.head import controller
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.control.observer import PowerObserver
-from minorloop_head.control.readings import SensorWatch
 from minorloop_head.twins.wire import Wire
 from papers.catheter.control.laws import LAWS
 from wires import EVERY_LAW, TICK, angle, identified, temperature
@@ -127,14 +125,6 @@ def test_an_invalid_target_keeps_the_last_one():
     assert causes(state).count("reference") == 1
 
 
-@pytest.mark.parametrize("nonsense", [None, "up", [1.0], math.inf])
-def test_invalid_targets_and_readings_raise_nothing(nonsense):
-    guard = guarded()
-    current, state = guard.step(guard.begin(), nonsense, nonsense)
-    assert current == 0.0
-    assert "reference" in causes(state)
-
-
 def test_a_time_that_goes_back_is_logged_and_its_reading_is_not_used():
     guard = guarded()
     _, state = guard.step(guard.begin(), 20.0, 0.01, t=1.0)
@@ -156,24 +146,6 @@ def test_after_a_gap_the_wire_is_as_warm_as_its_current_made_it():
     assert "clock" in causes(state)
 
 
-def test_a_law_knows_how_long_a_step_took_as_its_guard_does():
-    guard = guarded("adaptive")
-    state = guard.begin()
-    for n in range(20):
-        _, state = guard.step(state, 40.0, state.estimate.wire.angle, t=4 * n * TICK)
-    assert state.estimate.wire.power > 0.05
-    assert state.inner.estimate.wire.power == pytest.approx(state.estimate.wire.power)
-
-
-def test_a_guard_for_older_readings_takes_over_a_state():
-    guard = guarded()
-    state, old = guard.begin(), guard.later(3)
-    for n in range(20):
-        _, state = (guard if n < 9 else old).step(state, 40.0, math.nan, t=n * TICK)
-    assert len(state.estimate.past) == 4
-    assert guarded("adaptive").later(3).observer.delay == 4
-
-
 def test_a_target_beyond_the_stroke_is_held_near_the_end():
     guard = guarded()
     _, state, plant = loop(guard, 90.0, 25.0)
@@ -182,16 +154,6 @@ def test_a_target_beyond_the_stroke_is_held_near_the_end():
     _, state, plant = loop(guard, 30.0, 20.0, state=state, plant=plant)
     assert state.unreachable is None
     assert angle(plant) == pytest.approx(30.0, abs=0.5)
-
-
-def test_two_clocks_are_refused():
-    wire = identified().model
-    with pytest.raises(ParameterError, match="the same interval"):
-        Guard(
-            controller=controller(LAWS["pi"], wire, interval=0.1),
-            observer=PowerObserver(wire=wire),
-            sensor=SensorWatch(),
-        )
 
 
 @pytest.mark.parametrize("jump", [1e4, -0.5])
@@ -278,16 +240,6 @@ def test_readings_that_contradict_the_model_for_long_let_the_wire_cool():
     said = [event.text for event in state.log if event.cause == "sensor"]
     assert len(said) == 2
     assert "the wire cools until they agree" in said[1]
-
-
-def test_a_frequent_cause_does_not_displace_others_in_the_log():
-    guard = guarded()
-    state = guard.begin()
-    for k in range(400):
-        reading = math.nan if 20 <= k < 40 else 0.01 * k
-        _, state = guard.step(state, math.nan if k % 2 else 20.0, reading, t=0.04 * k)
-    assert causes(state).count("reference") == MOST_ALIKE
-    assert "sensor" in causes(state)
 
 
 @pytest.mark.parametrize(("name", "target"), [("observer", 10.0), ("internal_model", 40.0)])

@@ -1,21 +1,16 @@
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from minorloop_head.control.head import (
     AGE,
     LEAD,
-    HeadControl,
     Unread,
     UnreadWatch,
     camera_control,
     head_control,
 )
-from minorloop_head.control.readings import ReadingState
-from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import SimulatedFault
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.control.laws import LAWS
@@ -156,18 +151,6 @@ def test_a_sensor_that_misses_most_readings_is_lost():
     assert (current == 0.0).all()
 
 
-@pytest.mark.parametrize("quantum", [0.0, 0.1, 1.0])
-def test_a_sensor_without_noise_is_not_stuck(quantum):
-    head, law = Head(tick=0.04), control()
-    state, read = law.begin(), np.zeros(2)
-    for k in range(400):
-        u, state = law.step(state, (30.0, 20.0), read, t=0.04 * k)
-        read = np.asarray(head.exchange(u))
-        read = np.round(read / quantum) * quantum if quantum else read
-    assert read == pytest.approx([30.0, 20.0], abs=1.0)
-    assert "sensor" not in [event.cause for _, event in state.log]
-
-
 @pytest.mark.parametrize("odd", [10**400, "x", None, 1j, [1.0, 2.0], object()])
 def test_every_step_returns_currents_within_the_limits(odd):
     law = control()
@@ -176,40 +159,6 @@ def test_every_step_returns_currents_within_the_limits(odd):
         current, state = law.step(state, *arguments, t=odd)
         assert np.isfinite(current).all()
     law.begin((odd, 0.0), (0.0, odd))
-
-
-def test_numbers_in_quotes_are_numbers():
-    axis = head_control("observer", (made_up(),), interval="0.05").axes[0]
-    assert axis.observer.interval == 0.05
-
-
-def by_observer(*wires, **options):
-    return lambda: head_control("observer", wires or (made_up(),), **options)
-
-
-@pytest.mark.parametrize(
-    ("act", "complaint"),
-    [
-        (lambda: HeadControl(control("pi").axes, np.eye(3)), r"shape \(3, 3\)"),
-        (lambda: HeadControl(control("pi").axes, np.eye(2) * 0.1 + 0.9), "cannot be separated"),
-        (lambda: HeadControl((), None), "shape"),
-        (by_observer(limits=3), "give a"),
-        (by_observer(sensor=3), "give a"),
-        (by_observer(None), "HeatedWire"),
-        *((lambda wires=wires: head_control("observer", wires), "HeatedWire")
-          for wires in ((), ("model",), "model", None)),
-        (by_observer(interval="x"), "interval is 'x'"),
-        (by_observer(highest="x"), "highest is 'x'"),
-        (by_observer(lead="x"), "lead is 'x'"),
-        *((by_observer(lead=lead), "lead is .*; give a number of degrees above 0")
-          for lead in (0.0, -1.0, math.nan)),
-        (lambda: UnreadWatch(after=0), "after"),
-        (lambda: UnreadWatch(stays=0), "stays"),
-    ],
-)  # fmt: skip
-def test_what_makes_no_control_is_refused(act, complaint):
-    with pytest.raises(ParameterError, match=complaint):
-        act()
 
 
 FOUND_AGAIN = 10.0
@@ -259,15 +208,6 @@ def test_a_head_that_is_seen_no_more_stops_within_the_lead():
     assert plant.angle - seen < LEAD + 0.5
 
 
-def test_readings_that_are_not_used_do_not_bound_a_target():
-    control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
-    state = control.begin((40.0, 40.0), (0.3, 0.3))
-    known = ReadingState(fault="late", last=44.0)
-    late = [replace(each, reading=known) for each in state.axes]
-    _, state = control.step(replace(state, axes=tuple(late)), (20.0, 15.0), (44.0, 44.0))
-    assert [axis.reference for axis in state.axes] == pytest.approx([20.0, 15.0])
-
-
 WHERE = np.array([10.0, 20.0])
 
 
@@ -310,21 +250,6 @@ def test_a_head_whose_camera_shows_nothing_stays_until_it_can_be_looked_for():
     assert state.kept.tolist() == (WHERE + 3).tolist()
     assert watch.step(state, 141, WHERE).kept == pytest.approx(0.985 * (WHERE + 3))
     assert watch.step(state, 0, WHERE).dark == 0
-
-
-def test_steps_that_take_several_intervals_go_back_after_the_same_time():
-    each, third = UnreadWatch(after=3), UnreadWatch(after=3, takes=3)
-    assert third.step(Unread(16, 0.0, WHERE), 17, WHERE).kept == pytest.approx(WHERE * 0.985**3)
-    assert each.step(Unread(16, 0.0, WHERE), 17, WHERE).kept == pytest.approx(WHERE)
-
-
-def test_a_sensor_with_few_readings_may_have_its_usual_gaps():
-    watch = UnreadWatch(after=3)
-    usual = [0, 1, 2, 3, 4] * 20
-    assert after([*usual, 0, 1, 2, 3, 4, 5, 6, 7], watch).kept is None
-    assert after([*usual, *range(9)], watch).kept is not None
-    one_loss = [*range(200), 0, 0, 0, 0, 0, 0, 0]
-    assert after([*one_loss, *range(4)], watch).kept is not None
 
 
 def test_a_head_that_is_not_seen_stops_and_goes_on_when_it_is():

@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop import ParameterError, SignalError, Smooth
+from minorloop import SignalError, Smooth
 from minorloop_head.control.heating import (
-    Transient,
-    check_lag,
     identify_coupling,
     identify_heating,
     moving_levels,
@@ -158,22 +156,6 @@ def test_records_without_information_are_refused(changes, complaint):
         identified_from(records(**changes))
 
 
-def test_a_lag_at_the_end_of_its_range_is_refused():
-    t = np.arange(0.0, 600.0, 4.0)
-    step = Transient(t, np.full_like(t, 0.4), 60 * (1 - np.exp(-t / 80.0)))
-    check_lag(step, 55.0, 1.0)
-    for lag in (59.9, 0.301):
-        with pytest.raises(SignalError, match="the end of the"):
-            check_lag(step, lag, 1.0)
-
-
-@pytest.mark.parametrize("step", [None, 3, (np.arange(3.0), np.zeros(3)), []])
-def test_records_that_are_no_step_are_refused(step):
-    good = records()
-    with pytest.raises(SignalError, match=r"give \(t, current, angle\)"):
-        identify_heating(good["current"], good["angle"], step=step, levels=good["levels"])
-
-
 def test_holds_can_be_held_out():
     good = records()
     step = good["t"], good["step_current"], good["step_angle"]
@@ -182,22 +164,3 @@ def test_holds_can_be_held_out():
     )
     assert found.steady.holdout_nrmse < 1e-3
     assert not any("no data were held out" in text for text in found.advice)
-
-
-@pytest.mark.parametrize(
-    ("current", "angle", "complaint"),
-    [
-        ([], [], "0 holds were measured"),
-        ([0.0, 0.2], [0.0, 1.0, 2.0], r"current has shape \(2,\) and angle \(3,\)"),
-        ([0.0, 0.2], [1.0, 1.0], "the angle of the holds is 1 throughout"),
-        ([0.0, -0.2], [0.0, 1.0], "a current is negative"),
-    ],
-)
-def test_invalid_holds_are_refused(current, angle, complaint):
-    with pytest.raises(SignalError, match=complaint):
-        moving_levels(current, angle, 3)
-
-
-def test_holds_of_negative_currents_are_refused():
-    with pytest.raises(ParameterError, match=r"levels begin at -0.1 A; give currents of 0 or more"):
-        wire_holds([-0.1, 0.2, 0.3])

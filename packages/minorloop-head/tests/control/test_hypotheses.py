@@ -39,24 +39,6 @@ def test_each_hypothesis_is_the_wire_in_its_surroundings():
         assert bank.power[k] == pytest.approx(plant.power, abs=1.5e-3)
 
 
-@pytest.mark.parametrize(("ambient", "cooling"), [(0, 1), (-25, 1), (0, 1.5), (15, 1), (-10, 1.3)])
-def test_the_final_angle_is_predicted(ambient, cooling):
-    hypotheses, bank, plant = followed(ambient, cooling)
-    weight = hypotheses.weights(bank)
-    assert weight.sum() == pytest.approx(1.0)
-    foretold = float(weight @ hypotheses.final(bank, plant.angle, 0.4))
-    end = plant
-    for _ in range(2500):
-        end = made_up().step(end, 0.16, 0.04, ambient=ambient / RISE, cooling=cooling)
-    assert foretold == pytest.approx(end.angle, abs=2.0)
-
-
-def test_a_missing_reading_changes_no_cost():
-    hypotheses, bank, _ = followed(0.0, 1.0, seconds=4.0)
-    after = hypotheses.step(bank, 0.4, float("nan"), 0.04)
-    np.testing.assert_array_equal(after.cost, bank.cost)
-
-
 def test_a_bank_that_begins_in_motion_continues_from_there():
     wire, hypotheses = bank_of(ratio=0.8)
     warm = wire.begin(0.12)

@@ -184,14 +184,3 @@ def test_a_motion_that_gets_slower_is_found_as_numpy_finds_it(missing):
         np.testing.assert_allclose(rates, slowing(readings, count), rtol=1e-9, atol=1e-9)
         found += rates.size > 0
     assert (10 < found < 390) == (missing < 0.5)
-
-
-@pytest.mark.parametrize("steps", [1, 3, 9])
-def test_readings_are_added_and_the_oldest_are_dropped(steps):
-    recent, expected = np.empty((3, 0)), np.empty((3, 0))
-    for k in range(12):
-        recent = kernels.added(recent, 0.1 * k, 0.2 * k, float(k), steps, 20)
-        more = np.tile([[0.1 * k], [0.2 * k], [np.nan]], steps)
-        more[2, -1] = k
-        expected = np.concatenate([expected, more], axis=1)[:, -20:]
-        np.testing.assert_array_equal(recent, expected)

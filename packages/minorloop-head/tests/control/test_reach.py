@@ -91,13 +91,6 @@ def test_both_causes_are_named_where_readings_do_not_tell_them_apart():
     assert watch._reason(told, alike, 0.0, late=True) == "ambient too cold"
 
 
-def test_the_stated_reach_is_a_band_or_a_bound():
-    said = str(Unreachable("ambient too cold", 50.0, 24.0, 9.0, 14.2, 38.1))
-    assert said.endswith("the wire would reach 14.2 to 38.1 degrees")
-    said = str(Unreachable("beyond the stroke", 80.0, 55.0, 0.0))
-    assert said.endswith("the wire would reach at most 55 degrees")
-
-
 def test_a_target_beyond_the_stroke_is_reported_at_once():
     verdict, after = watched(80.0)
     assert verdict.reason == "beyond the stroke"
@@ -126,13 +119,3 @@ def test_a_verdict_that_readings_contradict_is_taken_back(reading, kept):
     verdict = Unreachable("ambient too cold", 20.0, 10.0, 9.0, 8.0, most)
     state = watch.step(ReachState(verdict=verdict), 20.0, reading, 0.4, estimate)
     assert (state.verdict is verdict) == kept
-
-
-@pytest.mark.parametrize(("current", "reach"), [(0.4, 2.0), (0.3, 15.0)])
-def test_a_reach_is_corrected_only_while_full_current_is_on(current, reach):
-    watch = ReachWatch(wire=made_up())
-    estimate = PowerObserver(wire=made_up()).found()
-    state = ReachState(verdict=Unreachable("ambient too cold", 20.0, 15.0, 9.0, 2.0, 18.0))
-    for _ in range(round(30.0 / watch.interval)):
-        state = watch.step(state, 20.0, 2.0, current, estimate)
-    assert state.verdict.reach == reach

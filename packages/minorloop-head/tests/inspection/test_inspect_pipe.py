@@ -185,17 +185,16 @@ def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(script):
     assert whys["crack"].endswith("and no echo of its depth: no floor echo")
 
 
-@pytest.mark.usefixtures("unreported")
-def test_a_direction_that_the_wires_did_not_reach_is_in_the_findings(script):
-    why = "out of reach: pan needs 55 degrees, has 9"
-    script.look = lambda rig, name: name != "view 2" or rig.say(name, why, succeeded=False)
-    content = script.run().content
-    assert content["out of reach"] == [{"view": "view 2", "why": why}]
-    steps = [(each["step"], each["succeeded"]) for each in content["log"]]
-    assert {("view 2", False), ("view 1", True)} <= {*steps}
-
-
-@pytest.mark.parametrize("part", ["crack 1", "map of the pipe", "water line"])
+@pytest.mark.parametrize(
+    "part",
+    [
+        "crack 1",
+        *(
+            pytest.param(part, marks=pytest.mark.whole)
+            for part in ("map of the pipe", "water line")
+        ),
+    ],
+)
 def test_it_ends_with_a_report_whatever_part_of_it_could_not_be_computed(script, monkeypatch, part):
     def fails(*_):
         raise ValueError("need at least one array")
@@ -279,26 +278,6 @@ def test_a_full_disk_ends_it_in_one_sentence_to_be_resumed(script, full_disk, mo
     assert script.safe
     assert script.journal()[-1]["what"] in ("step", "view", "ring")
     assert (script.folder / "pictures/hole 1.png").exists()
-
-
-def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(script, monkeypatch):
-    def wait_for_the_cold_head(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(script, "opened", wait_for_the_cold_head)
-    with pytest.raises(KeyboardInterrupt) as ended:
-        script.run()
-    assert ended.value.__notes__ == ["nothing was inspected yet, and nothing is kept"]
-    assert not script.folder.exists()
-
-
-def test_advances_that_a_head_does_not_reach_are_refused(script):
-    with pytest.raises(ParameterError, match=r"--advances has 103, and the pipe ends at 102.4 mm"):
-        script.run((0.0, 0.103))
-    script.travels = False
-    with pytest.raises(ParameterError, match=r"bench:head.toml has no catheter"):
-        script.run()
-    assert not script.folder.exists()
 
 
 def changed(lines, what, names, value):

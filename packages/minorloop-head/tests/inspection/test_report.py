@@ -1,7 +1,6 @@
 """What the report of an inspection says, by the content of a saved one."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop_head.inspection.lines import StepRow, visit_row
-from minorloop_head.inspection.report import _map_caption, _without_depth, wall_words
+from minorloop_head.inspection.report import _without_depth, wall_words
 from minorloop_head.procedures.inspected_view import InspectedView, with_finding
 from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.procedures.values import LogEntry
-from minorloop_head.reconstruction.depth_map import WaterLine
 from minorloop_head.ultrasound.pits import PitDepth
 from scripted_inspection import hole
 
@@ -33,14 +31,6 @@ def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach
     heard = row(("scan", True), ("modality", True))
     assert (heard["scanned"], heard["reached"]) == (True, True)
     assert heard["steps"] == [StepRow("scan", "", True), StepRow("modality", "", True)]
-
-
-def test_the_caption_of_a_map_has_its_marks_only():
-    seen = SimpleNamespace(picture=np.zeros((2, 2)), probed=np.zeros((2, 2), bool))
-    assert _map_caption(seen, [], [], None) == ("The inner wall, unrolled, as the camera saw it.")
-    line = WaterLine(1e-3, 1e-4, 0.0)
-    shown = _map_caption(seen, [object()], [], line)
-    assert shown.endswith("saw it; findings are numbered; dashed lines are the level of the water.")
 
 
 def test_it_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():

@@ -1,7 +1,6 @@
 import csv
 import json
 
-import numpy as np
 import pytest
 from scipy.io import savemat
 
@@ -12,7 +11,13 @@ from minorloop_head.inspection.scan_report import COLUMNS, keep_scan, scan_conte
 from minorloop_head.ultrasound.scan_flaws import scan_flaws
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["line", "raster"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(False, id="line"),
+        pytest.param(True, id="raster", marks=pytest.mark.whole),
+    ],
+)
 def found(request):
     seed = 1101 if request.param else 1003
     return scan_flaws(drawn_block(seed, raster=request.param).scan)
@@ -56,21 +61,3 @@ def test_the_verb_prints_flaws_and_replaces_what_the_file_says(tmp_path, capsys)
     said = capsys.readouterr().out
     assert all(name.split()[0] in said for name in ("no.", "4 flaws", "layer"))
     assert len(COLUMNS) == 9
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ([], "give those of the layers with --speeds"),
-        (["--field", "speeds"], "--field is 'speeds'; give FIELD=NAME"),
-        (["--speeds", "1480,x"], "--speeds"),
-        (["--given", "low=one"], "one"),
-        (["--given", "band=1"], "--given has no 'band'"),
-    ],
-)
-def test_the_verb_refuses_in_one_line(tmp_path, capsys, options, said):
-    np.savez(tmp_path / "a.npz", traces=np.eye(50, 9), dt=1e-8, dx=1e-3)
-    assert main(["head", "scan", str(tmp_path / "a.npz"), *options]) == 2
-    printed = capsys.readouterr().err
-    assert said in printed
-    assert "Traceback" not in printed

@@ -1,22 +1,18 @@
 import math
 from contextlib import nullcontext
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from minorloop import Channel, InstrumentError, ParameterError, run
+from minorloop import Channel, InstrumentError, run
 from minorloop.lab.drivers.bench import Bench
-from minorloop.twins.fibre import Fibre
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
-from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
+from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement
 from minorloop_head.procedures.values import Plant, Tip
 from minorloop_head.twins.head import Head
 
 CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
 ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
-RATES = [Channel("advance rate", "mm/s", -20.0, 20.0), Channel("roll rate", "deg/s", -60.0, 60.0)]
-PLACE = [Channel("advance", "mm"), Channel("roll", "deg")]
 
 
 class Wires:
@@ -51,14 +47,6 @@ def test_a_bench_with_two_wires_is_a_plant_whose_catheter_stands_still():
     assert (plant.tick, plant.serial, plant.stance()) == (0.04, "H-07", ())
     plant.safe()
     assert wires.done == [[0.1, 0.2], "safe"]
-
-
-def test_motors_of_a_catheter_take_mm_and_degrees():
-    wires = Wires([45.0, 90.0, 12.0, 180.0])
-    plant = ActuatorPlant(bench(wires, [*CURRENTS, *RATES], [*ANGLES, *PLACE]))
-    y = plant.exchange(np.array([0.1, 0.2, 5e-3, math.pi / 6]))
-    assert y == pytest.approx([math.pi / 4, math.pi / 2, 12e-3, math.pi])
-    assert wires.done[0] == pytest.approx([0.1, 0.2, 5.0, 30.0])
 
 
 class Clock:
@@ -104,11 +92,6 @@ def test_without_a_line_lights_stay_as_they_are_and_the_pipe_cannot_be_flooded()
     with pytest.raises(InstrumentError, match="no line 'pump'"):
         tip.flood(True)
     assert wires.done == []
-
-
-def test_an_actuator_that_is_no_head_is_refused():
-    with pytest.raises(ParameterError, match="a head has two currents in A and two angles in deg"):
-        ActuatorPlant(Fibre())
 
 
 class TwinWires:
@@ -163,12 +146,3 @@ def test_the_wires_of_a_head_on_a_bench_are_measured_one_by_one(tmp_path):
     assert u.tolist() == [0.0, 0.4]
     assert pan[1] > 50.0
     assert 1.0 < tilt[1] < 10.0  # it reads some of the other axis
-
-
-@pytest.mark.parametrize("check", [ActuatorPlant, check_head])
-def test_a_head_whose_sensors_are_of_other_sources_is_refused(check):
-    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
-    both = SimpleNamespace(inputs=currents, outputs=angles, measures=(0, 0), exchange=None)
-    with pytest.raises(ParameterError, match=r"sensor 'tilt' is of 'pan current'; in a head .*2"):
-        check(both)

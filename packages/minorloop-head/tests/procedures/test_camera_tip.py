@@ -50,13 +50,6 @@ def test_bad_pictures_are_refused_with_the_cause(image, sentence):
         tip.frame()
 
 
-def test_a_stream_of_another_size_is_opened_again():
-    tip, done = tip_of(SMOOTH[::2])
-    with pytest.raises(InstrumentError, match="calibrated with"):
-        tip.frame()
-    assert done == ["renewed"]
-
-
 def test_the_camera_is_exposed_and_the_lights_are_those_of_the_tip():
     tip, done = tip_of()
     tip.expose(2e-3, 1.5)

@@ -7,7 +7,6 @@ from minorloop_head.geometry import wall_point
 from minorloop_head.procedures.centre import (
     CONE,
     LOST_FOR,
-    NOT_IN_VIEW,
     STUCK_FOR,
     STUCK_PX,
     TWO_TICKS,
@@ -32,14 +31,6 @@ def test_a_point_is_brought_to_the_middle_and_held_there():
     assert loop.t < 8.0
     wanted = [request.angles for request in loop.asked if request.angles is not None]
     assert all(np.hypot(*each) <= CONE.half + 1e-9 for each in wanted)
-
-
-def test_a_point_that_the_first_frame_does_not_show_whole_is_not_tracked():
-    loop = Loop((0.0, 0.0), (1e-3, 0.0), sees=True)
-    centring = Centring(calibration=CALIBRATION)
-    state = loop.run(centring.centre(Centred(place=(0.5, 1e-3))))
-    assert state.verdict == NOT_IN_VIEW
-    assert all(request.angles is None for request in loop.asked)
 
 
 class GoingDark(Loop):
@@ -80,12 +71,3 @@ def test_without_sensors_the_angles_follow_from_the_image():
     told = [request.sighted for request in loop.asked if request.sighted is not None]
     assert told
     assert told[-1] == pytest.approx(true, abs=2e-3)
-
-
-def test_the_console_turns_towards_a_pixel_as_the_servo_does():
-    centring = Centring(calibration=CALIBRATION)
-    reading = Loop(AIM, (1e-3, 0.0)).reading()
-    right = centring.turn(AIM, (500.0, 239.5), reading)
-    assert right.rates[0] > 0
-    assert np.hypot(*right.rates) <= centring.rate_limit + 1e-12
-    assert centring.turn(AIM, None, reading).verdict == "no target"

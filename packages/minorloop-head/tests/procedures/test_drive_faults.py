@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from minorloop_head.control.head import LEAD, UnreadWatch, camera_control, head_control
+from minorloop_head.control.head import UnreadWatch, camera_control, head_control
 from minorloop_head.procedures.drive_faults import FaultLog
 from minorloop_head.procedures.steer import steer
 from minorloop_head.twins.head import Head
-from wires import identified, made_up
+from wires import identified
 
 TARGETS = [[30.0, 30.0], [40.0, 20.0]]
 
@@ -27,22 +27,6 @@ class Spoilt(Head):
         return self._spoil(t, seen)
 
 
-class Late(Head):
-    """A head whose ticks take four times as long from 2 s on, and seven times from 3 s on."""
-
-    time = 0.0
-
-    def __init__(self, twice):
-        super().__init__(noise=0.05, seed=3)
-        self._twice = twice
-
-    def exchange(self, u):
-        seen = super().exchange(u)
-        longer = 4 if 2.0 < self.time < 2.2 else 7 if self._twice and 3.0 < self.time < 4.5 else 1
-        self.time += self.tick * longer
-        return seen
-
-
 def driven(spoil, targets=TARGETS, hold=12.0, why=""):
     control = head_control("observer", (identified().model,) * 2)
     head = Spoilt(spoil)
@@ -52,10 +36,6 @@ def driven(spoil, targets=TARGETS, hold=12.0, why=""):
 
 def added(first, end, degrees):
     return lambda t, seen: seen + np.array([degrees, 0.0]) if first <= t < end else seen
-
-
-def lost(first, end):
-    return lambda t, seen: np.where([first <= t < end, False], np.nan, seen)
 
 
 def test_good_readings_have_no_faults():
@@ -97,35 +77,6 @@ def test_lost_readings_are_counted_together_and_both_axes_named_once():
     assert result.done
 
 
-def test_faults_that_both_axes_have_at_the_same_time_are_one():
-    result = driven(lambda t, seen: np.where([t >= 20.0, t >= 20.0], np.nan, seen))
-    (missed,) = result.missed
-    assert missed.endswith(
-        "at the end of its hold; pan and tilt, from 20.00 s to the end: the sensor is lost; the "
-        "wire cools"
-    )
-    result = driven(lambda t, seen: np.where([t >= 15.0, t >= 20.0], np.nan, seen))
-    assert [each.axis for each in result.faults] == ["pan", "tilt"]
-
-
-def test_readings_that_were_refused_are_not_called_missing():
-    why = (
-        "the view that was found again has not turned with the head yet, and 8 of 16 patches agree"
-    )
-    (fault,) = driven(lost(5.0, 5.1), [[30.0, 30.0]], 9.0, why=why).faults
-    assert fault.what == f"readings were not used, because {why}; the wire went by its model"
-
-
-def test_all_late_steps_are_one_warning_with_their_number_and_it_is_the_last():
-    control = head_control("observer", (made_up(), made_up()))
-    result = steer(Late(twice=True), control, [[30.0, 30.0]], 6.0)
-    (late,) = (each for each in result.faults if each.late)
-    assert late.times == 8
-    assert late.lasted == pytest.approx(2 * 0.12 + 6 * 0.24)
-    assert result.warnings[-1] == "8 steps were late, by up to 0.24 s"
-    assert sum("late" in each for each in result.warnings) == 1
-
-
 def test_an_axis_that_was_kept_names_the_fault_of_the_other():
     control = head_control("observer", (identified().model,) * 2, unread=UnreadWatch())
     result = steer(Spoilt(added(6.4, 99.0, -14.0)), control, TARGETS, 8.0)
@@ -159,12 +110,3 @@ def test_late_pictures_are_named_by_their_times_or_what_to_check_is(known):
     assert missed.startswith(f"pan did not reach target 1, 30 degrees: it was at {at} degrees, and")
     assert "tilt did not reach target 1, 30 degrees: it was at" in missed
     assert missed.count(f"at the end of its hold; {check}") == 1
-
-
-def test_pictures_that_are_late_by_their_content_alone_are_named_within_a_row():
-    control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
-    head = Head(noise=0.02, seed=3, delay=0.56)
-    head.age = 0.04
-    late = steer(head, control, [[40.0, 20.0]], 8.0).faults
-    assert all("readings show where the wire was 0." in each.what for each in late)
-    assert late[0].began < 6.5

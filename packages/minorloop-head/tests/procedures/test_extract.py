@@ -22,13 +22,6 @@ def test_each_frame_is_under_its_lights_and_all_are_on_afterwards():
     assert {request.exposure[1] for request in asked} == {3.0}
 
 
-def test_lights_are_not_set_again_while_a_picture_under_them_is_awaited():
-    frames, loop = acquisition(1.0), Loop(sees=True)
-    asked, again = next(frames), frames.send(loop.reading())  # without a picture
-    assert (asked.lights, again.lights, again.frame) == (SEQUENCE[0], None, True)
-    assert frames.send(loop.reading(again)).lights == SEQUENCE[1]
-
-
 def test_the_nearest_hole_is_chosen_unless_it_is_too_far():
     holes = [hole(20e-3, 9.0), hole(21e-3, 1.0)]
     assert nearest(holes, (0.5, 20.9e-3), 10e-3) is holes[1]

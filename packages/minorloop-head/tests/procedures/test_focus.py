@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from minorloop.errors import ParameterError
 from minorloop_head.geometry import wall_point
 from minorloop_head.procedures.focus import focus, peak_of, sharpness
 from minorloop_head.procedures.values import Reading, Running
@@ -78,22 +77,6 @@ def test_an_even_wall_has_nothing_to_focus_on():
     assert found.distance == 9e-3
 
 
-@pytest.mark.parametrize("spoil", [lambda image: image * 0, lambda image: image[:10]])
-def test_bad_frames_leave_the_focus_at_the_guess(spoil):
-    lens = Lens(10e-3, spoil)
-    found = autofocus(lens, CAMERA, MIDDLE, 9e-3)
-    assert found.verdict == "no frames"
-    assert lens.now == 9e-3
-
-
-def test_a_guess_beyond_the_focus_is_refused():
-    with pytest.raises(ParameterError):
-        autofocus(Lens(10e-3), CAMERA, MIDDLE, 1e-3)
-
-
-RAMP = np.add.outer(np.arange(480), np.arange(640)).astype(np.uint8)
-
-
 def test_sharpness_does_not_depend_on_the_gain_and_is_blind_to_glare():
     image = photograph(*AIM, noise=0.0)
     dim = np.rint(image * 0.5).astype(np.uint8)
@@ -101,26 +84,6 @@ def test_sharpness_does_not_depend_on_the_gain_and_is_blind_to_glare():
     glare = image.copy()
     glare[235:245, 315:325] = 255
     assert sharpness(glare, MIDDLE) == pytest.approx(sharpness(image, MIDDLE), rel=0.15)
-
-
-def test_light_that_falls_off_across_the_region_leaves_the_sharpness():
-    image = photograph(*AIM, noise=0.0)
-    shade = np.interp(np.arange(480), (191, 287), (1.0, 0.3))[:, None]
-    shaded = np.rint(image * shade).astype(np.uint8)
-    assert sharpness(shaded, MIDDLE) == pytest.approx(sharpness(image, MIDDLE), rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("image", "pixel"),
-    [
-        (None, MIDDLE),
-        (np.zeros((480, 640), np.uint8), MIDDLE),
-        (RAMP, (np.nan, 0.0)),
-        (RAMP, (5000.0, 0.0)),
-    ],
-)
-def test_nothing_to_see_is_not_a_number(image, pixel):
-    assert np.isnan(sharpness(image, pixel))
 
 
 def test_a_flat_top_with_scatter_gives_the_middle_of_the_curve():

@@ -1,4 +1,3 @@
-import shutil
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 
@@ -81,23 +80,6 @@ def test_a_finished_identification_needs_no_head(found, folder):
 
     again = replace(measurement(folder), connect=absent).identified()
     assert (again.check, again.on) == (found.check, found.on)
-
-
-def test_a_folder_of_another_identification_is_refused(found, folder):
-    with pytest.raises(StoreError, match="belongs to another run"):
-        measurement(folder, how=HeadExcitation(bands=3, hold=12.0)).identified()
-
-
-def test_minor_loops_may_be_added_to_a_finished_identification(found, folder, tmp_path):
-    for path in folder.glob("*.sqlite"):
-        shutil.copy(path, tmp_path)
-    more = measurement(tmp_path, how=replace(QUICK, minor_loops=True))
-    left = more.left()
-    assert left == {"pan-minor-loops": 4, "tilt-minor-loops": 4}
-    again = more.identified()
-    assert set(again.stores) - set(found.stores) == {f"{name}.sqlite" for name in left}
-    assert again.check != found.check
-    assert measurement(tmp_path).identified().check == found.check
 
 
 @pytest.mark.parametrize(

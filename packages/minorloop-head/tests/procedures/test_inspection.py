@@ -8,7 +8,7 @@ import pytest
 
 from minorloop.errors import InstrumentError
 from minorloop_head.geometry import Pinhole, wall_distance
-from minorloop_head.procedures import inspected_view, inspection
+from minorloop_head.procedures import inspection
 from minorloop_head.procedures.inspected_view import InspectedView, with_finding
 from minorloop_head.procedures.inspection import (
     NOT_VISITED,
@@ -70,6 +70,7 @@ def test_a_hole_is_found_centred_and_measured(rig):
     assert near.steps == tuple(rig.log[2:4])
 
 
+@pytest.mark.whole
 def test_a_hole_that_the_centred_view_does_not_show_is_found_from_another_side(rig, monkeypatch):
     missed = iter([True])
     real = inspection.nearest
@@ -146,6 +147,7 @@ def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch)
     assert (left[0][0].phi, left[0][0].seen_in) == (lost.phi, ("view 1",))
 
 
+@pytest.mark.whole
 def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
     course = np.stack([np.linspace(-2.4, -2.2, 9), np.full(9, 20e-3)], axis=1)
     line = TracedCrack(course, np.full(9, 0.2e-3), 2e-3, 0.3)
@@ -174,24 +176,6 @@ def test_a_view_that_cannot_be_used_is_taken_once_more(rig, monkeypatch, bad, ve
     once, then = (entry.outcome for entry in rig.log[:2])
     assert once == "frozen; taken once more"
     assert then.startswith(words)
-
-
-def test_blurred_or_veiled_pictures_are_told_before_the_first_visit(rig, monkeypatch):
-    verdicts = iter(["blurred", "veiled"])
-    monkeypatch.setattr(inspected_view, "clarity", lambda image: next(verdicts))
-    inspect_wall(rig)
-    step = next(entry for entry in rig.log if entry.what == "lens")
-    assert not step.succeeded
-    said = (
-        "pictures are blurred, if the wall is not smooth, or veiled: 2 of 2; small defects may be"
-    )
-    assert step.outcome.startswith(said)
-
-
-def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):
-    monkeypatch.setattr(inspection, "_MOST_HOLES", 0)
-    inspect_wall(rig)
-    assert rig.log[-1].outcome == "1 candidate; the likeliest 0 are visited"
 
 
 def test_it_ends_with_the_sensor_that_failed(rig, monkeypatch):

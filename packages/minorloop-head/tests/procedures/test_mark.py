@@ -13,7 +13,6 @@ from minorloop_head.procedures.mark import (
     Marking,
     Touch,
     aim_at,
-    tool_pixel,
 )
 from minorloop_head.procedures.meter import Light
 from minorloop_head.procedures.values import Request
@@ -85,13 +84,6 @@ def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
     assert bench.tip.tool.extension == 0.0
 
 
-def test_a_tool_moves_sideways_through_a_point_and_part_of_the_way():
-    tool = Tool(offset=(0.0, 3e-3, 0.0), slope=(0.0, -0.1))
-    moved = tool.through((0.2e-3, 2.4e-3, 10e-3))
-    assert moved.offset == pytest.approx((0.2e-3, 3.4e-3, 0.0))
-    assert tool.between(moved, 0.5).offset == pytest.approx((0.1e-3, 3.2e-3, 0.0))
-
-
 def test_it_waits_while_it_sees_nothing_and_goes_on_when_it_sees_again():
     first = touched()[0].ticks
     blind = tuple(range(first - 60, first - 40))
@@ -111,16 +103,6 @@ def test_a_place_out_of_reach_and_a_head_without_a_tool_are_said():
     assert loop.run(bare.touch(Touch(place=np.array(PLACE)), Light())).verdict == NO_TOOL
 
 
-def test_the_tool_meets_the_wall_where_it_is_seen():
-    angles = Tool().aim(
-        CALIBRATED.mount_at(CATHETER), PLACE, 10e-3, aim_at(CALIBRATED, PLACE, CATHETER)
-    )
-    assert tool_pixel(CALIBRATED, Tool(), CATHETER, angles) == pytest.approx(
-        eye().pixel(PLACE, *angles)
-    )
-    assert np.isnan(tool_pixel(CALIBRATED, Tool(offset=(0.0, 9.9e-3, 0.0)), CATHETER, angles)).all()
-
-
 def test_a_feature_at_the_edge_of_the_picture_is_marked_by_a_patch_beside_it():
     """The picture shows the outline, but not the whole patch about it."""
     bench, marking, beside = Bench(), Marking(calibration=CALIBRATED), EDGE
@@ -131,22 +113,3 @@ def test_a_feature_at_the_edge_of_the_picture_is_marked_by_a_patch_beside_it():
     wanted = PLACE + np.array(beside) / np.array([10e-3, 1.0])
     assert wall_distance(bench.tip.tool.marks[-1], wanted, 10e-3) < 0.1e-3
     assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3
-
-
-class Hiding(Bench):
-    """A bench whose tool hides everything once it touches the wall."""
-
-    def reading(self, request=None):
-        now = super().reading(request)
-        hidden = now.touching and now.image is not None
-        return replace(now, image=np.zeros_like(now.image)) if hidden else now
-
-
-def test_a_tool_that_hides_what_is_tracked_waits_and_touches():
-    bench, touch = Hiding(), Touch(place=np.array(PLACE), beside=np.array(BESIDE))
-    bench.run(Marking(calibration=CALIBRATED).touch(touch, Light()))
-    assert touch.verdict == TOUCHED
-    mark = bench.tip.tool.marks[-1]
-    assert wall_distance(touch.touch, mark, 10e-3) < 0.1e-3  # by its mark
-    assert touch.touch is touch.mark
-    assert bench.tip.tool.extension == 0.0

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop_head.procedures.meter import LIMITS, Light, meter, wall_ahead
+from minorloop_head.procedures.meter import LIMITS, Light, meter
 from minorloop_head.procedures.values import Reading, Running
 
 from .fakes import CALIBRATION, TICK
@@ -25,16 +25,6 @@ def test_the_gain_comes_to_a_middle_grey(light):
     asked, grey = metered(light)
     assert grey == pytest.approx(LIMITS.grey, rel=0.05)
     assert len(asked) == pytest.approx(1 / TICK, abs=3)
-
-
-def test_the_focus_follows_the_wall_ahead_within_its_limits():
-    ahead = [
-        wall_ahead(CALIBRATION, Reading(t=0.0, angles=np.array([pan, 0.0])))
-        for pan in (0.0, 0.3, 1.0)
-    ]
-    assert ahead[0] == LIMITS.farthest
-    assert ahead == sorted(ahead, reverse=True)
-    assert ahead[-1] >= LIMITS.nearest
 
 
 def test_a_place_is_exposed_for_though_the_rest_of_the_picture_is_dark():

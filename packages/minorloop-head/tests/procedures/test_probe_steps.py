@@ -70,14 +70,6 @@ def test_a_scan_that_gives_no_depth_is_repeated_beside_the_first(monkeypatch, fi
     assert steps == [("measure", False), ("measure again", True)]
 
 
-def test_the_first_scan_counts_if_the_second_gives_no_depth_either(monkeypatch):
-    verdicts = ["disturbed", "no floor echo"]
-    monkeypatch.setattr(
-        probe_steps, "measure_pit", lambda *given: PitDepth(verdicts.pop(0), 0.3, 20e-3)
-    )
-    assert scanned_pit(Rig(), HOLE, Scanner())[0].verdict == "disturbed"
-
-
 def test_what_is_out_of_reach_has_no_depth():
     scanner = Scanner(refused="out of reach: pan needs 53 degrees")
     pit, scanned = scanned_pit(Rig(), HOLE, scanner)

@@ -334,13 +334,6 @@ def test_the_wires_are_controlled_while_pictures_are_late_and_while_it_computes(
     assert it.t - before == pytest.approx(5.0)
 
 
-def test_a_sensor_that_failed_is_named():
-    it = rig()
-    it._state = HeadState((Axis(), Axis(fault="lost")))
-    with pytest.raises(InstrumentError, match="the sensor of tilt is lost"):
-        it.check_sensors()
-
-
 @pytest.fixture
 def head_file(monkeypatch, tmp_path):
     """Devices behind an address, how often they were closed, and the file of their head."""
@@ -374,17 +367,6 @@ def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(head_file, monkeypat
         save_head(HeadFile(serial=serial, **known), file, force=True)
         with pytest.raises(ModelFileError, match=said):
             rig_at("bench:head.toml", "camera:0", file).__enter__()
-
-
-def test_a_camera_whose_exposure_cannot_be_set_is_named_at_the_start(head_file, monkeypatch):
-    (devices, _, file), told = head_file, []
-    with rig_at("bench:head.toml", "camera:0", file, told.append):
-        assert told == []
-    monkeypatch.setattr(devices, "exposes", False)
-    with rig_at("bench:head.toml", "camera:http://10.0.0.7/", file, told.append):
-        (entry,) = told
-    assert entry.what == "camera"
-    assert "set it at the camera" in entry.outcome
 
 
 def test_one_late_answer_does_not_end_the_start(head_file, monkeypatch):
@@ -444,12 +426,3 @@ def test_a_head_without_sensors_goes_by_the_pictures_under_all_lights(monkeypatc
     it._state = HeadState((Axis(), Axis(fault="lost")))
     with pytest.raises(InstrumentError, match="the camera does not show the angles: too dark"):
         it.check_sensors()
-
-
-def test_a_head_that_never_stands_still_is_not_begun_with(monkeypatch):
-    it = on_bench(
-        Devices(), seen=SimpleNamespace(known=False, why="3 of 20", read=lambda *_, **__: [0, 0])
-    )
-    monkeypatch.setattr(module, "LONGEST", 0.2)
-    with pytest.raises(InstrumentError, match="does not show the angles: 3 of 20"):
-        it.begin()

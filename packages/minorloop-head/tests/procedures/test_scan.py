@@ -10,19 +10,13 @@ from minorloop_head.procedures.scan import (
     AIMED,
     MOST_OFF,
     NO_COUPLING,
-    SLEEVED,
     RasterScan,
     ScannedRaster,
     burst_of,
-    flooded_reach,
-    has_coupling,
 )
 from minorloop_head.sources import Shot
 from minorloop_head.twins.catheter import Catheter
-from minorloop_head.twins.head import Head
 from minorloop_head.ultrasound.pits import PITCH
-from papers.catheter import scoring
-from papers.catheter.flooded import water
 from wires import identified
 
 from .fakes import CALIBRATION, Loop
@@ -203,33 +197,6 @@ def test_what_cold_water_puts_out_of_reach_is_said():
     assert not SCAN.out_of_reach(control())
 
 
-def test_a_burst_that_is_never_fired_is_skipped():
-    loop = Loop()
-    loop.reading = lambda request=None: Loop.reading(loop)  # shots never come
-    state = loop.run(SCAN.scan(ScannedRaster(), CENTRE))
-    assert len(shot_at(loop)) == SCAN.points**2
-    assert state.bursts == ()
-
-
-@pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0, 40.0])
-def test_what_is_predicted_in_water_from_air_is_what_the_twin_reaches(temperature):
-    found = flooded_reach(control(), (20.0, 20.0), temperature)
-    truth = scoring.ends(Head(), water(temperature))
-    assert found == pytest.approx(truth, abs=4.0)
-
-
-def test_warmer_water_and_less_convection_reach_farther():
-    largest = [flooded_reach(control(), (20.0, 20.0), t)[0, 1] for t in (5.0, 10.0, 15.0, 20.0)]
-    assert (np.diff(largest) > 3.0).all()
-    less = flooded_reach(control(), (20.0, 20.0), 10.0, cooling=0.8 * SLEEVED)
-    assert less[0, 1] > largest[1] + 3.0
-
-
-def test_a_bare_wire_in_water_does_not_move():
-    bare = flooded_reach(control(), (20.0, 20.0), 20.0, cooling=20 * SLEEVED)
-    assert bare == pytest.approx(0.0, abs=0.5)
-
-
 EAR = CALIBRATION.probe_at((12e-3, 0.2))
 AIM = np.array([-0.35, 0.0])
 
@@ -245,14 +212,6 @@ def test_a_burst_without_an_echo_reports_no_coupling_until_one_before_it_had_one
     assert (first.verdict, first.used, first.trace.size) == (NO_COUPLING, 0, 0)
     assert (later.verdict, later.used) == ("", 4)
     np.testing.assert_allclose(later.angles, AIM)
-
-
-def test_a_raster_whose_first_burst_meets_a_flank_is_coupled():
-    lost = burst_of(silent(), AIM, AIM, EAR, coupled=False)
-    kept = burst_of(silent(), AIM, AIM, EAR, coupled=True)
-    assert has_coupling([lost, kept])
-    assert not has_coupling([lost, lost])
-    assert not has_coupling([])
 
 
 def test_a_burst_far_off_its_point_is_refused():

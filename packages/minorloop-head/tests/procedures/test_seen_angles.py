@@ -5,7 +5,6 @@ import pytest
 
 from minorloop import Channel, InstrumentError, ParameterError, Plan, Setup, Store, run
 from minorloop.lab.wrapped_actuator import single_channel
-from minorloop.twins.fibre import Fibre
 from minorloop_head.console.plant import open_plant, open_tip
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures import seen_angles
@@ -49,12 +48,6 @@ def test_it_is_a_head_with_angles_from_its_zero():
 def test_angles_are_counted_from_where_the_cold_wires_are():
     seen, _ = head(cold=(0.4, 0.3))
     assert seen.exchange(np.zeros(2)) == pytest.approx([0.4, 0.3], abs=0.05)
-
-
-def test_the_age_of_a_picture_is_that_of_its_time():
-    seen, _ = head(lambda frame: Frame(frame.t - 0.3, frame.image))
-    seen.exchange(np.zeros(2))
-    assert 0.3 <= seen.age <= 0.34
 
 
 def test_a_sweep_turns_one_axis_after_the_other_and_takes_a_picture_of_each_current():
@@ -108,12 +101,6 @@ def test_a_camera_that_shows_nothing_stops_the_run_and_says_why(monkeypatch):
     assert seen.why == "camera:0 gave no picture"
     with pytest.raises(InstrumentError, match="does not show the angles: camera:0 gave no"):
         seen.apply(np.zeros(2), 0.4, 0.4)
-
-
-def test_an_actuator_without_two_currents_is_refused():
-    _, view = open_tip("twin:pipe", scale=0.5)
-    with pytest.raises(ParameterError, match="a head has two currents in A first"):
-        SeenHead(Fibre(), lambda: None, view)
 
 
 class Slow:
@@ -207,12 +194,6 @@ def test_the_zero_is_looked_for_only_without_current():
     assert seen_angles.unseen(angles.why).endswith("cold head, and it is heated")
     assert np.isnan(angles.read(still, cold=True)).all()
     assert "it has to stand still first" in seen_angles.unseen(angles.why)
-
-
-def test_white_pictures_at_the_start_are_called_saturated(monkeypatch):
-    monkeypatch.setattr(seen_angles, "_PATIENCE", 3.0)
-    with pytest.raises(InstrumentError, match="the first picture is saturated; switch LEDs off"):
-        head(lambda frame: Frame(frame.t, np.full_like(frame.image, 255)))
 
 
 def test_a_sweep_whose_pictures_show_nothing_for_10_s_stops_with_the_wires_off(monkeypatch):

@@ -95,11 +95,3 @@ def test_a_picture_that_does_not_show_the_wall_gives_no_turn_and_says_why(tip, b
     base.read(2.0, AIM, PLACE)
     base.see(picture(tip, AIM + math.radians(8.0), np.zeros(2)), 2.0)
     assert np.isnan(base.at(2.0)).all()
-
-
-def test_another_begin_counts_anew(tip, base):
-    begun(tip, base)
-    base.read(1.0, AIM + 0.02, PLACE)
-    base.begin(picture(tip, AIM + 0.02, np.zeros(2)), 1.0)
-    assert base.at(1.0) == pytest.approx([0.0, 0.0])
-    assert np.isnan(base.at(0.16)).all()

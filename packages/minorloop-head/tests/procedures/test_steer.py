@@ -158,11 +158,3 @@ def test_a_target_that_turns_out_to_be_unreachable_is_named():
     result = steer(Head(noise=0.05), control, [[50.0, 0.0]], 20.0)
     (sentence,) = result.unreachable
     assert sentence.startswith("pan did not reach target 1: target 50 degrees is unreachable: ")
-
-
-@pytest.mark.parametrize(
-    ("targets", "hold"), [([[1.0]], 1.0), ([[1.0, np.nan]], 1.0), ([[1.0, 1.0]], 0.0)]
-)
-def test_targets_that_cannot_be_held_are_refused(targets, hold):
-    with pytest.raises(ParameterError, match="give"):
-        steer(Head(), CONTROL, targets, hold)

@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from minorloop_head.control.head import head_control
 from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.scan import RasterScan
@@ -79,21 +78,6 @@ def test_a_sweep_out_of_reach_is_refused():
     cold = ProbeSweep(calibration=replace(CALIBRATION, temperature=1.0))
     assert "out of reach" in cold.point.out_of_reach(control)
     assert not SWEEP.point.out_of_reach(control)
-
-
-@pytest.mark.parametrize(
-    ("phi", "z", "words"),
-    [
-        ((1.0, 1.0), Z, "from 57.3 to 57.3 degrees"),
-        (np.radians((10.0, 11.0)), Z, "that is 1 degree; give at least 2.8, two"),
-        ((0.0, 7.0), Z, "that is 401.1 degrees; .* and at most 360 degrees"),
-        (PHI, (2e-3, 1e-3), "from 2 to 1 mm .* which are -1 mm; .* the greater place last"),
-        (PHI, (-1e-3, 1e-3), "from 0 mm on, up to the end of the pipe at 50 mm"),
-    ],
-)
-def test_an_area_that_cannot_be_swept_is_refused(phi, z, words):
-    with pytest.raises(ParameterError, match=words):
-        ProbeSweep(calibration=replace(CALIBRATION, length=50e-3)).area(phi, z)
 
 
 def test_a_sweep_that_was_cut_off_goes_on_with_its_last_line(swept):

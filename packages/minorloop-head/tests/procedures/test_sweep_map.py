@@ -77,35 +77,12 @@ def test_the_area_is_drawn_and_the_rest_of_the_pipe_is_not(brief, count):
 
 
 LONG = Patch(0.3, 20e-3, 60, 24, step=0.1e-3)
-SQUARE = Patch.around(0.3, 20e-3, size=1.6e-3)
 
 
 def cracked():
     crack = np.zeros((60, 24), bool)
     crack[10:50, 11:13] = True
     return camera_map(LONG, np.ones((60, 24), bool), crack)
-
-
-def pitted(rim):
-    """A pit, and a rim above the wall by its uncertainty."""
-    off = np.linalg.norm(SQUARE.off(0.3, 20e-3), axis=-1)
-    edge = np.abs(off - 0.5e-3) < 0.1e-3
-    depth = np.where(edge, -rim, np.where(off < 0.5e-3, 0.6e-3, 0.0))
-    sd = np.where(edge, 0.2e-3, 0.01e-3)
-    return DepthMap(SQUARE, depth, sd, np.full(depth.shape, ECHOES, np.uint8))
-
-
-def colour_bars(figure):
-    return [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
-
-
-def test_a_rim_above_the_wall_by_less_than_its_band_takes_no_colours():
-    for rim, least in ((0.1e-3, 0.0), (0.5e-3, -0.5)):
-        figure = draw_finding(pitted(rim))
-        low, high = figure.axes[0].images[0].get_clim()
-        assert low == pytest.approx(least)
-        assert high == pytest.approx(0.6)
-        assert len(colour_bars(figure)) == 3
 
 
 def test_a_surface_is_of_whole_quads_and_is_open_where_nothing_is_known():
@@ -119,14 +96,3 @@ def test_a_surface_is_of_whole_quads_and_is_open_where_nothing_is_known():
     assert {len(path.vertices) for path in paths} == {5}
     # Each of 60 by 24 texels is four by four faces across, fewer by those at the crack.
     assert 0.8 * np.isfinite(wall.depth).sum() < len(paths) / 4 < np.isfinite(wall.depth).sum()
-
-
-def test_a_finding_without_an_echo_shows_the_sources_alone():
-    figure = draw_finding(cracked())
-    assert [axes.get_title() for axes in figure.axes] == ["source; no echo gives a depth", ""]
-
-
-def test_a_millimetre_of_a_map_is_as_long_both_ways():
-    (axes, *_) = draw_pipe_map(swept(-0.3, 0.3), (-0.3, 0.3)).axes
-    turn = math.degrees(1e-3 / PATCH.radius)
-    assert axes.get_aspect() == pytest.approx(turn)

@@ -3,19 +3,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop_head.reconstruction.depth_map import (
     CAMERA,
-    ECHOES,
     UNSEEN,
-    DepthMap,
     Patch,
     WaterLine,
     camera_map,
     find_water,
-    paste,
-    unseen_map,
 )
 
 PATCH = Patch.around(0.3, 20e-3, size=2e-3)
@@ -31,10 +26,6 @@ def test_a_patch_is_centred_and_a_tenth_of_a_millimetre_fine():
 def test_off_goes_the_short_way_round():
     patch = Patch.around(np.pi, 0.0, size=1e-3)
     assert np.abs(patch.off(-np.pi, 0.0)).max() < 1e-3
-
-
-def test_nothing_is_known_at_first():
-    assert unseen_map(PATCH).unseen == 1.0
 
 
 def test_the_camera_knows_the_wall_but_not_the_depth_of_a_defect():
@@ -100,29 +91,6 @@ def test_a_dry_and_a_full_pipe_have_their_line_at_an_end():
     assert find_water(phi, np.ones(phi.size, bool), 10e-3).height == pytest.approx(-10e-3)
     assert find_water(phi, np.zeros(phi.size, bool), 10e-3).height == pytest.approx(10e-3)
     assert np.isnan(find_water([], [], 10e-3).height)
-
-
-def test_what_does_not_fit_is_refused():
-    with pytest.raises(ParameterError, match="empty"):
-        Patch(0.0, 0.0, 0, 3)
-    with pytest.raises(ParameterError, match="more than once"):
-        Patch(0.0, 0.0, 3, 3000)
-    with pytest.raises(SignalError, match="shape"):
-        DepthMap(PATCH, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2), dtype=np.uint8))
-    with pytest.raises(SignalError, match="2 echoes"):
-        find_water([0.0], [True, False], 10e-3)
-
-
-def test_a_part_that_is_pasted_keeps_its_texels():
-    wall = unseen_map(Patch.around(3.1, 20e-3, size=4e-3))
-    small = Patch.around(3.1, 20e-3, size=1e-3)
-    shape = (small.rows, small.columns)
-    depth = np.arange(small.rows * small.columns, dtype=float).reshape(shape)
-    part = DepthMap(small, depth, np.ones(shape), np.full(shape, ECHOES, dtype=np.uint8))
-    found = paste(wall, part)
-    assert (found.source == ECHOES).sum() == depth.size
-    assert found.depth[found.source == ECHOES] == pytest.approx(depth.ravel())
-    assert (paste(found, unseen_map(small)).source == found.source).all()
 
 
 @pytest.mark.parametrize(

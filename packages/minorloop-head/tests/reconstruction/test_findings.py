@@ -24,27 +24,11 @@ def test_the_table_holds_degrees_and_millimetres():
     assert float(first["width [mm]"]) == float(first["length [mm]"]) == 1.0
 
 
-def test_what_is_not_known_is_left_empty():
-    (row,) = csv.DictReader(io.StringIO(finding_table([finding_of(HOLE)])))
-    assert row["kind"] == "hole"
-    assert row["depth [mm]"] == ""
-    assert "nan" not in finding_table([finding_of(HOLE)])
-
-
 def test_it_is_written_or_refused(tmp_path):
     path = save_findings([finding_of(PIT)], tmp_path / "findings.csv")
     assert path.read_text() == finding_table([finding_of(PIT)])
     with pytest.raises(OutputError, match="does not exist"):
         save_findings([], tmp_path / "no" / "findings.csv")
-
-
-def test_a_table_that_exists_is_replaced_only_if_asked(tmp_path):
-    path = save_findings([finding_of(PIT)], tmp_path / "findings.csv")
-    with pytest.raises(OutputError, match=r"findings\.csv exists already"):
-        save_findings([finding_of(HOLE)], path)
-    assert path.read_text() == finding_table([finding_of(PIT)])
-    save_findings([finding_of(HOLE)], path, force=True)
-    assert path.read_text() == finding_table([finding_of(HOLE)])
 
 
 @pytest.mark.parametrize(

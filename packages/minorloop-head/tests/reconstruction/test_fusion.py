@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import SignalError
 from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN, Patch
 from minorloop_head.reconstruction.fusion import MeanDepths, fuse, inside_probability, outline_of
 from minorloop_head.ultrasound.pits import PitDepth
@@ -77,26 +76,12 @@ def test_without_echoes_no_depth_is_made_up():
     assert (wall.source == CAMERA).all()
 
 
-def test_a_hole_is_infinitely_deep():
-    hole = PitDepth("through-hole", 0.0, 20e-3, 1e-3, place_sd=20e-6, diameter_sd=30e-6)
-    wall = fuse(hole, heard(TRUTH), PATCH)
-    assert np.isposinf(wall.depth[OFF < 0.4e-3]).all()
-    assert (wall.depth[OFF > 0.6e-3] == 0).all()
-
-
 def test_the_outline_of_the_image_counts_as_much_as_that_of_the_sonar():
     wide = np.where(OFF < 0.7e-3, 0.99, 0.01)
     inside = inside_probability(PATCH, PIT, wide)
     alone = inside_probability(PATCH, PIT, None)
     ring = (OFF > 0.52e-3) & (OFF < 0.6e-3)
     assert (inside[ring] > alone[ring]).all()
-
-
-def test_shapes_must_agree():
-    with pytest.raises(SignalError, match="outline"):
-        inside_probability(PATCH, PIT, np.zeros((2, 2)))
-    with pytest.raises(SignalError, match="image"):
-        fuse(PIT, heard(TRUTH), PATCH, image=np.zeros((2, 2)))
 
 
 def test_what_neither_has_seen_is_marked():

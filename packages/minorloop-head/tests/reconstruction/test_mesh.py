@@ -3,13 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.errors import OutputError, ParameterError
 from minorloop_head.reconstruction.depth_map import (
     ECHOES,
     SUFFIXES,
     DepthMap,
     Patch,
-    colours_of,
     faces_of,
     mesh_of,
     save_mesh,
@@ -58,12 +56,6 @@ def test_a_ply_says_its_unit(tmp_path):
     assert b"comment units: metres" in head
 
 
-def test_depth_is_red():
-    colours = colours_of(PIT)
-    assert colours.shape == (*OFF.shape, 4)
-    assert colours[PATCH.rows // 2, PATCH.columns // 2, 0] > colours[0, 0, 0]
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_what_is_written_can_be_read_again(tmp_path, suffix):
     import trimesh
@@ -72,10 +64,3 @@ def test_what_is_written_can_be_read_again(tmp_path, suffix):
     again = trimesh.load(path, force="mesh")
     assert len(again.faces) == len(faces_of(PIT))
     assert again.bounds == pytest.approx(mesh_of(PIT).bounds, abs=1e-8)
-
-
-def test_what_cannot_be_written_is_refused(tmp_path):
-    with pytest.raises(ParameterError, match=r"wall\.stl"):
-        save_mesh(PIT, tmp_path / "wall.stl")
-    with pytest.raises(OutputError, match="cannot write"):
-        save_mesh(PIT, tmp_path / "no" / "wall.ply")

@@ -47,13 +47,6 @@ def test_moving_one_axis_disturbs_the_wire_of_the_other():
     assert pushed - free > 0.05
 
 
-def test_a_load_may_act_on_one_axis_alone():
-    plain, _ = settled(0.33, 0.33)
-    pushed, _ = settled(0.33, 0.33, surroundings=Surroundings(load=(0.0, 1e-3)))
-    assert plain[1] - pushed[1] > 1.0
-    assert abs(plain[0] - pushed[0]) < 0.5 * (plain[1] - pushed[1])
-
-
 def test_the_flow_makes_a_held_head_sway():
     sway = (Course(0.0, amplitude=1e-3, period=1 / 0.3), Course(0.0, amplitude=1e-3, period=4.3))
     twin = Head(surroundings=Surroundings(load=sway))

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import LimitError
 from minorloop_head.geometry import Mount
 from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.catheter import Catheter
@@ -43,12 +42,6 @@ def test_a_stance_is_where_the_rig_is():
     assert (pan, tilt) == pytest.approx(y[:2] - STRAIGHT, abs=1e-9)
     assert faster > 0
     assert (advance, roll) == pytest.approx(tuple(y[2:]))
-
-
-def test_limits_of_a_rig_are_kept():
-    for u in ([0.5, 0.0, 0.0, 0.0], [0.1, 0.0, 0.03, 0.0]):
-        with pytest.raises(LimitError):
-            Rig().exchange(np.array(u))
 
 
 def test_a_tip_has_echoes_in_water_only_and_the_image_of_a_camera_there():

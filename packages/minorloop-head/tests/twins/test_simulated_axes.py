@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop import Actuator, LimitError, ParameterError, SignalError
+from minorloop import LimitError, ParameterError, SignalError
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import SimulatedFault
@@ -32,17 +32,6 @@ def wave(kind, count, seed=0):
 
 
 @every_kind
-def test_it_implements_the_protocol(kind):
-    twin = kind()
-    assert isinstance(twin, Actuator)
-    y = twin.exchange(inputs(kind, [0.5, 0.5]))
-    if len(kind.outputs) == 1:
-        assert isinstance(y, float)
-    else:
-        assert y.shape == (2,)
-
-
-@every_kind
 def test_exchange_is_a_hold_of_one_tick(kind):
     loop, bench = kind(tick=0.5), kind(tick=0.5)
     for u in wave(kind, 40):
@@ -63,17 +52,6 @@ def test_a_hold_does_not_depend_on_how_it_is_sampled(kind):
     for _ in range(500):
         last = pieces.exchange(u)
     np.testing.assert_allclose(last, expected, rtol=1e-6)
-
-
-@every_kind
-def test_a_waveform_that_rests_is_a_hold(kind):
-    u = inputs(kind, [0.9, 0.8])
-    t = np.linspace(0, 20, 201)
-    driven = kind().drive(t + 5, np.multiply.outer(u, np.ones(t.size)))
-    held = kind().apply(u, 20.0, 0.1)
-    np.testing.assert_allclose(driven.t, t, atol=1e-12)
-    np.testing.assert_allclose(driven.y[..., 1:], held.y, atol=1e-9)
-    np.testing.assert_allclose(driven.y[..., 0], 0.0, atol=1e-9)
 
 
 @every_kind
@@ -165,56 +143,6 @@ def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(kind, wrong):
 
 @every_kind
 @pytest.mark.parametrize(
-    ("duration", "interval", "complaint"),
-    [
-        (0.0, 1.0, r"duration is 0\.0; give a positive"),
-        (1.0, np.nan, "sample_interval is nan"),
-        (1.0, 1e-12, "samples, more than"),
-        (1e15, 1e15, "steps, more than"),
-    ],
-)
-def test_refuses_times_that_are_none(kind, duration, interval, complaint):
-    with pytest.raises(ParameterError, match=complaint):
-        kind().apply(inputs(kind, [0.5, 0.5]), duration, interval)
-
-
-@every_kind
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"noise": -0.1},
-        {"delay": 11.0},
-        {"substeps": 0},
-        {"faults": [SimulatedFault("yaw", "lost", 0.0)]},
-        {"faults": [3]},
-        {"delay": 10.0, "substeps": 10**6},
-    ],
-)
-def test_refuses_options_out_of_range(kind, options):
-    with pytest.raises(ParameterError, match=next(iter(options)).removesuffix("s")):
-        kind(**options)
-
-
-@every_kind
-@pytest.mark.parametrize(
-    ("act", "complaint"),
-    [
-        (lambda kind: kind().exchange(np.zeros(3)), "give one number for each of"),
-        (lambda kind: kind().drive([0.0, 1.0], np.zeros((3, 2))), "give u of shape"),
-        (lambda kind: kind().exchange([10**400] * len(kind.inputs)), "more than a float can hold"),
-        *(
-            (lambda kind, nothing=nothing: kind().restore(nothing), "give a dict from checkpoint")
-            for nothing in (None, [], 3, "x")
-        ),
-    ],
-)
-def test_refuses_what_is_no_input_and_no_checkpoint(kind, act, complaint):
-    with pytest.raises((ParameterError, SignalError), match=complaint):
-        act(kind)
-
-
-@every_kind
-@pytest.mark.parametrize(
     ("change", "complaint"),
     [
         ({"twin": "fibre"}, "has twin 'fibre'"),
@@ -238,27 +166,6 @@ def test_refuses_a_checkpoint_of_another_or_a_damaged_one(kind, change, complain
     del kept["state"]
     with pytest.raises(ParameterError, match="it has no state"):
         twin.restore(kept)
-
-
-def moved(kind, delay=0.1):
-    """A twin that was moved for a while."""
-    twin = kind(delay=delay)
-    for u in wave(kind, 60):
-        twin.apply(u, 0.5, 0.5)
-    return twin
-
-
-@every_kind
-@pytest.mark.parametrize(
-    ("column", "value", "complaint"),
-    [(0, 1e3, "times of its past"), (0, -1.0, "times of its past"), (1, 1e6, "its past goes")],
-)
-def test_refuses_a_past_that_cannot_be(kind, column, value, complaint):
-    twin = moved(kind)
-    wrong = twin.checkpoint()
-    wrong["past"][3][column] = value
-    with pytest.raises(ParameterError, match=complaint):
-        twin.restore(wrong)
 
 
 @pytest.mark.parametrize("kind", [Wire, Head])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.twins.pipe import Bore, Dent, Dirt, Finish, Pipe, Scratch, Weld
+from minorloop_head.twins.pipe import Bore, Dent, Dirt, Finish, Pipe, Weld
 from minorloop_head.twins.surface import COLUMNS, lay_out, with_dirt
 
 SMOOTH = Finish(brush=1e-9, streak=1e-9, stain=1e-9)
@@ -67,14 +67,6 @@ def test_a_dent_slopes_down_to_its_middle_from_all_sides():
     assert along[i + 6, j] > 0.05
     steepest = 0.607 * 1e-4 / 5e-4
     assert np.abs(around).max() == pytest.approx(steepest, rel=0.02)
-
-
-def test_a_bent_scratch_leaves_its_chord_by_half_the_curvature_times_the_square():
-    bent = Scratch(2.0, 5e-3, 0.0, 4e-3, 1e-4, albedo=0.2, bend=200.0)
-    level, surface = finest(Pipe(length=10e-3, finish=SMOOTH, scratches=(bent,)))
-    columns = [round((20e-3 + x) / surface.size[0]) for x in (0.0, 1.5e-3)]
-    middle, end = (np.argmin(level[:, j, 0]) * surface.size[1] for j in columns)
-    assert end - middle == pytest.approx(0.5 * 200.0 * 1.5e-3**2, abs=0.06e-3)
 
 
 def test_a_weld_slopes_down_to_both_toes_and_has_valleys_at_its_pitch():

@@ -1,10 +1,7 @@
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
-from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import GASES, Course, Filling, Surroundings, convection
 
 
@@ -34,11 +31,6 @@ def test_a_course_never_leaves_its_bounds(start, end, at, duration, amplitude, p
     assert low - slack <= course(t) <= high + slack
 
 
-def test_loads_are_one_for_all_or_one_an_axis():
-    np.testing.assert_array_equal(Surroundings(load=1e-3).loads(2)[:, 0], [1e-3, 1e-3])
-    np.testing.assert_array_equal(Surroundings(load=(1e-3, 2e-3)).loads(2)[:, 0], [1e-3, 2e-3])
-
-
 def test_still_gases_cool_by_their_properties():
     properties = {  # conductivity, density, heat capacity and viscosity at 300 K
         "air": (0.0263, 1.161, 1007.0, 184.6e-7),
@@ -60,17 +52,6 @@ def test_a_dense_gas_cools_better_and_a_dense_liquid_does_not():
     for medium, gain in (("air", 10**0.296), ("forced gas", 10**0.384), ("flooded", 1.0)):
         ratio = convection(medium, pressure=1_013_250.0) / convection(medium)
         assert ratio == pytest.approx(gain, rel=1e-12)
-
-
-def test_refuses_what_no_surroundings_are():
-    with pytest.raises(ParameterError, match="there are 3 loads; give one, or 2"):
-        Head(surroundings=Surroundings(load=(0.0, 0.0, 0.0)))
-    with pytest.raises(ParameterError, match="surroundings is 'air'; give a Surroundings"):
-        Head(surroundings="air")
-    with pytest.raises(ParameterError, match="medium is 'oil'; give one of 'air'"):
-        convection("oil")
-    with pytest.raises(ParameterError, match=r"pressure is 1\.0 Pa"):
-        convection("air", pressure=1.0)
 
 
 def test_water_and_gas_of_a_pipe_set_ambient_and_convection():

@@ -8,7 +8,7 @@ import pytest
 
 from minorloop_head.geometry import Mount, Probe, wrapped
 from minorloop_head.reconstruction.depth_map import Patch
-from minorloop_head.ultrasound.c_scan import CRACK, CUT, NO_ECHO, PIT, c_scan
+from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT, c_scan
 from minorloop_head.ultrasound.echoes import Burst, Pulse
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.wall_echoes import SweptBurst, beam_width
@@ -61,15 +61,6 @@ def test_a_plain_wall_has_no_depth_and_no_finds(plain):
     assert np.nanmean(plain.amplitude) == pytest.approx(1.0, abs=0.05)
     assert plain.gap.mean() < 0.03
     assert np.abs(plain.wall.depth[~plain.gap] / plain.wall.sd[~plain.gap]).mean() < 2.0
-
-
-def test_a_line_that_lacks_is_a_gap():
-    lines = [one for one in swept() if abs(one.spot[1] - Z - 0.5e-3) > 0.3e-3]
-    found = c_scan(lines, PROBE, PATCH)
-    middle = np.abs(PATCH.places[..., 1] - Z - 0.5e-3) < 0.05e-3
-    assert found.gap[middle].mean() > 0.9
-    assert np.isnan(found.amplitude[found.gap]).all()
-    assert np.isinf(found.wall.sd[found.gap]).all()
 
 
 def test_faulty_bursts_count_as_gaps():
@@ -141,20 +132,6 @@ def test_the_place_of_a_bent_crack_is_on_it():
     assert abs(y - arch(x)) < 0.3e-3
 
 
-def test_a_slender_loss_along_the_edge_is_no_claim():
-    (find,) = c_scan(lossy(0.6, at=-1.76e-3), PROBE, PATCH).finds
-    assert find.kind == CUT
-    assert find.length > 2e-3
-
-
-def test_a_crack_that_runs_to_the_edge_is_at_least_as_long():
-    (inside,) = c_scan(lossy(0.6), PROBE, PATCH).finds
-    (beyond,) = c_scan(lossy(0.6, half=9e-3), PROBE, PATCH).finds
-    assert (inside.kind, inside.at_least) == (beyond.kind, not beyond.at_least) == (CRACK, False)
-    assert inside.finding(10e-3).verdict == "swept"
-    assert beyond.finding(10e-3).verdict == "swept, at least as long"
-
-
 def test_the_band_of_a_depth_has_that_of_the_speed_of_sound():
     (shallow,), (deep,) = (
         c_scan(swept(round_pit(depth)), PROBE, PATCH).finds for depth in (0.2e-3, 1e-3)
@@ -194,13 +171,6 @@ def test_floors_in_a_slender_loss_are_the_depth_of_a_crack():
     (find,) = c_scan(swept(gap), PROBE, PATCH).finds
     assert find.kind == CRACK
     assert find.depth == pytest.approx(0.5e-3, abs=20e-6)
-
-
-def test_a_misplaced_pivot_is_no_depth():
-    off = lambda phi: 0.06e-3 * math.cos(phi)  # noqa: E731
-    found = c_scan(swept(off=off), PROBE, PATCH)
-    assert found.finds == ()
-    assert np.nanmax(np.abs(found.wall.depth)) < 20e-6
 
 
 def silenced(bursts, where):

@@ -3,10 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError, SignalError
 from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import (
-    Pulse,
     average,
     find_echoes,
     front_echo,
@@ -114,54 +112,9 @@ def test_shots_off_target_untracked_or_bad_are_left_out():
     assert burst.angles[0] == pytest.approx(np.mean([2, *range(5, 16)]))
 
 
-def test_what_does_not_fit_is_refused():
-    with pytest.raises(ParameterError, match="pulse"):
-        Pulse(frequency=-1.0)
-    with pytest.raises(SignalError, match="finite"):
-        find_echoes(np.full(100, np.nan), DT)
-    with pytest.raises(SignalError, match="2 angles"):
-        average([shot(np.zeros(2048))], np.zeros((2, 2)), np.zeros(1))
-
-
-@pytest.mark.parametrize(
-    "trace",
-    [
-        np.array([None] * 2048),
-        np.ones(2048, dtype=bool),
-        np.zeros(2048, dtype=complex),
-        "abc",
-        None,
-        [[1.0], [1.0, 2.0]],
-    ],
-    ids=["objects", "truths", "complex", "text", "none", "ragged"],
-)
-def test_what_is_no_row_of_numbers_is_a_verdict(trace):
-    odd = Shot(0.0, trace, DT)
-    assert trace_fault(odd) == "not a trace"
-    assert np.isnan(front_echo(odd, 8e-3, SPEED).time)
-    assert not has_wall_echo([odd] * 3, 8e-3, SPEED)
-    burst = average([odd, shot(noisy(1))], np.zeros((2, 2)), np.zeros(2))
-    assert burst.used == 1
-
-
-@pytest.mark.parametrize(("distance", "speed"), [(np.nan, SPEED), (-1.0, SPEED), (8e-3, 0.0)])
-def test_without_a_place_to_listen_there_is_no_echo(distance, speed):
-    good = shot(noisy(1, echo_at(WALL)))
-    assert np.isnan(front_echo(good, distance, speed).time)
-    assert not has_wall_echo([good], distance, speed)
-
-
 def test_a_sonar_that_repeats_itself_is_frozen():
     shots = [shot(noisy(seed, echo_at(WALL))) for seed in range(4)]
     assert average([shots[0]] * 4, np.zeros((4, 2)), np.zeros(4)).verdict == "frozen"
     burst = average([*shots, shots[3], shots[3]], np.zeros((6, 2)), np.zeros(6))
     assert burst.used == 3
     assert burst.noise > 0
-
-
-def test_shots_of_another_sample_interval_are_left_out():
-    shots = [shot(noisy(seed, echo_at(WALL))) for seed in range(3)]
-    slow = Shot(0.0, noisy(9, echo_at(WALL)), 2 * DT)
-    burst = average([slow, *shots], np.zeros((4, 2)), np.zeros(4))
-    assert burst.used == 3
-    assert burst.sample_interval == DT

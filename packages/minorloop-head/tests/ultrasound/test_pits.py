@@ -1,12 +1,10 @@
 """One scan of a pit and one of a hole on the twin, and what can go wrong with them."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Probe, wall_point, wrapped
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.findings import finding_of
@@ -20,14 +18,11 @@ from minorloop_head.ultrasound.joint_fit import solve_without_floor
 from minorloop_head.ultrasound.pits import (
     PITCH,
     POINTS,
-    UNDECIDED,
-    detect_deep_floor,
     is_through_hole,
-    last_window_end,
     measure_pit,
     raster,
 )
-from minorloop_head.ultrasound.spectra import LEAD, WINDOW, usable_bursts
+from minorloop_head.ultrasound.spectra import usable_bursts
 from papers.catheter.scan_trials import draw_trial
 from papers.catheter.scan_trials import scan as sweep
 
@@ -73,7 +68,7 @@ def test_the_depth_is_measured_to_20_micrometres(found):
     assert found.depth == pytest.approx(0.6e-3, abs=min(1.645 * found.depth_sd, 8e-6))
 
 
-@pytest.mark.parametrize("assumed", [11.5, 31.5])
+@pytest.mark.parametrize("assumed", [pytest.param(11.5, marks=pytest.mark.whole), 31.5])
 def test_a_speed_of_sound_that_is_off_by_two_percent_makes_no_false_depth(bursts, assumed):
     probe = replace(PROBE, temperature=assumed)
     assert PROBE.speed / probe.speed == pytest.approx(1 + 0.02 * np.sign(20 - assumed), abs=1e-3)
@@ -93,9 +88,8 @@ def warm():
     return scan((TRUE,), 1, points=POINTS, pitch=PITCH, temperature=30.0)
 
 
-@pytest.mark.parametrize("since", [9, 18, 27])
-def test_water_that_warms_during_a_raster_makes_no_false_depth(bursts, warm, since):
-    found = measure_pit(bursts[:since] + warm[since:], PROBE, CENTRE, 1.15e-3)
+def test_water_that_warms_during_a_raster_makes_no_false_depth(bursts, warm):
+    found = measure_pit(bursts[:18] + warm[18:], PROBE, CENTRE, 1.15e-3)
     assert found.verdict == "distances disagree"
     assert np.isnan(found.depth)
 
@@ -141,7 +135,7 @@ def test_in_air_no_depth_is_claimed():
     assert np.isnan(found.depth)
 
 
-@pytest.mark.parametrize("kept", [0, 1, 10, 15])
+@pytest.mark.parametrize("kept", [0, 15])
 def test_too_little_of_a_scan_says_so(bursts, kept):
     found = measure_pit(bursts[:kept], PROBE, CENTRE, 1.1e-3)
     assert found.verdict == "too few echoes"
@@ -169,13 +163,9 @@ def test_half_a_scan_is_kept_and_marked(bursts):
 SPOILT = [
     {"trace": np.full(2048, np.nan)},
     {"trace": np.empty(0)},
-    {"trace": np.zeros(1500)},
     {"trace": np.zeros((2, 2048))},
     {"angles": np.array([np.nan, 0.1])},
     {"noise": np.nan},
-    {"noise": 0.0},
-    {"noise": -1e-3},
-    {"sample_interval": np.nan},
     {"sample_interval": 0.0},
 ]
 
@@ -205,7 +195,7 @@ def test_faulty_shots_end_in_a_verdict_and_no_depth():
         assert found.verdict in (verdict, "no coupling")
 
 
-@pytest.mark.parametrize("samples", [900, 1000, 1080, 1150, 1300])
+@pytest.mark.parametrize("samples", [900, 1300])
 def test_traces_that_end_too_early_are_too_short(bursts, samples):
     cut = [replace(burst, trace=burst.trace[:samples]) for burst in bursts]
     found = measure_pit(cut, PROBE, CENTRE, 1.15e-3)
@@ -214,21 +204,14 @@ def test_traces_that_end_too_early_are_too_short(bursts, samples):
     assert mean_depths(cut, PROBE, Patch.around(*CENTRE, size=1e-3), found) is None
 
 
-def test_a_mouth_wider_than_the_raster_gives_a_verdict(bursts):
-    found = measure_pit(bursts, PROBE, CENTRE, 2.6e-3)
-    assert found.verdict == "raster too small"
-
-
-@pytest.mark.parametrize("diameter", [0.0, -1e-3, np.nan])
-def test_a_mouth_without_a_size_is_refused(bursts, diameter):
-    with pytest.raises(ParameterError, match="mouth"):
-        measure_pit(bursts, PROBE, CENTRE, diameter)
-
-
 @pytest.mark.parametrize(
     ("bores", "dents"),
     [
-        ((replace(TRUE, depth=0.8e-3, floor_tilt=(0.0, 0.0), dish=0.2e-3),), ()),
+        pytest.param(
+            (replace(TRUE, depth=0.8e-3, floor_tilt=(0.0, 0.0), dish=0.2e-3),),
+            (),
+            marks=pytest.mark.whole,
+        ),
         ((), (Dent(2e-3, 20.02e-3, 0.2e-3, 0.3e-3),)),
     ],
     ids=["dished", "bead"],
@@ -265,7 +248,7 @@ def test_bursts_at_one_place_or_beside_the_mouth_give_a_verdict(bursts):
     assert measure_pit(bursts, PROBE, (0.3, 20e-3), 1.1e-3).verdict == "raster beside the mouth"
 
 
-@pytest.mark.parametrize("stuck", [0, 9])
+@pytest.mark.parametrize("stuck", [0, pytest.param(9, marks=pytest.mark.whole)])
 def test_a_head_that_does_not_follow_its_angles_measures_nothing(bursts, stuck):
     rng, last = np.random.default_rng(1), bursts[stuck]
     again = [
@@ -275,29 +258,6 @@ def test_a_head_that_does_not_follow_its_angles_measures_nothing(bursts, stuck):
     found = measure_pit(bursts[:stuck] + again, PROBE, CENTRE, 1.1e-3)
     assert found.verdict in ("distances disagree", "no pit")
     assert np.isnan(found.depth)
-
-
-@pytest.mark.parametrize("centre", [(np.nan, 20e-3), (0.0, np.inf)])
-def test_a_mouth_without_a_place_is_refused(bursts, centre):
-    with pytest.raises(ParameterError, match="of a mouth"):
-        measure_pit(bursts, PROBE, centre, 1.1e-3)
-
-
-@pytest.mark.parametrize("planned", [-1, 0, 10, 36.5, np.nan])
-def test_fewer_places_than_were_scanned_cannot_have_been_planned(bursts, planned):
-    with pytest.raises(ParameterError, match="bursts planned"):
-        measure_pit(bursts, PROBE, CENTRE, 1.1e-3, planned=planned)
-
-
-@pytest.mark.parametrize(("thickness", "after"), [(1.2e-3, 0.0), (2e-3, 1.6e-6), (3e-3, 3.2e-6)])
-def test_a_thicker_wall_needs_a_later_window(thickness, after):
-    assert last_window_end(thickness) == pytest.approx(after + WINDOW - LEAD)
-
-
-def test_traces_that_end_too_early_decide_nothing():
-    short = SimpleNamespace(trace=np.zeros(1500), sample_interval=10e-9)
-    found = detect_deep_floor(fit_of(pit(gain=0.0)), pit(gain=0.0), [short] * 36)
-    assert found == UNDECIDED
 
 
 @pytest.mark.parametrize(("gain", "through"), [(0.0, True), (0.3, False), (1.0, False)])

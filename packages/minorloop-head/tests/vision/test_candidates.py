@@ -93,21 +93,6 @@ def test_a_hole_half_in_a_shadow_that_moves_is_outlined_by_what_stays():
     assert thing.diameter == pytest.approx(1e-3, rel=0.06)
 
 
-def test_light_from_behind_is_found_by_itself():
-    glow = np.log1p(np.exp(disc(60, 50, 1e-3, 3.0)) - 1)
-    found = candidates(wall([np.zeros(ROWS.shape)] * 3, glow=glow))
-    thing = nearest(found, 60, 50, "lit")
-    assert np.hypot(thing.x - 60, thing.y - 50) < 0.3
-    assert thing.diameter == pytest.approx(1e-3, rel=0.05)
-
-
-def test_what_is_hidden_is_left_out():
-    level = disc(80, 70, 1e-3, -1.5)
-    assert candidates(wall([level] * 3, hidden=np.hypot(COLUMNS - 80, ROWS - 70) < 30)) == []
-    for thing in candidates(wall([level] * 3, hidden=COLUMNS > 100)):
-        assert np.isfinite(thing.features).all()
-
-
 def test_an_even_wall_has_few_round_things_and_none_with_a_rim():
     for thing in candidates(wall([np.zeros(ROWS.shape)] * 3)):
         assert dict(zip(FEATURES, thing.features, strict=True))["rim_all"] < 0.3

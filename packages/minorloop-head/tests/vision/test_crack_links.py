@@ -25,18 +25,6 @@ def test_parts_that_continue_each_other_become_one_course_whatever_their_directi
     assert np.hypot(*np.diff(whole, axis=0).T).max() < 2
 
 
-def test_far_parts_and_those_at_a_large_angle_stay_apart():
-    first = line((0, 0), (0, 30))
-    assert len(joined([first, line((0, 60), (0, 90))])) == 2
-    assert len(joined([first, line((3, 33), (33, 33))])) == 2
-    assert len(joined([first, line((8, 0), (8, 30))])) == 2
-
-
-def test_a_third_part_does_not_join_an_end_that_is_taken():
-    parts = [line((0, 0), (0, 30)), line((0, 34), (0, 60)), line((1, 38), (9, 60))]
-    assert sorted(map(len, joined(parts)))[0] == 30
-
-
 SEEN, MARGIN = np.ones((40, 120), dtype=bool), np.zeros((40, 120), dtype=bool)
 
 

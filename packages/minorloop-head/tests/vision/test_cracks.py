@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from minorloop.errors import ParameterError, SignalError
 from minorloop_head.vision import _line_kernels as kernels
 from minorloop_head.vision.calibrated_camera import Window
 from minorloop_head.vision.cracks import TracedCrack, trace_cracks
@@ -39,8 +38,8 @@ def line(points, width, *, gap=None):
 
 
 @pytest.mark.parametrize("width", [2.5, 3.5])
-@pytest.mark.parametrize("bend", [-0.5, 0.0, 0.5])
-@pytest.mark.parametrize("turn", [0.0, 0.6, 1.2, 1.8, 2.4, 3.0])
+@pytest.mark.parametrize("bend", [0.0, 0.5])
+@pytest.mark.parametrize("turn", [0.0, 1.2, 2.4])
 def test_course_length_and_width_are_those_of_the_line(turn, bend, width):
     ways = turn + np.array([0.0, bend])
     steps = 45 * np.stack([np.cos(ways), np.sin(ways)], axis=1)
@@ -86,15 +85,6 @@ def test_a_map_that_is_not_seen_has_no_cracks():
     half = (bare() + line([(40, 60), (200, 60)], 3.0)).astype(np.float32)
     half[100:] = np.nan
     assert len(trace_cracks(half, WINDOW, RADIUS)) == 1
-
-
-def test_a_map_that_is_not_that_of_its_window_or_pipe_is_refused():
-    level = bare().astype(np.float32)
-    with pytest.raises(SignalError, match="give the map of that window"):
-        trace_cracks(level[:5], WINDOW, RADIUS)
-    for radius in (0.0, np.nan, -1e-3):
-        with pytest.raises(ParameterError, match="radius"):
-            trace_cracks(level, WINDOW, radius)
 
 
 def test_a_straight_groove_with_a_bright_flank_and_a_wide_soft_line_are_no_cracks():

@@ -12,8 +12,7 @@ from minorloop_head.procedures.extract import acquire
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import Hole, find_holes, strongest
 from minorloop_head.vision.reflectance_map import LitFrame, check_frames, lay_flat
-from papers.catheter.scene_view import draw_view
-from papers.catheter.sized_view import draw_sized_view
+from papers.catheter.scene_view import draw_sized_view, draw_view
 
 
 def taken(seed, **options):
@@ -117,31 +116,12 @@ def test_a_frame_that_holds_rows_of_the_one_before_is_torn(index, row, old):
     assert find_holes(spoilt(index, np.vstack(upside)), lens()).verdict == "torn"
 
 
-def test_a_finding_is_read_in_degrees_and_millimetres():
-    findings = find_holes(shots(), lens())
-    hole = findings.holes[0]
-    first, *rest = repr(findings).splitlines()
-    assert first == "1 hole; frames good"
-    assert len(rest) == 1
-    assert f"phi {np.degrees(hole.place[0]):+.2f} deg, z {1e3 * hole.place[1]:.2f} mm" in rest[0]
-    assert str(find_holes(spoilt(2, None), lens())) == "no holes; frames wrong size"
-
-
 def test_a_lens_that_would_be_outside_the_pipe_has_a_verdict():
     camera = lens()
     mount = replace(camera.mount, lever=6e-3)
     narrow = CalibratedCamera(camera.lens, mount, camera.leds, radius=4e-3)
     aside = [replace(look, pan=1.2) for look in shots()]
     assert find_holes(aside, narrow).verdict == "angle unknown"
-
-
-def test_unknown_ways_and_no_frames_are_refused():
-    with pytest.raises(ParameterError, match="mode"):
-        find_holes(shots(), lens(), mode="guess")
-    with pytest.raises(ParameterError, match="no frames"):
-        find_holes([], lens())
-    with pytest.raises(ParameterError, match="evidence"):
-        find_holes(shots(), lens(), least=np.nan)
 
 
 @pytest.mark.parametrize("lights", [(), (True,), (True, False, False, True)])
@@ -186,19 +166,6 @@ def test_holes_and_pits_of_other_sizes_are_found_and_measured(seed):
     place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
     assert wall_distance(first.place, place, camera.radius) < 0.2e-3
     assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    "diameters", [(1e-3, 0.5e-3), (0.1e-3, 1e-3), (1e-3, 9e-3), (np.nan, 1e-3)]
-)
-def test_diameters_beyond_the_limits_are_refused(diameters):
-    with pytest.raises(ParameterError, match="cannot be searched; give diameters in metres"):
-        find_holes(shots(), lens(), diameters=diameters)
-
-
-def test_several_sizes_need_switched_lights():
-    with pytest.raises(ParameterError, match="cannot be searched in mode 'single'"):
-        find_holes(shots()[4:], lens(), mode="single", diameters=(0.4e-3, 3e-3))
 
 
 def test_a_hole_in_a_flooded_pipe_is_found_with_the_lens_in_water():

@@ -1,18 +1,14 @@
 """Motion of points in the image, against finite differences of the geometry."""
 
 import numpy as np
-import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.servo import (
     pan_tilt_jacobian,
     rates_for,
-    translation_columns,
-    wall_depth,
 )
 
 CAMERA = CalibratedCamera(
@@ -45,20 +41,6 @@ def test_pan_and_tilt_move_a_point_of_the_wall_as_finite_differences_say(pan, ti
     np.testing.assert_allclose(found, np.transpose(columns), rtol=1e-5, atol=1e-5)
 
 
-def test_coming_nearer_spreads_points():
-    np.testing.assert_allclose(translation_columns((0.2, -0.1), 0.5)[:, 2], [0.4, -0.2])
-    with pytest.raises(ParameterError, match="in front"):
-        translation_columns((0.0, 0.0), 0.0)
-
-
 def test_a_quarter_turn_of_tilt_cannot_be_undone():
     assert rates_for(pan_tilt_jacobian((0.0, 0.0), np.pi / 2), (0.1, 0.1)) is None
     assert rates_for(np.full((2, 2), np.nan), (0.1, 0.1)) is None
-
-
-@given(x=coordinates, y=coordinates, pan=angles, tilt=st.floats(0.2, 0.5))
-def test_the_depth_of_the_wall_is_on_the_wall(x, y, pan, tilt):
-    depth = wall_depth(CAMERA, (x, y), pan, tilt)
-    assume(np.isfinite(depth) and depth < 1)
-    point = CAMERA.mount.pose(pan, tilt).to_pipe(depth * np.array([x, y, 1.0]))
-    assert np.isclose(np.hypot(point[0], point[1]), 10e-3)

@@ -8,7 +8,6 @@ from minorloop.errors import RecordError
 from minorloop_head.distortion import DISTORTION
 from minorloop_head.vision.lens_calibration import (
     corners_in_ninths,
-    find_reflection,
     fit_led,
     fit_lens,
     target_pose,
@@ -36,12 +35,7 @@ def test_a_lens_is_found_within_its_uncertainty(lens):
     assert not fit.warnings
 
 
-def test_a_lens_that_is_not_free_to_be_true_is_not_taken():
-    fit = fit_lens(all_over(lens=FULL), SIZE)
-    assert fit.model == "fx, fy, u, v, k1, k2, k3, p1, p2"
-
-
-@pytest.mark.parametrize("count", [3, 4, 5, 6])
+@pytest.mark.parametrize("count", [3, 5])
 def test_few_pictures_say_that_they_know_little(count):
     off = []
     for seed in range(1000, 1010):
@@ -101,7 +95,7 @@ def test_thin_coverage_is_said(pictures, sentence):
     ("pictures", "sentence"),
     [
         (all_over(count=2), "2 pictures with a target; give 3 or more"),
-        (all_over(tilt=0.0), "nowhere tilted by more than"),
+        pytest.param(all_over(tilt=0.0), "nowhere tilted by more than", marks=pytest.mark.whole),
         (
             [*all_over(count=8), *all_over(count=6, lens=replace(LENS, focal=600.0), seed=1001)],
             "the pictures are of two cameras, or the zoom was changed: ",
@@ -142,22 +136,3 @@ def test_an_led_is_found_within_its_uncertainty():
     place, sd = fit_led(LENS, *reflected(), "LED 1")
     assert (np.abs(place - LED) < 4 * sd).all()
     assert (sd[:2] < 0.1e-3).all()
-
-
-def test_refuses_few_reflections_and_those_of_several_leds():
-    poses, pixels = reflected()
-    with pytest.raises(RecordError, match="3 pictures with one reflection of LED 2; give 4"):
-        fit_led(LENS, poses[:3], pixels[:3], "LED 2")
-    with pytest.raises(RecordError, match="not those of one LED"):
-        fit_led(LENS, poses, pixels[::-1] + 40.0, "LED 2")
-    with pytest.raises(RecordError, match="all alike; hold the target at other distances"):
-        fit_led(LENS, poses[:1] * 5, np.tile(pixels[0], (5, 1)), "LED 2")
-
-
-def test_one_saturated_spot_is_a_reflection():
-    image = np.full((40, 60), 80, np.uint8)
-    assert find_reflection(image) is None
-    image[10:13, 20:25] = 255
-    assert find_reflection(image).tolist() == [22.0, 11.0]
-    image[30:33, 40:44] = 255
-    assert find_reflection(image) is None

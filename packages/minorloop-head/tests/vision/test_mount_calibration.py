@@ -1,7 +1,5 @@
 import numpy as np
-import pytest
 
-from minorloop.errors import RecordError
 from minorloop_head.geometry import Mount, rotation_z
 from minorloop_head.procedures.calibrate import mount_doubts
 from minorloop_head.vision.lens_calibration import target_pose
@@ -59,30 +57,3 @@ def test_angles_that_contradict_the_pictures_are_doubted():
     one[5, 0] = 3.0
     (said,) = doubts(lambda joints: joints + one)
     assert "most in 5.png (" in said
-
-
-def wrong(change):
-    poses, joints = measured()
-    return poses, change(joints)
-
-
-@pytest.mark.parametrize(
-    ("poses", "joints", "sentence"),
-    [
-        (*wrong(np.radians), "seem to be in radians; give them in degrees"),
-        (*wrong(lambda joints: joints * [1, -1]), "check units, signs"),
-        (*wrong(lambda joints: np.roll(joints, 1, axis=0)), "the order of the pictures"),
-        (*measured([(pan, 5) for pan in range(-12, 13, 4)]), "the tilt of the pictures is within"),
-        (*measured([(-10, -10), (10, 10)] * 3), "take pictures at several tilts for each pan"),
-        (*measured(ANGLES[:5]), "5 pictures with a target at known joint angles; give 6 or more"),
-    ],
-    ids=["radians", "signs", "order", "one axis", "two places", "few"],
-)
-def test_refuses_in_one_sentence(poses, joints, sentence):
-    with pytest.raises(RecordError, match=sentence):
-        fit_mount(poses, joints)
-
-
-def test_angles_that_are_hardly_known_determine_no_mount():
-    with pytest.raises(RecordError, match=r"do not determine the tilt where level"):
-        fit_mount(*measured(ANGLES[::2]), sd=9.0)

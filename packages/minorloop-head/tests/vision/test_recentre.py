@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop_head.geometry import wall_point, wrapped
-from minorloop_head.vision.recentre import FOUND, outline_about
+from minorloop_head.vision.recentre import outline_about
 from minorloop_head.vision.reflectance_map import LitFrame
 
 from .walls import CAMERA, photograph
@@ -33,11 +33,3 @@ def test_plain_wall_and_frames_without_light_have_no_outline():
     assert outline_about([LitFrame(plain, *AIM)], CAMERA, TRUE) is None
     dark = LitFrame(plain, *AIM, lights=(False, False, False))
     assert outline_about([dark], CAMERA, TRUE) is None
-
-
-def test_an_outline_is_searched_only_within_reach():
-    image = photograph(*AIM, lambda phi, z: hole(phi, z), seed=1)
-    for off, seen in ((0.3e-3, True), (1.2e-3, False)):
-        pixel = CAMERA.pixel(PLACE + np.array([0.0, off]), *AIM)
-        found = outline_about([LitFrame(image, *AIM)], CAMERA, pixel, reach=FOUND)
-        assert (found is not None and np.hypot(*(found.pixel - TRUE)) < 0.6) == seen

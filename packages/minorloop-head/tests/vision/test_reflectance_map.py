@@ -1,8 +1,17 @@
+import math
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 
 from minorloop_head.geometry import wall_point
-from minorloop_head.vision.reflectance_map import LitFrame, finite_angles, lay_flat, median
+from minorloop_head.procedures.extract import acquire
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.defects import find_holes
+from minorloop_head.vision.recentre import outline_about
+from minorloop_head.vision.reflectance_map import LitFrame, aligned, lay_flat
+from papers.catheter.scene_view import draw_view
 
 from .walls import CAMERA, photograph
 
@@ -27,12 +36,6 @@ def test_the_map_is_unknown_where_a_frame_does_not_show_the_wall():
     assert (found.brightest >= found.darkest)[seen[0]].all()
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_the_median_of_a_stack_is_that_of_numpy(count):
-    stack = np.random.default_rng(count).normal(size=(count, 5, 7)).astype(np.float32)
-    np.testing.assert_array_equal(median(stack), np.median(stack, axis=0).astype(np.float32))
-
-
 def test_light_from_behind_is_no_reflectance():
     window = np.zeros((CAMERA.lens.height, CAMERA.lens.width), np.uint8)
     window[:, 200:400] = 40
@@ -45,7 +48,52 @@ def test_light_from_behind_is_no_reflectance():
     assert np.nanmax(off) > 0.3  # without the frame that shows it, it is not known
 
 
-def test_angles_are_finite_numbers():
-    assert finite_angles(0.1, -0.2)
-    assert not finite_angles(np.nan, 0.0)
-    assert not finite_angles("ahead", 0.0)
+SD = math.radians(0.15)
+"""Error of an angle: that of a poor sensor."""
+
+
+@cache
+def scene():
+    """A view, its camera and an acquisition with the true angles."""
+    view = draw_view(21, hole=True, inside="dark")
+    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
+    return view, camera, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+
+
+def mistaken(seed):
+    """The frames with wrong angles."""
+    wrong = np.random.default_rng(seed).normal(0.0, SD, (5, 2))
+    return [
+        replace(frame, pan=frame.pan + a, tilt=frame.tilt + b)
+        for frame, (a, b) in zip(scene()[2], wrong, strict=True)
+    ]
+
+
+def angles(frames):
+    return np.array([(frame.pan, frame.tilt) for frame in frames if any(frame.lights)])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_angles_of_frames_agree_and_keep_their_mean(seed):
+    wrong = mistaken(seed)
+    right = aligned(wrong, scene()[1])
+    truth, before, after = (angles(frames) for frames in (scene()[2], wrong, right))
+    np.testing.assert_allclose(after.mean(axis=0), before.mean(axis=0), atol=1e-12)
+    left = after - truth
+    assert (left - left.mean(axis=0)).std() < 0.15 * SD
+    assert (right[3].pan, right[3].tilt) == (wrong[3].pan, wrong[3].tilt)  # without light
+
+
+def test_an_outline_in_frames_with_wrong_angles_is_where_it_was():
+    _, camera, looks = scene()
+    hole = find_holes(looks, camera).holes[0]
+    clicked = camera.pixel(hole.place, looks[-1].pan, looks[-1].tilt) + np.array([6.0, -5.0])
+    right, wrong = (outline_about(frames, camera, clicked) for frames in (looks, mistaken(6)))
+    assert math.dist(right.pixel, wrong.pixel) < 0.5
+
+
+def test_a_single_frame_and_pictures_of_other_places_keep_their_angles():
+    frames, camera = mistaken(9), scene()[1]
+    assert aligned(frames[4:], camera) == tuple(frames[4:])
+    torn = [replace(frame, image=np.roll(frame.image, 60 * n, 1)) for n, frame in enumerate(frames)]
+    assert np.abs(angles(aligned(torn, camera)) - angles(frames)).max() < 2 * math.radians(1.0)

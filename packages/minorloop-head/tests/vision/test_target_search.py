@@ -56,18 +56,26 @@ def pictures(target, count=3, turned=True):
     "target",
     [
         Target("charuco", 5, 7, 3e-3, 0.7, "DICT_4X4_50"),
-        Target("charuco", 12, 9, 3e-3, 0.8, "DICT_5X5_100"),
+        pytest.param(Target("charuco", 12, 9, 3e-3, 0.8, "DICT_5X5_100"), marks=pytest.mark.whole),
         Target("charuco", 8, 6, 3e-3, 0.5, "DICT_6X6_50", legacy=True),
-        Target("charuco", 7, 6, 3e-3, 0.6, "DICT_7X7_50", legacy=True),
-        Target("charuco", 7, 8, 3e-3, 0.8, "DICT_ARUCO_ORIGINAL"),
-        Target("charuco", 6, 9, 3e-3, 0.75, "DICT_APRILTAG_36h11"),
+        pytest.param(
+            Target("charuco", 7, 6, 3e-3, 0.6, "DICT_7X7_50", legacy=True), marks=pytest.mark.whole
+        ),
+        pytest.param(
+            Target("charuco", 7, 8, 3e-3, 0.8, "DICT_ARUCO_ORIGINAL"), marks=pytest.mark.whole
+        ),
+        pytest.param(
+            Target("charuco", 6, 9, 3e-3, 0.75, "DICT_APRILTAG_36h11"), marks=pytest.mark.whole
+        ),
         Target("charuco", 5, 8, 3e-3, 0.75, "DICT_APRILTAG_25h9", legacy=True),
-        Target("charuco", 6, 8, 3e-3, 0.75, "DICT_APRILTAG_16h5"),
+        pytest.param(
+            Target("charuco", 6, 8, 3e-3, 0.75, "DICT_APRILTAG_16h5"), marks=pytest.mark.whole
+        ),
         Target("chessboard", 9, 6, 3e-3),
-        Target("chessboard", 8, 8, 3e-3),
+        pytest.param(Target("chessboard", 8, 8, 3e-3), marks=pytest.mark.whole),
         Target("circles", 9, 6, 3e-3),
         Target("asymmetric-circles", 4, 11, 3e-3),
-        Target("asymmetric-circles", 5, 9, 3e-3),
+        pytest.param(Target("asymmetric-circles", 5, 9, 3e-3), marks=pytest.mark.whole),
     ],
     ids=str,
 )

@@ -1,14 +1,11 @@
 """Tracking a patch of the wall."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from minorloop.errors import SignalError
 from minorloop_head.geometry import wall_point
 from minorloop_head.vision import tracking
-from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.tracking import PatchTracker
 
 from .walls import CAMERA, photograph, texture
@@ -99,31 +96,11 @@ def test_a_frozen_frame_and_broken_angles():
     assert TRACKER.step(after, photograph(*AIM, seed=9), *AIM)[0].verdict == "tracked"
 
 
-def test_what_cannot_be_picked_is_refused():
-    with pytest.raises(SignalError, match="does not show"):
-        TRACKER.begin(photograph(*AIM), (2.0, 2.0), *AIM)
-    with pytest.raises(SignalError, match="this camera"):
-        TRACKER.begin(np.zeros((4, 4), np.uint8), (2.0, 2.0), *AIM)
-
-
-@pytest.mark.parametrize("level", [0, 128])
-def test_nothing_is_picked_where_there_is_nothing_to_see(level):
-    with pytest.raises(SignalError, match=r"black|one grey"):
-        TRACKER.begin(np.full((480, 640), level, np.uint8), CAMERA.pixel(PLACE, *AIM), *AIM)
-
-
 def test_a_wall_with_detail_that_is_darker_than_its_noise_is_not_picked():
     dim = photograph(*AIM, gain=0.02, noise=3.0)
     dim[:60, :60] = 80  # a reflection: the frame is not black
     with pytest.raises(SignalError, match="lost in noise"):
         TRACKER.begin(dim, CAMERA.pixel(PLACE, *AIM), *AIM)
-
-
-def test_angles_that_no_head_in_the_pipe_has_lose_the_piece():
-    camera = CalibratedCamera(CAMERA.lens, replace(CAMERA.mount, lever=11e-3), CAMERA.leds)
-    _, state = begin()
-    track, _ = replace(TRACKER, camera=camera).step(state, photograph(*AIM, seed=3), 1.5, 0.0)
-    assert track.verdict == "lost"
 
 
 def distance(track, angles):

@@ -37,14 +37,6 @@ def left_right(sequence, n):
     return np.ascontiguousarray(sequence.images[n][:, ::-1])
 
 
-def upside_down(sequence, n):
-    return np.ascontiguousarray(sequence.images[n][::-1])
-
-
-def turned_over(sequence, n):
-    return np.ascontiguousarray(sequence.images[n][::-1, ::-1])
-
-
 def fouled(sequence, n):
     """Hide the left half, almost up to the hole, behind an even grey."""
     image = sequence.images[n].copy()
@@ -105,8 +97,6 @@ def follow(sequence, spoil, bad=BAD):
         (dark, BAD, {"black"}),
         (plain, BAD, {"lost", "out of view"}),
         (left_right, BAD, MIRRORED),
-        (upside_down, BAD, MIRRORED),
-        (turned_over, BAD, MIRRORED),
         (frozen, BAD, {"frozen"}),
         (fouled, SHORT, None),
         (late, BAD, None),

@@ -1,13 +1,11 @@
 """Pan and tilt from pictures of the wall alone, with good pictures and bad ones."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import Mount
 from minorloop_head.twins.camera import LENS, Camera
 from minorloop_head.twins.pipe import Pipe
@@ -86,13 +84,6 @@ def test_a_jump_that_no_picture_shows_is_found_again(seen):
         if sight.verdict == SEEN:
             break
     assert error(sight, *REST) < CLOSE
-
-
-def test_a_search_may_try_one_angle_in_a_picture(seen):
-    seen.goes(-14.0)
-    seen.eyes = replace(seen.eyes, tries=1)
-    assert np.isnan(seen.step(*REST).angles).all()
-    assert error(seen.step(math.radians(-14.0), REST[1]), math.radians(-14.0)) < CLOSE
 
 
 def dirt(seed):
@@ -239,26 +230,6 @@ def test_a_repeated_picture_is_frozen_and_an_old_one_late(seen):
     later = seen.picture(*REST)
     sight, _ = seen.eyes.step(state, later.image, frame.t - 0.5)
     assert sight.reason == "the picture is late"
-
-
-def test_the_state_before_is_not_changed(seen):
-    before, poor = seen.state, seen.state.patches.poor.copy()
-    sights = [seen.eyes.step(before, seen.picture(*REST).image, 9.0)[0] for _ in range(2)]
-    assert np.array_equal(before.patches.poor, poor)
-    assert np.abs(sights[0].angles - sights[1].angles).max() < math.radians(0.03)
-
-
-def test_a_first_picture_without_wall_is_refused(seen):
-    image = seen.picture(*REST).image
-    with pytest.raises(SignalError, match="the first picture is black; check lights"):
-        seen.eyes.begin(dark(image), REST)
-    with pytest.raises(SignalError, match="shows 0 patches of wall with detail, and 4 are needed"):
-        seen.eyes.begin(plain(image), REST)
-
-
-def test_angles_without_a_range_are_refused(seen):
-    with pytest.raises(ParameterError, match="give low < high"):
-        replace(seen.eyes, low=(1.0, 1.0))
 
 
 def brushed(phi, z):

@@ -79,10 +79,3 @@ def test_two_results_cannot_have_the_same_file(other, force):
     Path("link.csv").symlink_to("new.csv")
     with pytest.raises(OutputError, match="is given for two results"):
         _common.check_outputs([Path("new.csv"), Path(other)], force=force)
-
-
-@pytest.mark.parametrize("name", ["good.csv", "./good.csv", "link.csv"])
-def test_inputs_are_never_replaced(name):
-    Path("link.csv").symlink_to("good.csv")
-    with pytest.raises(OutputError, match="is an input and is not replaced"):
-        _common.check_outputs([Path(name)], inputs=[Path("good.csv")], force=True)

@@ -49,10 +49,3 @@ def test_the_report_opens_offline(run):
     assert len(sources) == 4
     assert all(source.startswith("data:image/svg+xml;base64,") for source in sources)
     assert not re.search(r"https?://|@import|url\(|<script|<link", page)
-
-
-def test_make_removes_only_what_the_demo_writes():
-    text = (Path(__file__).parents[4] / "Makefile").read_text()
-    rule = re.search(r"^demo:.*\n((?:\t.*\n)+)", text, re.MULTILINE)[1]
-    names = ("report.html", "staircase.csv", "model.json")
-    assert re.findall(r"rm (.*)", rule) == [" ".join(["-f", *(f"demo/{name}" for name in names)])]

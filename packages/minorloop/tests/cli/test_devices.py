@@ -27,13 +27,6 @@ def test_devices_that_drivers_find_are_listed(run, monkeypatch):
     assert "device for serial" in out
 
 
-def test_long_addresses_are_not_cut(run):
-    address = "twin:" + 70 * "x" + "END"
-    status, out, _ = run(f"devices {address} twin:fibre")
-    assert status == 1
-    assert address in "".join(line[2:].partition("\u2502")[0].strip() for line in out.splitlines())
-
-
 def test_actuators_are_made_safe_and_read(run, tmp_path):
     pytest.importorskip("pyvisa_py", reason="needs pyvisa-py: minorloop[instruments]")
     with simulated_board(tmp_path) as (address, _):

@@ -1,5 +1,3 @@
-import json
-
 from minorloop import modelfile
 
 LINE = "export c model.json --out firmware"
@@ -32,15 +30,6 @@ def test_header_and_source_say_why_the_model_is_not_to_be_trusted(run, model, tm
         assert "WARNING: this model is not to be trusted: the output is clipped" in said
         assert "everywhere ; it lags" in said
         assert max(map(len, comment.splitlines())) <= 100
-
-
-def test_a_linear_part_is_read_from_a_file(run, tmp_path):
-    (tmp_path / "lag.json").write_text(
-        json.dumps({"numerator": [0.2], "denominator": [1, -0.8], "interval": 0.01, "delay": 0.02})
-    )
-    assert run(line("linear=lag.json,first=linear"))[0] == 0
-    text = (tmp_path / "firmware" / "minorloop.h").read_text()
-    assert "a linear part of order 1 before it" in text
 
 
 def test_force_replaces_files(run, refused, tmp_path):

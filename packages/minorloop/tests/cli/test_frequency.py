@@ -55,26 +55,6 @@ def test_from_a_plan_to_gain_and_phase(store, run, answer):
     assert (known["sines"], known["planned"], known["mode"]) == (4, 4, "finished")
 
 
-def test_a_store_of_sines_is_used_for_sines_only(store, refused, run):
-    assert "evaluate it with minorloop frequency" in refused(f"identify {store}")
-    assert "leave input, output and time out" in refused(f"frequency {store} --input u")
-    modelfile.save(Preisach([0, 1], [[1.0]]), "amps.json", input="current [A]", output="y")
-    assert "identify a model in V" in refused(f"frequency {store} --model amps.json")
-
-
-def test_a_plan_that_cannot_be_evaluated_is_refused_before_the_first_sine(run, refused):
-    header, *rows = Path("sines.csv").read_text().splitlines()
-    Path("sines.csv").write_text("\n".join([header, rows[0], rows[3]]) + "\n")
-    said = refused(RUN)
-    assert "no frequency is measured at all of the 2 amplitudes (0.7, 1)" in said
-    assert "give each frequency the same amplitudes" in said
-    assert not Path("s.sqlite").exists()
-    Path("sines.csv").write_text("\n".join([header, *rows[:3]]) + "\n")
-    status, _, err = run(RUN)
-    assert status == 0
-    assert "note: when this run is evaluated, 1 Hz left out: not measured at every amp" in err
-
-
 class Streamed:
     """A twin to which inputs can only be given tick by tick, as to a bench."""
 

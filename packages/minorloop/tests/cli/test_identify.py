@@ -10,7 +10,6 @@ import pytest
 import minorloop.identification
 import minorloop.report
 from minorloop import Record, __version__, modelfile
-from minorloop.identification import plane_result
 from minorloop.identification.pipeline import Options
 
 IDENTIFY = "identify good.csv --input voltage --output length --law levels=8"
@@ -48,12 +47,6 @@ def test_from_a_file_to_a_model_with_its_origin(run):
     page = Path("new.html").read_text()
     assert "good.csv" in page
     assert "http" not in page.replace("http://www.w3.org", "")
-
-
-def test_the_rank_of_a_large_plane_is_not_computed(monkeypatch, run):
-    monkeypatch.setattr(plane_result, "_MOST_RANKED", 10)
-    assert "not computed; fit.rank is" in run(f"{IDENTIFY} -v")[1]
-    assert json.loads(run(f"{IDENTIFY} --json")[1])["rank"] is None
 
 
 @pytest.mark.parametrize("as_json", ["", "--json"])
@@ -98,14 +91,6 @@ def test_a_model_not_to_be_trusted_says_so_in_its_status_its_file_and_its_report
     found = json.loads(out)
     assert found["warnings"] == list(warnings)
     assert found["advice"][0] == warnings[0]
-
-
-def test_samples_are_counted_from_the_first_row_used(answer, run):
-    stuck()
-    line = f"{IDENTIFY.replace('good', 'stuck')} --record rows=50:400"
-    out = " ".join(run(f"{line} -v")[1].split())
-    assert "from sample 150 to 229" in out
-    assert "samples are counted from row 50 of the file here" in out
 
 
 def numbered(name="numbered.csv", curves=6, each=40):

@@ -3,7 +3,6 @@ import csv
 import numpy as np
 
 from minorloop.arrays import uniform_levels
-from minorloop.cli import plan
 from minorloop.identification import excitation
 
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4"
@@ -23,12 +22,3 @@ def test_the_written_plan_can_be_read_back(run):
     np.testing.assert_array_equal(
         inputs, excitation.decaying_staircase(uniform_levels(-1.2, 1.2, 4))
     )
-
-
-def test_large_plans_are_not_ranked(monkeypatch, run, answer):
-    monkeypatch.setattr(plan, "_RANKED", 3)
-    assert "what more than 3 bands determine is not computed" in run(PLAN)[1]
-    found = answer(PLAN)
-    assert found["rank"] is None
-    assert len(found["inputs"]) == 11
-    assert "more" in run("plan reversal --low 0 --high 1 --levels 9")[1]

@@ -41,14 +41,6 @@ def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer
     assert answer("resume --store l.sqlite")["output"] == "curvature [1/m]"
 
 
-def test_a_store_knows_its_columns(run, refused):
-    run(f"{RUN} --store runs.sqlite")
-    assert "leave input, output, time" in refused("identify runs.sqlite --input voltage")
-    assert "continue it with minorloop resume --store runs.sqlite" in refused(
-        f"{RUN} --store runs.sqlite"
-    )
-
-
 ADAPTIVE = "run --actuator twin:ipmc,noise=0.05,specimen=2 --plan adaptive:hold=100,"
 
 

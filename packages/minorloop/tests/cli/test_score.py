@@ -1,7 +1,5 @@
 """Errors of a model on another file; figures are compared with numpy on what simulate writes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -65,12 +63,3 @@ def test_the_file_that_the_model_was_identified_from_is_named(answer, model):
     names = {"input": "voltage [V]", "output": "length [um]"}
     modelfile.save(model, "own.json", provenance=origin, **names)
     assert said in " ".join(answer("score own.json other.csv")["notes"])
-
-
-def test_a_report_shows_what_is_printed(run):
-    status, out, err = run(f"{SCORE} {CURVES} --report r.html --save s.csv")
-    assert (status, err) == (0, "")
-    assert "residuals written to s.csv" in out
-    page = Path("r.html").read_text()
-    for text in ("model.json on other.csv", "How good it is", "Curve by curve", "data:image/svg"):
-        assert text in page

@@ -46,12 +46,6 @@ def test_the_lag_of_the_file_is_applied(answer, model):
     assert found == [y[0], y[0], *y[:-2]]
 
 
-def test_an_output_named_as_the_input_keeps_a_column_of_its_own(run, refused, model):
-    modelfile.save(model, "same.json", input="x [V]", output="x [V]")
-    assert run("simulate same.json good.csv --input voltage --save out.csv")[0] == 0
-    assert Path("out.csv").read_text().splitlines()[0] == "x [V],predicted x [V]"
-
-
 def test_another_prefix_is_converted_and_another_unit_refused(answer, refused, model):
     Path("other.csv").write_text("voltage [mV]\n300\n")
     assert answer("simulate model.json other.csv")["y"] == model.simulate([0.3]).tolist()

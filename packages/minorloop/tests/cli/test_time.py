@@ -7,7 +7,6 @@ import pytest
 
 from command_line import MODEL, write
 from minorloop import AfterEffect, BoucWen, Cascade, Linear, Oscillator, Preisach, modelfile
-from minorloop.dynamics.creep import Creep
 from minorloop.lab.records import Quantity
 
 UNITS = {"input": "voltage [V]", "output": "length [um]"}
@@ -166,39 +165,7 @@ def test_invert_keeps_the_times_of_the_targets_and_says_what_is_wrong_with_them(
     assert "note: samples are uneven" in err
 
 
-def test_c_says_that_creep_is_missing(run):
-    creeping = Cascade(MODEL, Linear.lags(0.05), creep=Creep([3.0], [0.1], 0.9))
-    modelfile.save(creeping, "creeping.json", **UNITS)
-    assert "this creep is not in the C" in run("export c creeping.json --out c --interval 0.01")[1]
-
-
-def test_holds_that_are_too_short_to_settle_still_reach_their_targets(run):
-    modelfile.save(CREEPING, "creep.json", **UNITS)
-    line = "invert creep.json targets.csv --target length --hold 2 --save in.csv"
-    assert run(line)[0] == 2
-    run(f"{line} --clip")
-    u, _, _, reachable, hold = columns("in.csv")
-    # The first row saturates for five time constants, as the model begins settled.
-    assert hold.tolist() == [25.0, 2.0, 2.0, 2.0]
-    y = CREEPING.simulate(2.0 * np.arange(1, 4), u[1:])
-    assert reachable[1:].tolist() == [1, 1, 0]
-    np.testing.assert_allclose(y[:2], [0.3, 1.5], atol=1e-9)
-
-
 CREEP = "--input voltage --output length --time time --law viscosity:creep=spectrum,levels=4"
-
-
-def test_the_row_of_a_time_that_repeats_counts_as_in_the_file(refused, run):
-    """Comments, a row of units, and rows without an input from another logger count too."""
-    lines = [",".join(map(str, row)) for row in np.column_stack(holds()[1:]).tolist()]
-    lines = [line for row in lines for line in (row, f"{float(row.split(',')[0]) + 0.5},,")]
-    time = lines[98].split(",")[0]
-    lines[99:101] = (f"{time},{line.partition(',')[2]}" for line in lines[99:101])
-    text = ["# of the bench", "time,voltage,length", "s,V,um", *lines, ""]
-    Path("merged.csv").write_text("\n".join(text))
-    line = f"identify merged.csv {CREEP}"
-    assert "of merged.csv has the same time in row 104 as before it" in refused(line)
-    assert run(f"{line} --record rows=51:550")[0] == 0
 
 
 def test_pauses_without_samples_show_creep_if_both_ends_are_read(answer, refused):

@@ -14,14 +14,6 @@ def test_the_major_loop_spans_the_range_and_minor_loops_lie_within():
         np.testing.assert_allclose(loop[:200], loop[-200:])  # falls again along the same branch
 
 
-def test_colours_show_the_density_and_axes_the_labels():
-    axes = MODEL.plot(input_label="voltage [V]").axes[0]
-    (mesh,) = axes.collections
-    shown = np.ma.masked_array(mesh.get_array()).reshape(2, 2)
-    np.testing.assert_allclose(shown.compressed(), [2.0, 0.5, 4.0])
-    assert axes.get_xlabel() == "threshold down β, voltage [V]"
-
-
 def test_targets_out_of_reach_are_marked():
     found = MODEL.invert([0.0, 99.0], unreachable="clip")
     marked = {line.get_label(): line.get_xydata() for line in found.plot().axes[0].lines}

@@ -37,24 +37,6 @@ def test_linear_first_equals_both_parts_in_series(u, before):
     np.testing.assert_allclose(got, wanted, atol=1e-12)
 
 
-def test_a_sampled_cascade_has_whole_intervals_of_dead_time():
-    cascade = Cascade(PLANE, Linear(G.numerator, G.denominator, delay=0.31))
-    sampled = cascade.sampled(0.1)
-    assert (sampled.linear.interval, sampled.linear.lag) == (0.1, 3)
-    assert sampled.sampled(0.1) is sampled
-
-
-@ORDERS
-@pytest.mark.parametrize("before", [-0.8, 0.6])
-def test_a_settled_cascade_stays_constant(first, before):
-    cascade, t = Cascade(PLANE, G, first), np.arange(20.0)
-    y = cascade.simulate(t, np.full(t.size, before), before=before)
-    wanted = PLANE.simulate([1.5 * before]) if first == "linear" else 1.5 * PLANE.simulate([before])
-    np.testing.assert_allclose(y, wanted[0], atol=1e-9)
-    found = Cascade(LINE, G, first).invert(t, np.full(t.size, 3 * before), before=before)
-    np.testing.assert_allclose(found.u, before, atol=1e-9)
-
-
 def growing_sine(reach, centre=0.0, seconds=30.0, interval=0.02):
     t = np.arange(0, seconds, interval)
     return t, centre + reach * np.minimum(t / 10, 1) * np.sin(0.7 * t)
@@ -161,11 +143,3 @@ def test_the_inverse_undoes_dynamics_on_both_sides(between):
     wanted = rest + 0.6 * (1 - np.cos(t))
     found = model.invert(t, wanted, before=0.0, between=between)
     assert found.rms < 2e-3 * np.ptp(wanted)
-
-
-def test_prints_and_draws():
-    t, targets = growing_sine(1.0)
-    found = Cascade(LINE, G).invert(t, targets, before=0.0)
-    assert "filter time" in str(found)
-    assert "0 samples" in str(found)
-    assert len(found.plot().axes) == 2

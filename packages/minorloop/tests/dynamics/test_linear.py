@@ -76,16 +76,6 @@ def test_response_is_that_of_scipy_and_the_dead_time(times, delay):
     np.testing.assert_allclose(system.response(hertz), wanted * late, rtol=1e-9)
 
 
-def test_response_of_a_sampled_system_is_the_steady_response_to_a_sine():
-    sampled = with_zero([0.5, 2.0], delay=0.2).discretise(0.1)
-    count = np.arange(1, 1001)
-    sines = np.exp(2j * np.pi * (count - 1) / 40)
-    y = [sampled.simulate(0.1 * count, part) for part in (sines.real, sines.imag)]
-    # An output is read at the end of its interval, one sample after its input was set.
-    wanted = sampled.response(0.25) * np.exp(2j * np.pi * count / 40)
-    np.testing.assert_allclose((y[0] + 1j * y[1])[-40:], wanted[-40:], atol=1e-9)
-
-
 @given(LAGS, st.floats(0.02, 2.0), st.integers(0, 5))
 @settings(max_examples=25)
 def test_continuous_inverts_discretise(times, interval, late):
@@ -98,17 +88,3 @@ def test_continuous_inverts_discretise(times, interval, late):
     np.testing.assert_allclose(again.time_constants, system.time_constants, rtol=1e-4)
     hertz = np.geomspace(0.01, 1, 5) / max(times)
     np.testing.assert_allclose(again.response(hertz), system.response(hertz), rtol=1e-4)
-
-
-def test_normalised_has_dc_gain_one():
-    assert abs(with_zero([3.0, 0.4], gain=-7.3).normalised().dc_gain - 1) <= 1e-15
-
-
-@given(LAGS, st.integers(0, 8), st.sampled_from(["held", "straight"]), st.floats(-1, 1))
-def test_dead_time_shifts_the_output(times, late, between, before):
-    t = 0.2 * np.arange(30)
-    u = np.cos(t) if between == "straight" else np.sign(np.cos(t))
-    prompt = with_zero(times).simulate(t, u, before=before, between=between)
-    y = with_zero(times, delay=0.2 * late).simulate(t, u, before=before, between=between)
-    np.testing.assert_allclose(y[late + 1 :], prompt[1 : t.size - late], atol=1e-6)
-    np.testing.assert_allclose(y[:late], 2.0 * before, atol=1e-6)

@@ -31,15 +31,6 @@ def test_a_transition_equals_numerical_integration(length, x0, x1, begin, end):
     np.testing.assert_allclose(got, integrated(x, begin, end, length), atol=1e-7)
 
 
-def test_equal_lengths_share_a_transition():
-    steps = np.diff(0.1 * np.arange(1000) + 1e6)
-    assert transitions(A, B, np.full(5, 0.1))[0].shape == (1, 2, 2)
-    assert np.unique(steps).size > 1
-    phi, _, _, which = transitions(A, B, np.array([0.1, 3.0, 0.1, 1e-4]))
-    assert phi.shape[0] == 3
-    np.testing.assert_array_equal(which, [1, 2, 1, 0])
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.13, 0.5, 40.0])
 @pytest.mark.parametrize("between", ["held", "straight"])
 def test_dead_time_need_not_be_whole_samples(delay, between):
@@ -66,27 +57,6 @@ def test_dead_time_need_not_be_whole_samples(delay, between):
     got = propagate(system, rest, coarse, u, delay=delay, before=0.4, between=between)
     first = 1 if between == "straight" else 0
     np.testing.assert_allclose(got[first:], wanted[first:], atol=1e-6)
-
-
-def test_the_shortest_step_is_one():
-    a, b = np.array([[-1.0]]), np.array([1.0])
-    phi, at_begin, at_end, which = transitions(a, b, np.array([5e-324, 1.0]))
-    assert phi[which[0], 0, 0] == 1
-    assert at_begin[which[0], 0] + at_end[which[0], 0] == 0
-
-
-def test_a_pure_gain_does_not_change():
-    for convert in (state_space.sampled, state_space.continuous):
-        top, bottom = convert(np.array([3.0]), np.array([1.0]), 0.5)
-        np.testing.assert_array_equal(top, [3.0])
-        np.testing.assert_array_equal(bottom, [1.0])
-
-
-def test_rounding_adds_no_zeros():
-    """Three lags, sampled and made continuous again, have no zeros."""
-    top, bottom = np.array([0, 0, 0, 1.0]), np.poly([-1 / 27, -1 / 6, -1 / 2])
-    again, _ = state_space.continuous(*state_space.sampled(top, bottom, 1.0), 1.0)
-    assert np.count_nonzero(again) == 1
 
 
 @pytest.mark.parametrize("pole", [0.0, -0.3, -1e-12])

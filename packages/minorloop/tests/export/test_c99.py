@@ -69,13 +69,15 @@ FIRMS = {
     "relays": (relays(), {"inverse": False}),
     "after-effect": (after_effect(), {"interval": INTERVAL}),
 }
-BUILDS = [("gcc", False), ("clang", True)]
+SHORT = ["lags before it", "little memory", "bent plays", "relays", "after-effect"]
+"""What is compiled in each run of the tests; the others once in a while."""
 
 
 @pytest.mark.parametrize(
     ("kind", "cc", "float32"),
-    [("plain", "gcc", True), ("plain", "clang", False)]
-    + [(kind, *build) for kind in FIRMS for build in BUILDS],
+    [("plain", "gcc", True), *((kind, "gcc", False) for kind in SHORT)]
+    + [pytest.param(kind, "clang", True, marks=pytest.mark.whole) for kind in FIRMS]
+    + [pytest.param(kind, "gcc", False, marks=pytest.mark.whole) for kind in FIRMS],
 )
 def test_compiles_without_a_warning_and_passes_its_own_test(kind, float32, cc, tmp_path):
     model, options = FIRMS[kind]
@@ -86,9 +88,8 @@ def test_compiles_without_a_warning_and_passes_its_own_test(kind, float32, cc, t
     assert ("inverse" in said) == (moves and options.get("inverse", True))
 
 
-@pytest.mark.parametrize("kind", ["lags after it", "lags before it", "a gain after it"])
-def test_a_self_test_detects_a_wrong_inverse(kind, tmp_path):
-    model, options = FIRMS[kind]
+def test_a_self_test_detects_a_wrong_inverse(tmp_path):
+    model, options = FIRMS["lags after it"]
     code = source(model, **options)
     wrong = re.sub(r"(return u)(;| / GAIN;)", r"\1 * (real)1.001\2", code.files["minorloop.c"])
     assert wrong.count("1.001") == 2  # march gives what aim gives on
@@ -160,28 +161,24 @@ def random_inputs(model, count, rng):
     return np.choose(kinds, [jumps, steps, thresholds, np.full(count, jumps[0])])
 
 
-@pytest.mark.parametrize(
-    ("kind", "float32", "share"),
-    [("plain", False, 1e-12), ("sloped", False, 1e-12), ("plain", True, 5e-6)],
-)
-def test_a_million_inputs_and_targets_give_what_python_gives(kind, float32, share, tmp_path):
-    options = {"slope": 0.5, "diagonal": "reversible", "relay": "unipolar"}
-    model = operator(bands=30, **options if kind == "sloped" else {})
+@pytest.mark.parametrize(("float32", "share"), [(False, 1e-12), (True, 5e-6)])
+def test_inputs_and_targets_give_what_python_gives(float32, share, tmp_path):
+    model = operator(bands=30, slope=0.5, diagonal="reversible", relay="unipolar")
     written = source(model, float32=float32, memory=200)
     code = compiled.Compiled(written, tmp_path)
     assert code.state_bytes == written.state_bytes
-    u = random_inputs(model, 1_000_000, np.random.default_rng(1)).astype(code.type)
+    u = random_inputs(model, 100_000, np.random.default_rng(1)).astype(code.type)
     (y, bound), width = code.walk(u), np.ptp(model.range)
     assert not bound.any()
     assert np.abs(y - model.simulate(u)).max() <= share * width
-    targets = np.random.default_rng(2).uniform(*model.range, 1_000_000).astype(code.type)
+    targets = np.random.default_rng(2).uniform(*model.range, 100_000).astype(code.type)
     u, y = code.chase(targets)
     assert np.abs(y - targets).max() <= share * width
     if not float32:
         assert np.abs(model.simulate(u[:1000]) - targets[:1000]).max() <= share * width
 
 
-@pytest.mark.parametrize("first", ["operator", "linear"])
+@pytest.mark.parametrize("first", ["linear", pytest.param("operator", marks=pytest.mark.whole)])
 def test_a_cascade_gives_what_python_gives_and_settles_at_a_target(first, tmp_path):
     model = operator(slope=0.1)
     cascade = Cascade(model, LAGS, first)
@@ -203,17 +200,12 @@ def test_a_cascade_gives_what_python_gives_and_settles_at_a_target(first, tmp_pa
 @pytest.mark.parametrize(
     ("model", "start"),
     [
-        (relays(2, "unipolar"), "negative"),
         (relays(30), "negative"),
-        (PLAYS, "demagnetised"),
-        (PrandtlIshlinskii([0.0], [2.0], -1.0), "demagnetised"),
         (BENT, "demagnetised"),
         (
             GeneralisedPrandtlIshlinskii(PLAYS, DeadZones([0.3, 1.0], [0.5, -0.2]), -1.0),
             "demagnetised",
         ),
-        (GeneralisedPrandtlIshlinskii(PLAYS, DeadZones([-2.0, -1.0], [0.5, 0.2])), "demagnetised"),
-        (GeneralisedPrandtlIshlinskii(PLAYS, DeadZones([0.0], [0.7]), 1.0), "demagnetised"),
     ],
 )
 def test_relays_and_plays_give_what_python_gives(model, start, tmp_path):
@@ -234,16 +226,7 @@ def test_relays_and_plays_give_what_python_gives(model, start, tmp_path):
         assert np.abs(inputs - model.invert(targets, start).u).max() <= 1e-9
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"diagonal": "uniform"},
-        {"field": 0.0, "creeps": True},
-        {"field": 0.0, "creeps": True, "diagonal": "uniform"},
-        {"field": 0.0},
-    ],
-)
+@pytest.mark.parametrize("options", [{}, {"field": 0.0, "creeps": True, "diagonal": "uniform"}])
 def test_an_after_effect_gives_what_python_gives(options, tmp_path):
     model = after_effect(**options)
     harness = TIMELESS.replace("bound[k] = 0", "bound[k] = minorloop_output(&state)")
@@ -300,7 +283,7 @@ def deep_inputs(model, count, rng):
     return middle + half * shrink * np.where(k % 2, 1, -1) * rng.uniform(0.8, 1, count)
 
 
-@pytest.mark.parametrize(("room", "signed"), [(6, False), (9, True), (20, True)])
+@pytest.mark.parametrize(("room", "signed"), [(6, False), (9, True)])
 def test_the_smallest_loop_is_dropped_and_the_error_is_within_the_bound(room, signed, tmp_path):
     model = operator(bands=9, signed=signed)
     code = source(model, memory=room, inverse=not signed)
@@ -336,12 +319,10 @@ FALLING = AfterEffect(operator(), times=[1.0], creep=[-2 * operator().weights])
     ("model", "options", "error", "message"),
     [
         (operator(), {"memory": 5}, ParameterError, "memory is 5; give a whole number from 6 to"),
-        (operator(), {"memory": True}, ParameterError, "whole number"),
         (operator(), {"name": "2fast"}, ParameterError, "cannot begin the names"),
         (operator(), {"interval": 1.0}, ParameterError, "an interval does nothing"),
         (operator(), {"largest": 10}, ParameterError, "10 are allowed"),
         (Cascade(operator(), Linear.lags(0.1)), {}, ParameterError, "continuous"),
-        (Cascade(operator(), Linear([1.0], [1.0, -1.0], 0.1)), {}, ParameterError, "DC gain"),
         (Cascade(operator(), Linear([1.0], [1.0, -1.5], 0.1)), {}, ParameterError, "unstable"),
         (Cascade(operator(), LAGS, ahead=LAGS), {}, ParameterError, "on both sides"),
         (Cascade(PLAYS, LAGS), {}, ParameterError, "no linear part"),

@@ -13,8 +13,6 @@ from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
 if find_spec("jax") is None:
     pytest.skip("jax is not installed; pip install 'minorloop[jax]'", allow_module_level=True)
 
-STARTS = ("negative", "positive", "demagnetised")
-
 
 @pytest.fixture(autouse=True)
 def _wide():
@@ -47,16 +45,11 @@ def inputs(model, seed, size=40):
     return np.random.default_rng(seed).uniform(low - 0.2, high + 0.2, size)
 
 
-def models():
-    for relay in ("bipolar", "unipolar"):
-        for diagonal in ("uniform", "reversible"):
-            yield preisach(relay=relay, diagonal=diagonal)
-    yield plays()
-
-
-MODELS = list(models())
-CASES = [(model, STARTS[k % 3]) for k, model in enumerate(MODELS)]
-CASES += [(MODELS[0], "positive"), (MODELS[0], "demagnetised"), (MODELS[-1], "negative")]
+CASES = [
+    (preisach(), "negative"),
+    (preisach(relay="unipolar", diagonal="reversible"), "demagnetised"),
+    (plays(), "positive"),
+]
 
 
 @pytest.mark.parametrize(("model", "start"), CASES)
@@ -69,12 +62,7 @@ def test_the_function_equals_the_model(model, start):
 
 @pytest.mark.parametrize(
     ("start", "relay", "diagonal"),
-    [
-        ("negative", "bipolar", "uniform"),
-        ("positive", "unipolar", "uniform"),
-        ("positive", "bipolar", "reversible"),
-        ("demagnetised", "unipolar", "reversible"),
-    ],
+    [("positive", "bipolar", "uniform"), ("demagnetised", "unipolar", "reversible")],
 )
 def test_the_gradient_in_the_weights_is_the_design_matrix(start, relay, diagonal):
     model = preisach(3, relay=relay, diagonal=diagonal)
@@ -92,18 +80,15 @@ def test_the_gradient_in_the_weights_is_the_design_matrix(start, relay, diagonal
 @pytest.mark.parametrize(("model", "start"), CASES)
 def test_gradients_in_the_input_equal_finite_differences(model, start):
     step, size = 1e-7, 40
-    for seed in range(3):
-        u, r = inputs(model, seed, size), np.random.default_rng(seed).normal(size=size)
-        function, parameters = as_function(model, start)
-        found = jax.grad(lambda u: r @ function(parameters, u))(jnp.asarray(u))  # noqa: B023
-        ahead, behind = (
-            model.simulate(u + sign * step * np.eye(size), start) @ r for sign in (1, -1)
-        )
-        np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-5)
+    u, r = inputs(model, 0, size), np.random.default_rng(0).normal(size=size)
+    function, parameters = as_function(model, start)
+    found = jax.grad(lambda u: r @ function(parameters, u))(jnp.asarray(u))
+    ahead, behind = (model.simulate(u + sign * step * np.eye(size), start) @ r for sign in (1, -1))
+    np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-5)
 
 
-@pytest.mark.parametrize("model", [preisach(), plays()], ids=repr)
-def test_vmap_equals_a_loop(model):
+def test_vmap_equals_a_loop():
+    model = preisach()
     function, parameters = as_function(model)
     u = np.stack([inputs(model, seed) for seed in range(3)])
     many = jax.jit(jax.vmap(function, in_axes=(None, 0)))
@@ -113,14 +98,9 @@ def test_vmap_equals_a_loop(model):
         return (function(p, u) ** 2).sum()
 
     each = [jax.grad(score)(parameters, row) for row in u]
-    total = jax.grad(lambda p: (many(p, u) ** 2).sum())(parameters)
     apart = jax.vmap(jax.grad(score), in_axes=(None, 0))(parameters, u)
     for name in parameters:
-        np.testing.assert_allclose(total[name], sum(one[name] for one in each), rtol=1e-12)
         np.testing.assert_allclose(apart[name], np.stack([one[name] for one in each]), rtol=1e-12)
-    stacked = {n: jnp.stack([p, 2 * p]) for n, p in parameters.items()}
-    twice = jax.vmap(function, in_axes=(0, None))(stacked, u[0])
-    np.testing.assert_allclose(twice[1], 2 * twice[0], rtol=1e-12)
 
 
 def test_arguments_that_are_not_finite_give_nan():

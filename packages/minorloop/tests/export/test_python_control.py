@@ -52,16 +52,6 @@ def test_a_cascade_carries_dynamics_dead_time_and_creep(operator, first):
     np.testing.assert_allclose(found.outputs, wanted, atol=1e-9)
 
 
-def test_refusals_of_cascades():
-    model = Cascade(PREISACH, Linear.lags(0.3))
-    with pytest.raises(ParameterError, match="give the interval in seconds"):
-        as_system(model)
-    with pytest.raises(ParameterError, match="a cascade always has it"):
-        as_system(model, 0.1, feedthrough=False)
-    with pytest.raises(ParameterError, match=r"that of the linear part 0\.2"):
-        as_system(Cascade(PREISACH, Linear.lags(0.3).discretise(0.2)), 0.1)
-
-
 @pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])
 def test_in_an_interconnection_an_integrator_holds_a_target(model):
     plant = as_system(model, 0.1, name="plant", feedthrough=False)

@@ -50,6 +50,7 @@ def test_a_cluster_needs_no_shared_files_and_ends_what_hangs(cluster, tmp_path):
     assert "no model within the limit of 5 s" in failed["hang"]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("what", ["scheduler", "left"])
 def test_results_are_kept_when_a_cluster_is_lost_and_the_rest_follows_later(
     what, cluster, tmp_path, monkeypatch
@@ -106,13 +107,6 @@ def test_a_specimen_whose_worker_leaves_is_given_to_another(cluster, tmp_path):
         specimens, tmp_path / "out", workers=cluster.scheduler_address, watch=watch, **OPTIONS
     )
     assert len(summary.identified) == 3
-
-
-def test_a_scheduler_without_workers_is_given_up(tmp_path):
-    with distributed.LocalCluster(n_workers=0, **LOCAL) as cluster:
-        address, specimens = cluster.scheduler_address, write_fleet(tmp_path, ["a"])
-        with pytest.raises(FleetError, match=r"no worker at .* within 1 s; start one"):
-            identify_fleet(specimens, tmp_path / "out", workers=address, patience=1.0, **OPTIONS)
 
 
 def test_refuses_addresses_without_a_scheduler(tmp_path):

@@ -1,19 +1,16 @@
-import csv
 import dataclasses
 import json
-import os
 import sys
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from fleet_records import OPTIONS, write_fleet, write_record
 from minorloop import MissingExtraError, OutputError, ParameterError, load
 from minorloop.fleet import identification
-from minorloop.fleet._fitting import Task, identify_one
+from minorloop.fleet._fitting import identify_one
 from minorloop.fleet.identification import identify_fleet
-from minorloop.fleet.manifest import Specimen, read_manifest
+from minorloop.fleet.manifest import Specimen
 
 SEEN = []
 
@@ -52,19 +49,6 @@ def six(tmp_path):
     (tmp_path / "gone.csv").unlink()
     (tmp_path / "bad.csv").write_text("drive [V],tip [mm]\n0,1\nx,y\n")
     return specimens
-
-
-def test_records_of_other_formats_are_read_as_their_text_is(tmp_path):
-    (text,) = write_fleet(tmp_path, ["a"])
-    u, y = np.loadtxt(text.file, delimiter=",", skiprows=1).T
-    savemat(tmp_path / "a.mat", {"drive": u, "tip": y})
-    other = dataclasses.replace(text, file=tmp_path / "a.mat")
-    models = [
-        identify_one(Task(one, one.read(), OPTIONS), tmp_path / "scratch")[0]
-        for one in (text, other)
-    ]
-    assert models[1].error == models[0].error
-    assert models[1].nrmse == models[0].nrmse
 
 
 @pytest.mark.usefixtures("here")
@@ -106,17 +90,6 @@ def test_failures_are_reported_and_a_stopped_fleet_continues(six, tmp_path):
     assert identify(retry_failed=True)[1] == ["bad"]
 
 
-def test_errors_in_a_fit_are_returned_as_text(six, tmp_path):
-    def fit(**options):
-        return identify_one(Task(six[0], six[0].read(), options), tmp_path / "scratch")
-
-    for options, said in (({"colour": 1}, "no option 'colour'"), ({"levels": 0}, "levels")):
-        outcome, model = fit(**options)
-        assert said in outcome.error
-        assert model is None
-    assert not (tmp_path / "scratch").exists()
-
-
 @pytest.mark.parametrize("change", ["input", "output", "file"])
 def test_specimens_with_other_columns_are_identified_again(change, tmp_path, here):
     write_record(tmp_path / "s0.csv", 0)
@@ -145,22 +118,6 @@ def test_the_folder_has_only_current_models_and_lists_strays(tmp_path, here):
     assert summary.plain()["strays"] == summary.strays
     assert "models/c.json does not belong to any specimen" in str(summary)
     assert sorted(file.name for file in (out / "models").iterdir()) == ["b.json", "c.json"]
-
-
-def test_the_table_names_files_as_the_manifest_does(tmp_path, here):
-    (tmp_path / "lot1").mkdir()
-    here(write_fleet(tmp_path, ["lot1/s"]), tmp_path / "out")
-    (row,) = csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines())
-    assert row["file"] == "lot1/s.csv"
-
-
-def test_pipes_and_loops_of_links_are_the_failures_of_their_specimens(tmp_path, here):
-    os.mkfifo(tmp_path / "pipe.csv")
-    (tmp_path / "loop.csv").symlink_to("loop.csv")
-    (tmp_path / "m.csv").write_text("specimen,file,input,output\nl,loop.csv,u,y\np,pipe.csv,u,y\n")
-    loop, pipe = here(read_manifest(tmp_path / "m.csv"), tmp_path / "out")[0].failures
-    assert "symbolic links" in loop.error
-    assert "not a regular file" in pipe.error
 
 
 def test_a_folder_is_continued_with_the_same_options_only(six, tmp_path, here):

@@ -39,13 +39,6 @@ def test_step_by_step_gives_the_same_and_changes_nothing_in_place():
         state = following
 
 
-def test_in_place_overwrites_the_state_given():
-    model, u = operator(), RNG.uniform(-1, 1, 50)
-    state = FleetState.begin(model, 50)
-    assert simulate_fleet(model, u, state, in_place=True)[1] is state
-    assert state.memory(3) == Memory.after([u[3]], low=model.levels[0], high=model.levels[-1])
-
-
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_full_memory_loses_its_smallest_loop(signed):
     model, room = operator(signed), 8
@@ -84,18 +77,6 @@ def test_refusals():
         simulate_fleet(PrandtlIshlinskii([0.0, 1.0], [1.0, 1.0]), [0.1])
 
 
-def test_a_state_of_another_model_is_refused():
-    model = operator()
-    fine = Preisach(np.linspace(-1, 1, 201), np.tril(np.ones((200, 200))))
-    shifted = Preisach(model.levels + 1, model.weights, model.offset)
-    heavier = Preisach(model.levels, 2 * model.weights, model.offset)
-    same = Preisach(model.levels, model.weights, model.offset, slope=1.0)
-    simulate_fleet(model, np.zeros(3), FleetState.begin(same, 3))
-    for other in (fine, shifted, heavier):
-        with pytest.raises(ParameterError, match="state belongs to another model"):
-            simulate_fleet(model, np.zeros(3), FleetState.begin(other, 3))
-
-
 @pytest.mark.parametrize(
     "damage",
     [
@@ -113,24 +94,3 @@ def test_a_damaged_state_is_refused(damage):
     state = replace(FleetState.begin(model, 2), **damage)
     with pytest.raises(ParameterError, match="do not fit together"):
         simulate_fleet(model, [0.1, 0.2], state)
-
-
-def test_a_read_only_state_is_not_overwritten():
-    model = operator()
-    state = FleetState.begin(model, 2)
-    state.stacks.setflags(write=False)
-    simulate_fleet(model, [0.1, 0.2], state)
-    with pytest.raises(ParameterError, match="read-only"):
-        simulate_fleet(model, [0.1, 0.2], state, in_place=True)
-
-
-def test_the_error_ends_when_the_input_passes_the_dropped_extrema():
-    model = operator()
-    u = RNG.uniform(*model.levels[[0, -1]], (20, 300))
-    exact, state = model.simulate(u), FleetState.begin(model, 20, room=6)
-    for t in range(300):
-        y, state = simulate_fleet(model, u[:, t], state)
-        assert (np.abs(y - exact[:, t]) <= state.lost + 1e-9).all()
-    assert state.lost.any()
-    for end in (0, -1):
-        assert not simulate_fleet(model, np.full(20, model.levels[end]), state)[1].lost.any()

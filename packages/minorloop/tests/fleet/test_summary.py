@@ -45,25 +45,7 @@ def test_distributions_are_over_identified_specimens():
     assert Summary(outcomes[10:]).plain()["figures"] == {}
 
 
-def test_a_figure_is_over_the_specimens_that_have_it():
-    outcomes = [
-        replace(outcome(k), nrmse_holdout=0.1 + 1e-3 * k if k % 2 else None) for k in range(20)
-    ]
-    outcomes += [replace(outcome(50), nrmse_holdout=0.9)]
-    summary = Summary(outcomes)
-    assert summary.distributions()["nrmse_holdout"]["min"] == 0.101
-    assert "excited" not in summary.distributions()
-    (found,) = summary.outliers()
-    assert (found.specimen, found.figure) == ("s50", "nrmse_holdout")
-
-
 def test_a_model_not_to_be_trusted_is_listed():
     summary = Summary([outcome(0), replace(outcome(1), warning="the output is stuck")])
     assert summary.plain()["warnings"] == {"s1": "the output is stuck"}
     assert "warning s1: the output is stuck" in str(summary)
-
-
-def test_texts_are_on_one_line_and_shortened():
-    assert Outcome("a", error="a\n b").error == "a b"
-    assert Outcome("a", advice="x" * 500).advice == "x" * 396 + " ..."
-    assert Outcome("a", warning="").warning is None

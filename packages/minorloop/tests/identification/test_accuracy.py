@@ -24,11 +24,6 @@ def test_each_figure_is_what_its_definition_says():
     assert found.loop_area == pytest.approx(0.1)
 
 
-def test_a_record_without_closed_loops_has_no_loop_area():
-    ramp = np.linspace(0, 1, 50)
-    assert accuracy(ramp, ramp, ramp, EVERY[:50], WHOLE).loop_area is None
-
-
 def test_samples_that_were_not_measured_count_nowhere():
     y, scored = LATE.copy(), EVERY.copy()
     y[10], scored[10] = np.nan, False

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from benchmarks import fit_times, real_records
-from minorloop.errors import ParameterError
+from benchmarks import fit_times
 from minorloop.identification import active_set, everett_system, least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import Problem
@@ -49,12 +48,6 @@ def test_the_optimum_is_that_of_scipy(spec, sparse):
         assert objective(problem, fit.x) == pytest.approx(least, rel=1e-9, abs=1e-14 * scale)
 
 
-def a_real_problem(bands, samples):
-    model, u, y = real_records.a_record(bands, samples)
-    every = np.ones(u.size, dtype=bool)
-    return Problem(DesignMatrix(PlaneSpec(model.levels), u, every, "negative"), y)
-
-
 @pytest.mark.parametrize(
     ("shape", "bands", "seed", "kkt"),
     [
@@ -76,21 +69,6 @@ def test_unknowns_hardly_determined_take_few_factorisations(shape, bands, seed, 
     fit = Problem(DesignMatrix(spec, u, every, "negative"), y).fit(0.0)
     assert fit.kkt <= kkt
     assert len(done) <= 60
-
-
-def test_planes_too_fine_for_dense_matrices_need_a_sparse_system(monkeypatch):
-    monkeypatch.setattr(least_squares, "MOST_DENSE", 7)
-    random, signed = a_problem(), a_problem(signed=True)
-    with monkeypatch.context() as much_fill:
-        much_fill.setattr(least_squares, "_LEAST_SPARSE", 0)
-        much_fill.setattr(least_squares, "_FILL", 0)
-        with pytest.raises(ParameterError, match="reverses every few samples"):
-            random.fit(0.0)
-    with pytest.raises(ParameterError, match="beyond give smoothness 0"):
-        signed.fit(0.0)
-    with pytest.raises(ParameterError, match="beyond give smoothness 0"):
-        random.fit("auto")
-    assert a_real_problem(40, 1500).fit(0.0).kkt <= 1e-10
 
 
 class DiagonalPivoting(active_set.Pivoting):

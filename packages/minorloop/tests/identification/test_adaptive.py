@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.identification.adaptive import REPEATS, VALIDATION, Adaptive, _Progress, design_holds
+from minorloop.identification.adaptive import VALIDATION, Adaptive, _Progress
 
 
 def experiment(chooser, specimen=1, outlier_at=None, upto=1000):
@@ -109,35 +109,3 @@ def measured(chooser, reads):
         u.append(level)
         y.append(reads(len(y), level))
     return u, y
-
-
-def test_an_outlier_that_was_repeated_is_among_the_findings():
-    chooser = Adaptive(-1, 1, levels=10)
-    found = chooser.findings(*measured(chooser, lambda k, u: u + 5.0 * (k == 9)))
-    assert found.outliers == found.repeated == (9,)
-    assert found.changes == ()
-    assert "1 outlier, " in found.warnings[0]
-    assert ": sample 9 (" in found.warnings[0]
-    assert found.holds == 13 - 1
-    assert found.validation.trusted
-
-
-@pytest.mark.parametrize(
-    ("reads", "says"),
-    [
-        (lambda k, u: -u, "the output falls as the input rises"),
-        (lambda k, u: u + 3.0 * (k >= 8), "changed at about hold 9"),
-        (lambda k, u: u + 9.0 * (k >= 12) * (-1) ** k, "do not trust this model"),
-        (lambda k, u: u, ""),
-    ],
-)
-def test_findings_of_a_run_are_reported(reads, says):
-    chooser = Adaptive(-1, 1, levels=10)
-    said = chooser.findings(*measured(chooser, reads)).warnings
-    assert says in " ".join(said)
-    assert bool(said) == bool(says)
-
-
-def test_hours_include_validation_and_repetitions_and_holds_do_not():
-    assert design_holds(12, None, 200.0) == 12
-    assert design_holds(None, 1.0, 200.0) == 18 - VALIDATION - REPEATS

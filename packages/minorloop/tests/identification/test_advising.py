@@ -21,17 +21,6 @@ def test_warnings_come_first_and_go_with_every_inverse():
     assert "warning" not in str(found.model.invert([0.0]))
 
 
-@pytest.mark.parametrize("option", ["lag", "slope"])
-def test_an_option_is_not_recommended_where_it_was_given_or_compared(option):
-    u = INPUTS["levels"]
-    for given, said in (({}, True), ({option: "auto"}, False)):
-        found = Options.of({"levels": 3, "holdout": 0.3, "diagonal": "uniform", **given}).identify(
-            Record(u, u**3)
-        )
-        worse = next(text for text in found.warnings if "polynomial" in text)
-        assert (f"--law {option}" in worse) == said
-
-
 @pytest.mark.parametrize(
     ("u", "y", "says"),
     [
@@ -76,15 +65,6 @@ def test_an_output_that_comes_before_the_input_is_not_said_to_follow_it(shared_d
     found = ml.identify(ml.read(shared_data / "structural_test_spc1.csv", **names))
     assert "loops run clockwise" in " ".join(found.warnings)
     assert "the output follows" not in " ".join(found.advice)
-
-
-def test_a_filter_is_more_than_the_lag_that_was_found():
-    u, y = record("sine")
-    filtered = np.convolve(y, np.full(12, 1 / 12))[: y.size]
-    filtered[:12] = y[:12]
-    found = identify(u, filtered, Plane(12, lag="auto"))
-    assert found.lag > 0
-    assert "beyond noise" in " ".join(found.warnings)
 
 
 def advice(u, y, **options):

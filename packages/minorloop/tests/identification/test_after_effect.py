@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop import AfterEffect, Preisach, Record, SignalError, Viscosity, identify
+from minorloop import AfterEffect, Preisach, Record, Viscosity, identify
 from minorloop.identification.after_effect import Constants, Design, TimedRecord
 from minorloop.identification.after_effect_result import along
 from minorloop.identification.curves import as_curves
@@ -150,12 +150,6 @@ def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
     found = np.cumsum([plane.weights, *creep], axis=0)
     unknowns = np.append(np.concatenate([pack(one) for one in found]), plane.offset)
     np.testing.assert_allclose(rows @ unknowns, along(model, t, u, curves), rtol=0, atol=1e-12)
-
-
-def test_a_spectrum_without_holds_is_refused():
-    u = np.sin(np.arange(200.0))
-    with pytest.raises(SignalError, match="so that no creep is seen; record holds"):
-        identify(Record(u, u, np.arange(200.0)), Viscosity(4, creep="spectrum"))
 
 
 def test_a_change_within_a_gap_is_a_warning():

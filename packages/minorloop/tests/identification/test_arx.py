@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from minorloop.dynamics.linear import Linear
 from minorloop.identification.arx import arx
@@ -33,16 +31,6 @@ def test_a_known_plant_is_found_exactly(times, late):
     np.testing.assert_allclose(fit.continuous.time_constants, times, rtol=1e-4)
 
 
-@given(st.floats(10, 80), st.floats(2.5, 8), st.booleans())
-@settings(max_examples=4)
-def test_any_two_lags_are_found(slow, apart, zero):
-    poles = [-1 / slow, -apart / slow]
-    plant = Linear.from_poles(poles, [-1.7 / slow] if zero else [])
-    fit = arx(*step(plant, rest=100, hold=round(6 * slow)))
-    assert farthest(fit, [slow, slow / apart]) <= 1e-3
-    assert abs(fit.model.dc_gain - 1) <= 1e-9
-
-
 @pytest.fixture(scope="module")
 def noisy():
     """Noise of a two-thousandth of the step."""
@@ -64,10 +52,3 @@ def test_a_second_record_chooses():
     best = min(one.free_run for one in fit.candidates)
     assert fit.candidate.free_run <= 1.05 * best + 1e-5
     assert farthest(fit, [27.0, 6.0]) <= 0.05
-
-
-def test_oscillation_is_found_where_there_is_one():
-    plant = Linear.from_poles([-0.1 + 0.4j, -0.1 - 0.4j])
-    fit = arx(*step(plant, hold=200))
-    assert fit.candidate.kind == "oscillatory"
-    np.testing.assert_allclose(np.sort(fit.continuous.poles), np.sort(plant.poles), rtol=1e-5)

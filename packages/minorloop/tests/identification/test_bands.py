@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fixed_options import Plane, identify
-from minorloop import ParameterError, Preisach
+from minorloop import Preisach
 from minorloop.identification import prior_fit
 from minorloop.identification.bands import Prediction
 
@@ -28,16 +28,6 @@ def test_missing_outputs_are_not_counted():
     shown = Prediction(np.zeros(3), np.zeros(3), np.ones(3), 0.5)
     assert shown.covers(np.array([0.0, np.nan, 9.0])) == 0.5
     assert np.isnan(shown.covers(np.full(3, np.nan)))
-
-
-@pytest.mark.parametrize("bands", [0, 1, -0.1, 1.5, np.nan])
-def test_refuses_what_is_no_probability(fit, bands):
-    with pytest.raises(ParameterError, match="bands is"):
-        fit.predict(U, bands=bands)
-
-
-def test_no_outputs_are_printed_as_none(fit):
-    assert str(fit.predict([], bands=0.9)) == "no outputs, bands of 90%"
 
 
 def many_plays(u):

@@ -42,19 +42,6 @@ def test_a_condensed_record_has_the_same_fit(options, monkeypatch):
         assert short.groups_nrmse == pytest.approx(whole.groups_nrmse)
 
 
-def test_weights_and_moments_are_kept(monkeypatch):
-    monkeypatch.setattr(condensing, "LONG", 10)
-    u, y = np.linspace(0.0, 0.09, 50), np.random.default_rng(0).normal(size=50)
-    found = condense(np.array([0.0, 0.1]), "negative", u, y, np.ones(50, dtype=bool))
-    inputs = found.u[found.measured]
-    assert inputs.size <= 4
-    for degree in range(5):
-        assert found.counts @ inputs**degree == pytest.approx(np.sum(u**degree))
-    for degree in range(3):
-        assert found.counts @ (found.y * inputs**degree) == pytest.approx(np.sum(y * u**degree))
-    assert found.counts @ found.y**2 + 50 * found.within == pytest.approx(np.sum(y**2))
-
-
 def test_short_records_and_inputs_beyond_the_levels_are_left_alone(monkeypatch):
     u = np.linspace(0, 1, 50)
     seen = np.ones(50, dtype=bool)

@@ -3,7 +3,6 @@ import pytest
 
 from fixed_options import Options, Plane, identify
 from minorloop import Memory, ParameterError, Record, SignalError, Smooth
-from minorloop.identification.curves import Curves
 from plane_records import LEVELS, a_plane
 
 STARTS = ["negative", "positive", "demagnetised", Memory([-1.2, 0.5, 0.1])]
@@ -47,14 +46,6 @@ def test_skipped_rows_set_the_memory_and_are_not_fitted():
     found = identify(Record(u, spoilt, curves=LABELS, skip=2), Plane(LEVELS), prior=Smooth(0.0))
     assert (found.samples, found.skipped) == (4 * 118, 8)
     np.testing.assert_allclose(found.prediction, y, atol=1e-6)
-
-
-def test_driven_inputs_put_the_reset_before_each_later_curve():
-    curves = Curves(np.array([0, 2]), "positive")
-    inputs, places = curves.driven(np.array([0.1, 0.2, 0.3, 0.4]), LEVELS)
-    np.testing.assert_array_equal(inputs, [0.1, 0.2, -1.2, 1.2, 0.3, 0.4])
-    np.testing.assert_array_equal(places, [0, 1, 4, 5])
-    np.testing.assert_array_equal(curves.delayed(np.arange(4.0), 1), [0, 0, 2, 2])
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
-from scipy.linalg import lapack
 from scipy.optimize import nnls
 
 from benchmarks import optima
 from fixed_options import Plane, identify
 from minorloop.identification import Smooth, active_set, dense_solver, least_squares
-from minorloop.identification.dense_solver import GramRows, Quadratic, UpdatedFactor
+from minorloop.identification.dense_solver import GramRows, Quadratic
 from minorloop.identification.design_matrix import DesignMatrix
 from plane_problems import a_problem, objective
 
@@ -62,15 +61,6 @@ def test_each_path_reaches_the_same_optimum(path, strength, monkeypatch):
     assert other.kkt <= kkt
 
 
-def test_large_signed_fits_reach_it_or_say_that_they_do_not(monkeypatch):
-    monkeypatch.setattr(dense_solver, "_FACTORISED", 10)
-    for seed in (97, 111, 204, 274):
-        problem, smoothness = optima.a_problem(seed)
-        fit = problem.fit(smoothness)
-        close = optima.excess(problem, smoothness, fit) <= optima.CLOSE
-        assert close or not fit.converged, seed
-
-
 def test_a_fit_that_did_not_converge_says_so(monkeypatch):
     monkeypatch.setattr(dense_solver, "refine", lambda rows, z, scaling: (z, False))
     problem, _ = optima.a_problem(70)
@@ -83,51 +73,3 @@ def test_a_fit_that_did_not_converge_says_so(monkeypatch):
     assert not found.converged
     assert any("did not converge" in text for text in found.advice)
     assert "not converged" in str(found)
-
-
-UNKNOWNS = 40
-
-
-def a_factor(free):
-    rng = np.random.default_rng(0)
-    rows = rng.normal(size=(60, UNKNOWNS))
-    matrix = rows.T @ rows
-    picked = matrix[np.ix_(free, free)]
-    factor, _ = lapack.dpotrf(picked, lower=0)
-    return matrix, UpdatedFactor(free, factor)
-
-
-def test_unknowns_that_join_and_leave_are_solved_for_as_by_another_factorisation():
-    free = np.arange(UNKNOWNS) % 3 > 0
-    matrix, factor = a_factor(free)
-    right = np.random.default_rng(1).normal(size=UNKNOWNS)
-    for changed in ([], [0, 1, 3], [1, 2, 3], [4]):  # some change back
-        now = free.copy()
-        now[changed] ^= True
-        expected = np.zeros(UNKNOWNS)
-        expected[now] = np.linalg.solve(matrix[np.ix_(now, now)], right[now])
-        found = factor.solve(
-            np.where(now, right, 0.0), now, lambda rows, which: matrix[np.ix_(rows, which)]
-        )
-        np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-def test_too_many_changes_are_left_to_another_factorisation():
-    free = np.arange(UNKNOWNS) % 3 > 0
-    matrix, factor = a_factor(free)
-    found = factor.solve(np.zeros(UNKNOWNS), ~free, lambda rows, which: matrix[np.ix_(rows, which)])
-    assert found is None
-
-
-def test_refinement_that_runs_out_of_rounds_is_not_settled(monkeypatch):
-    monkeypatch.setattr(dense_solver, "_ROUNDS", 1)
-    monkeypatch.setattr(dense_solver, "_STEPS", 2)
-    values = np.geomspace(1, 1e-3, 20)
-    rows = dense_solver.Rows(lambda z: values * z, lambda r: values * r, np.ones(20))
-    scaling = dense_solver.Preconditioner(np.arange(20), np.ones(20))
-    z, settled = dense_solver.refine(rows, np.zeros(20), scaling)
-    assert not settled
-    monkeypatch.undo()
-    z, settled = dense_solver.refine(rows, z, scaling)
-    assert settled
-    np.testing.assert_allclose(values * z, 1.0, atol=1e-12)

@@ -8,12 +8,10 @@ from hypothesis import strategies as st
 import oracles
 from minorloop import ParameterError, Preisach
 from minorloop.identification.curves import Curves
-from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack, unpack
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
 
 LEVELS = np.array([-1.0, -0.6, -0.1, 0.0, 0.4, 1.0])
 inputs = st.lists(st.floats(-1.3, 1.3), min_size=3, max_size=30).map(np.array)
-RANDOM = np.random.default_rng(3).uniform(-1.2, 1.2, 300)
-NESTED = np.interp(np.arange(0, 59, 0.25), range(60), np.linspace(1, 0, 60) * (-1) ** np.arange(60))
 KINDS = list(itertools.product(("bipolar", "unipolar"), ("uniform", "reversible")))
 
 
@@ -50,36 +48,6 @@ def test_adjoint_is_the_transpose(u):
     rng = np.random.default_rng(2)
     x, r = rng.normal(size=matrix.spec.unknowns), rng.normal(size=matrix.samples)
     assert matrix.forward(x) @ r == pytest.approx(x @ matrix.adjoint(r), abs=1e-11)
-
-
-@pytest.mark.parametrize(("relay", "diagonal"), KINDS)
-@pytest.mark.parametrize(("start", "u"), [("negative", RANDOM), ("demagnetised", NESTED)])
-def test_gram_is_the_product_of_the_columns(relay, diagonal, start, u):
-    matrix, _ = areas_of(u, relay, diagonal, start=start)
-    weight = np.random.default_rng(4).uniform(size=matrix.samples)
-    dense = matrix.dense()
-    for w in (None, weight):
-        full = dense.T @ (dense if w is None else dense * w[:, None])
-        np.testing.assert_allclose(np.tril(matrix.gram(w)), np.tril(full), atol=1e-10)
-    scale, which = np.linspace(1, 2, dense.shape[1]), np.arange(1, dense.shape[1], 2)
-    columns = which[::-2]
-    entries = matrix.gram_rows(weight, scale, which, columns)
-    expected = (full * np.outer(scale, scale))[np.ix_(which, columns)]
-    np.testing.assert_allclose(entries, expected, atol=1e-10)
-
-
-def test_packing_goes_both_ways():
-    square = np.tril(np.arange(1.0, 26).reshape(5, 5))
-    np.testing.assert_array_equal(unpack(pack(square)), square)
-
-
-def test_excited_cells_are_where_branches_end():
-    spec = PlaneSpec(np.arange(5.0))
-    loop = np.array([0, 0.5, 1.5, 2.5, 3.5, 4, 3.5, 2.5, 1.5, 0.5, 0])
-    excited = DesignMatrix(spec, loop, np.ones(loop.size, dtype=bool), "negative").excited
-    expected = np.zeros((4, 4), dtype=bool)
-    expected[:, 0] = expected[3, :] = True
-    np.testing.assert_array_equal(excited, expected)
 
 
 def test_normal_equations_too_large_for_the_memory_are_refused():

@@ -22,35 +22,12 @@ def test_outputs_are_those_of_the_cascade(ahead, behind):
     np.testing.assert_array_equal(dynamics.at(dynamics.vector).vector, dynamics.vector)
 
 
-@pytest.mark.parametrize("ahead", [True, False])
-@pytest.mark.parametrize("poles", [((), ()), ((-3.0,), ()), ((), (-3.0, -7.0))])
-def test_another_pole_keeps_the_others_or_makes_all_equal(ahead, poles):
-    dynamics = DynamicParts(STEP, 2.0, *poles)
-    faster, equal = dynamics.with_another_pole(ahead)
-    slow = dynamics.time_constants
-    np.testing.assert_allclose(faster.time_constants[: slow.size], slow, rtol=1e-6)
-    assert faster.poles == equal.poles == dynamics.poles + 1
-    assert len(faster.ahead) == len(dynamics.ahead) + ahead
-    late = slow.sum() + 2 * STEP
-    np.testing.assert_allclose(equal.time_constants, late / equal.poles, rtol=1e-5)
-    low, high = equal.bounds(6.0)
-    assert low.size == high.size == equal.poles + 1
-
-
 def test_dead_time_is_behind_the_operator_unless_all_poles_are_before_it():
     assert DynamicParts(STEP, 2.0, (-3.0,), ()).cascade(PLANE).linear.delay == pytest.approx(
         2 * STEP
     )
     both = DynamicParts(STEP, 2.0, (-3.0,), (-4.0,)).cascade(PLANE)
     assert (both.ahead.delay, both.linear.delay) == (0, pytest.approx(2 * STEP))
-
-
-def test_pieces_are_a_fifth_of_the_rows_and_not_fitted():
-    record = RECORD.with_pieces()
-    left = record.pieces >= 0
-    assert np.mean(left) == pytest.approx(0.2, abs=0.02)
-    assert not record.fitted[left].any()
-    assert record.squares(record.y + 0.1 * np.ptp(record.y)) == pytest.approx(0.01)
 
 
 def test_a_start_up_ends_when_the_input_has_been_near_both_ends():

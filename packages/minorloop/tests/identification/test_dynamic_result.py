@@ -6,7 +6,6 @@ import pytest
 import minorloop as ml
 from fixed_options import Plane, identify
 from minorloop import Cascade, Linear
-from minorloop.dynamics.creep import Creep
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 
 T = 0.01 * np.arange(200)
@@ -43,32 +42,9 @@ def test_another_structure_may_be_too_close_to_call(near):
     assert any("too close to call" in text for text in found.advice) == near
 
 
-def test_time_constants_of_both_sides_are_shown():
-    found = result(Linear.lags(0.3))
-    model = replace(found.model, ahead=Linear.lags(0.004))
-    found = replace(found, model=model)
-    rows = dict(found.summary())
-    assert rows["order"] == "dynamics, operator, dynamics"
-    assert rows["time constants"] == "before: 0.004 s; behind: 0.3 s"
-    assert any("the fastest time constant is 0.004 s" in text for text in found.advice)
-
-
 def test_advice_is_about_the_time_constants_too():
     assert any("sample faster" in text for text in result(Linear.lags(0.004)).advice)
     assert any("record three time" in text for text in result(Linear.lags(1.0)).advice)
     static = result(Linear.lags())
     assert not static.dynamic
     assert "no better than with the operator alone" in static.advice[-1]
-
-
-def test_prints_and_draws():
-    found = result(Linear.lags(0.1), creep=Creep([0.5], [0.2], 0.8))
-    assert f"tried {CHOSEN}" in str(found)
-    assert str(CHOSEN).endswith("dead time 0.01 s: 0.200% of range on left-out pieces  chosen")
-    figure = found.plot(input_label="voltage [V]", output_label="length [um]")
-    assert [axis.get_xlabel() for axis in figure.axes] == [
-        "time [s]",
-        "voltage [V]",
-        "time [s]",
-        "time [s]",
-    ]

@@ -121,6 +121,7 @@ def virgin(u):
     return y + NOISE * np.random.default_rng(1003).normal(size=u.size)
 
 
+@pytest.mark.whole
 def test_a_virgin_start_is_not_fitted():
     u = sweeps((4.0, 20.0, 9.0, 3.0))
     found = ml.identify(
@@ -152,6 +153,7 @@ def test_finds_dynamics_before_the_operator():
     assert "dead time                none" in str(found)
 
 
+@pytest.mark.whole
 def test_finds_dead_time_and_a_resonance():
     omega, u = 2 * np.pi * 40, sweeps()
     system = Linear([omega**2], [1, 0.2 * omega, omega**2], delay=3 / RATE)

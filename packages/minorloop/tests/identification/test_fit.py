@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop import Preisach, Record, Smooth, excitation
+from minorloop import Preisach, Record, excitation
 from plane_records import LEVELS, a_plane, a_record
 
 
@@ -77,12 +77,3 @@ def test_outputs_count_by_their_standard_deviations(rows, options):
     errors = [np.sqrt(np.mean((found.prediction - y) ** 2)) for found in (alike, weighted)]
     assert errors[1] < 0.5 * errors[0]
     assert weighted.samples == u.size
-
-
-def test_equal_standard_deviations_are_as_good_as_none_and_missing_ones_as_the_greatest():
-    u, y = a_record(noise=0.01)
-    sd = np.full(u.size, 0.02)
-    plain = identify(u, y, Plane(LEVELS), prior=Smooth())
-    for noise in (sd, np.where(np.arange(u.size) % 3, sd, np.nan), 0 * sd):
-        found = identify(Record(u, y, sd=noise), Plane(LEVELS), prior=Smooth())
-        np.testing.assert_allclose(found.model.weights, plain.model.weights, atol=1e-9)

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop import Cascade, Linear, Polynomial, PrandtlIshlinskii, Preisach, Record, RelayModel
-from minorloop.identification.frequency import describing_function, fundamental
+from minorloop.identification.frequency import describing_function
 from minorloop.identification.sine_response import Preamble, frequency_response
 
 G = Linear.from_poles([-20.0, -1.5], [-1.0])
@@ -29,15 +29,6 @@ def measured(operator, model=None, frequencies=FREQUENCIES, amplitudes=(0.4, 0.8
     )  # fmt: skip
 
 
-@given(st.integers(1, 5), st.floats(0.1, 5), st.floats(-3, 3), st.integers(1, 10))
-def test_fundamental_is_the_amplitude_of_its_component(periods, size, phase, harmonic):
-    turn = 2 * np.pi * np.arange(1, 64 * periods + 1) / 64
-    x = 3.0 + size * np.cos(harmonic * turn + phase) + 0.7 * np.cos((harmonic + 1) * turn)
-    np.testing.assert_allclose(
-        fundamental(x, periods, harmonic), size * np.exp(1j * phase), atol=1e-12
-    )
-
-
 @given(st.floats(0.3, 3.0), st.floats(0.05, 0.95))
 def test_describing_function_of_a_play(amplitude, share):
     """Gelb and Vander Velde, Multiple-Input Describing Functions, 1968: backlash."""
@@ -56,14 +47,6 @@ def test_describing_function_of_a_relay(threshold, ratio):
     wanted = 4 / (np.pi * amplitude) * np.exp(-1j * np.arcsin(1 / ratio))
     got = describing_function(relay, amplitude)
     np.testing.assert_allclose(got, wanted, atol=5e-3 * np.abs(wanted))
-
-
-def test_describing_function_of_a_cubic_and_a_line():
-    cubic = Polynomial([0.0, 1.0, 0.0, 2.0], -3.0, 3.0)
-    np.testing.assert_allclose(describing_function(cubic, 0.5), 1 + 0.75 * 2 * 0.25, atol=1e-9)
-    np.testing.assert_allclose(
-        describing_function(Polynomial([4.0, 3.0], -9, 9), 2.0), 3.0, atol=1e-12
-    )
 
 
 def test_a_linear_plant_has_the_gains_of_its_transfer_function():
@@ -96,11 +79,3 @@ def test_advice_names_a_plant_that_has_not_settled():
     )
     assert "increase the settling time" in found.advice[0]
     assert "advice" in str(found)
-
-
-def test_prints_and_draws():
-    found = measured(PLANE, PLANE, frequencies=[0.3, 1.0])
-    assert "of it" in str(found)
-    assert str(found).count("\n") == 5
-    assert len(found.plot().axes) == 4
-    assert len(measured(PLANE, frequencies=[1.0]).plot().axes) == 2

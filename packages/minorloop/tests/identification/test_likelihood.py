@@ -23,13 +23,6 @@ def test_rows_are_those_of_the_tree(seed, diagonal):
     np.testing.assert_allclose(rows, DesignMatrix(spec, u, seen, begin).dense(), atol=1e-12)
 
 
-def test_features_are_the_input_and_the_last_extrema():
-    spec = PlaneSpec(np.linspace(0, 1, 5))
-    u = np.array([0.2, 0.9, 0.4, 0.6])
-    _, features = regressors(spec, u, np.ones(4, dtype=bool), "negative")
-    np.testing.assert_allclose(features, [[0.2, 0, 0], [0.9, 0, 0], [0.4, 0.9, 0], [0.6, 0.4, 0.9]])
-
-
 def evidence_of(kind, spec, u, y):
     """Evidence, regressors, and the covariance of the disturbance at some hyperparameters."""
     every = np.ones(u.size, dtype=bool)
@@ -90,23 +83,6 @@ def test_slopes_of_the_likelihood_are_those_of_finite_differences(slope, kind, s
     steps = 1e-5 * np.eye(8)
     wanted = [(at(logs + step)[0] - at(logs - step)[0]) / 2e-5 for step in steps]
     np.testing.assert_allclose(at(logs)[1], wanted, rtol=1e-5, atol=1e-6)
-
-
-def test_weights_count_samples_that_one_stands_for():
-    spec, rng = PlaneSpec(np.linspace(0, 1, 4)), np.random.default_rng(4)
-    u, y = np.repeat(rng.uniform(0, 1, 9), 2), rng.normal(size=18)
-    kept = np.arange(18) % 2 == 1
-    means = (y[kept] + y[~kept]) / 2
-    whole = ManyOutputs.of(
-        DesignMatrix(spec, u, np.ones(18, dtype=bool), "negative"), y, np.ones(18)
-    )
-    within = np.mean((y - np.repeat(means, 2)) ** 2)
-    short = ManyOutputs.of(DesignMatrix(spec, u, kept, "negative"), means, np.full(9, 2.0), within)
-    found = [
-        likelihood.likelihood(PlanePrior(spec), one, Hyperparameters()) for one in (whole, short)
-    ]
-    assert found[1][0] == pytest.approx(found[0][0], rel=1e-12)
-    np.testing.assert_allclose(found[1][1], found[0][1], rtol=1e-8)
 
 
 def test_the_search_finds_white_noise_where_a_correlated_discrepancy_is_a_local_optimum():

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -17,11 +15,6 @@ def record(noise=1e-3, seed=0, hold=300):
     return t, u, PLANT.simulate(t, u) + np.random.default_rng(seed).normal(0, noise, t.size)
 
 
-@pytest.fixture(scope="module")
-def fit():
-    return arx(*record(), second=record(seed=7))
-
-
 def test_the_band_of_the_step_response_is_the_scatter_over_many_records(monkeypatch):
     monkeypatch.setattr(identification_arx, "HIGHEST_ORDER", 2)
     monkeypatch.setattr(identification_arx, "LONGEST_DEAD_TIME", 0)
@@ -32,28 +25,6 @@ def test_the_band_of_the_step_response_is_the_scatter_over_many_records(monkeypa
     np.testing.assert_allclose(predicted, spread, rtol=0.5)
     errors = np.array([one.model.step_response(t) for one in fits]) - PLANT.step_response(t)
     assert np.mean(np.abs(errors) <= 2 * predicted) >= 0.85
-
-
-def test_the_printed_summary(fit):
-    assert fit.free_run_nrmse == fit.candidate.free_run
-    assert fit.time_constant_deviations.shape == (fit.model.order,)
-    assert fit.advice == ()
-    text = str(fit)
-    for words in ("time constants [s]", "gain of the record", "chosen", "±"):
-        assert words in text
-    assert len(fit.plot().axes) == 2
-
-
-def test_advice():
-    alone = arx(*record())
-    assert any("give a second record to choose it by" in text for text in alone.advice)
-    short = arx(*record(noise=0.0, hold=30))
-    assert any("hold for three time constants" in text for text in short.advice)
-    wrong = replace(alone, candidate=replace(alone.candidate, nrmse=0.1))
-    assert any("not linear over these steps" in text for text in wrong.advice)
-    turning = replace(alone, model=Linear([0.0, 1.5], [1.0, 0.5], interval=1.0))
-    assert turning.continuous is None
-    assert any("sample faster" in text for text in turning.advice)
 
 
 def test_both_directions():

@@ -59,9 +59,3 @@ def test_areas_are_those_of_ellipses_and_positive_where_the_output_is_late():
         -2 * np.pi * np.sin(0.3), rel=1e-5
     )
     assert loop_areas(u, late, np.zeros((0, 2), dtype=int)).size == 0
-
-
-def test_every_curve_counts_from_its_own_greatest_input():
-    u = np.concatenate([path(1, -1, 1), path(0.6, -0.6, 0.6)])
-    curves = Curves(np.array([0, 41]), "positive")
-    assert loops_of(u, curves) == [[0, 40], [41, 81]]

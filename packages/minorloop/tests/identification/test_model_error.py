@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
+from minorloop import Gaussian, excitation
 from minorloop.identification import _prior_kernels as kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.model_error import Reach, contiguous_parts
@@ -99,3 +100,13 @@ def test_loops_that_close_make_bands_as_narrow_as_those_of_the_posterior():
     assert 0.85 < band.covers(plant.simulate(fresh) + noise[u.size :]) < 0.97
     sd = np.hypot(found.uncertainty.deviation(u, found.start), band.noise)[found.held_out]
     assert found.predict(u, bands=0.9).sd[found.held_out].mean() < 1.2 * sd.mean()
+
+
+def test_few_parts_do_not_make_bands_narrower_than_those_of_the_posterior():
+    levels = np.linspace(-1, 1, 11)
+    plant = Preisach(levels, np.tril(np.ones((10, 10))) / 55)
+    u = excitation.decaying_staircase(levels)
+    y = plant.simulate(u) + 1e-3 * np.random.default_rng(1000).normal(size=u.size)
+    found = identify(u, y, Plane(levels), prior=Gaussian())
+    known = found.uncertainty.deviation(u, found.start)
+    assert (found.predict(u, bands=0.9).sd > 0.9 * known).all()

@@ -8,7 +8,6 @@ from minorloop.identification.output_error import (
     Coefficients,
     Stretch,
     Structure,
-    correlation_time,
     covariance,
     equation_error,
     output_error,
@@ -50,13 +49,6 @@ def test_sensitivities_are_the_derivatives(seed):
         np.testing.assert_allclose(columns[:, k], (up - down) / (2 * h), atol=1e-5)
 
 
-@pytest.mark.parametrize("fit", [equation_error, output_error])
-def test_both_find_the_truth_without_noise(fit):
-    found = fit([stretch(), stretch(seed=1)], FORM)
-    np.testing.assert_allclose(found.a, A, atol=1e-9)
-    np.testing.assert_allclose(found.b, B, atol=1e-9)
-
-
 def test_output_error_has_no_bias_where_equation_error_has():
     """Noise on the output: least squares on the equation pulls the poles inwards."""
     errors = {equation_error: [], output_error: []}
@@ -82,11 +74,3 @@ def test_covariance_is_the_spread_over_many_records(colour, least, most):
         told.append(np.sqrt(np.diag(covariance(record, one))))
     ratio = np.mean(told, axis=0) / np.std(found, axis=0)
     assert least <= ratio.min() <= ratio.max() <= most
-
-
-def test_correlation_time_of_white_and_coloured_errors():
-    white = RNG.normal(size=20000)
-    coloured = signal.lfilter([1.0], [1.0, -0.8], white)
-    assert correlation_time([white]) < 1.3
-    np.testing.assert_allclose(correlation_time([coloured]), (1 + 0.8) / (1 - 0.8), rtol=0.25)
-    assert correlation_time([np.zeros(10)]) == 1.0

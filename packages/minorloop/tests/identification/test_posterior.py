@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from fixed_options import Plane, identify
+from fixed_options import Options, Plane, identify
 from long_branches import a_record_with_long_branches
+from minorloop import Preisach, Record
 from minorloop.identification import Gaussian, likelihood, posterior
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.likelihood import ManyOutputs
 from minorloop.identification.posterior import SparsePosterior
 from minorloop.identification.prior import Hyperparameters, PlanePrior
 from minorloop.identification.prior_fit import posterior_after
+from minorloop.operators.densities import GaussianDensity
 
 
 @pytest.fixture
@@ -19,27 +21,6 @@ def sparse(monkeypatch):
     """Use the sparse system for planes of any size."""
     monkeypatch.setattr(posterior, "_LEAST_SPARSE", 0)
     monkeypatch.setattr(posterior, "_FILL", np.inf)
-
-
-def test_samples_determine_as_many_unknowns_as_the_trace_says(sparse):
-    model, u, y = a_record_with_long_branches()
-    matrix = DesignMatrix(PlaneSpec(model.levels), u, np.ones(u.size, dtype=bool), "negative")
-    weight, h = np.ones(u.size), Hyperparameters(noise=0.01)
-    system = posterior.system_of_many(matrix, y, weight, h, False)
-    precision = PlanePrior(matrix.spec).precision(h, h.variance)
-    prior = np.stack([precision.product(unit) for unit in np.eye(matrix.spec.unknowns)], axis=1)
-    gram = matrix.dense().T @ matrix.dense()
-    determined = np.trace(np.linalg.solve(gram + prior, gram))
-    assert system.determined == pytest.approx(determined, rel=0.01)
-    mean = np.linalg.solve(gram + prior, matrix.dense().T @ y)
-    np.testing.assert_allclose(matrix.forward(system.mean), matrix.forward(mean), atol=1e-8)
-    bounds = np.append(np.zeros(matrix.spec.cells), -np.inf)
-    root = np.linalg.cholesky(gram + prior)
-    target = np.linalg.solve(root, matrix.dense().T @ y)
-    optimum = lsq_linear(root.T, target, (bounds, np.inf), method="bvls", tol=1e-14).x
-    x, kkt = system.bounded()
-    assert kkt < 1e-10
-    np.testing.assert_allclose(matrix.forward(x), matrix.forward(optimum), atol=1e-8)
 
 
 def test_the_sparse_likelihood_is_that_of_the_outputs(sparse):
@@ -56,16 +37,6 @@ def test_the_sparse_likelihood_is_that_of_the_outputs(sparse):
         total += (h.noise**2 + h.discrepancy**2) * np.eye(u.size)
         wanted.append(-0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1]))
     assert np.diff(found) == pytest.approx(np.diff(wanted), rel=1e-4)
-
-
-def test_the_dense_likelihood_is_that_of_the_search():
-    model, u, y = a_record_with_long_branches(each=3)
-    spec = PlaneSpec(model.levels, slope=True)
-    matrix = DesignMatrix(spec, u, np.ones(u.size, dtype=bool), "negative")
-    evidence, plane = ManyOutputs.of(matrix, y, np.ones(u.size)), PlanePrior(spec)
-    for h in (Hyperparameters(), Hyperparameters(nugget=2.0, noise=0.1)):
-        found = posterior.DenseSystem(evidence, plane, h).likelihood
-        assert found == pytest.approx(likelihood.likelihood(plane, evidence, h)[0], rel=1e-10)
 
 
 @pytest.mark.parametrize("least", [0, np.inf])
@@ -117,22 +88,6 @@ def test_the_independent_part_is_that_of_the_covariance_of_the_outputs():
     np.testing.assert_allclose(found.squares, mean**2 + variances - removed, rtol=1e-5)
 
 
-def test_the_sparse_system_gives_the_same_independent_part(sparse):
-    rng, h = np.random.default_rng(0), Hyperparameters(nugget=2.0, discrepancy=0.01, noise=0.0)
-    u = np.interp(np.arange(200) / 20, np.arange(11), rng.uniform(-1, 1, 11))
-    spec = PlaneSpec(np.linspace(-1, 1, 11))
-    matrix = DesignMatrix(spec, u, np.ones(u.size, dtype=bool), "negative")
-    y = matrix.forward(rng.uniform(0, 1, matrix.spec.unknowns))
-    y = (y - y.mean()) / np.ptp(y) + 0.01 * rng.normal(size=u.size)
-    fast = posterior.system_of_many(matrix, y, np.ones(u.size), h, False)
-    slow = posterior.DenseSystem(ManyOutputs.of(matrix, y, np.ones(u.size)), fast.plane, h)
-    one, other = fast.independent_part(), slow.independent_part()
-    assert isinstance(fast, posterior.SparseSystem)
-    assert one.likelihood == pytest.approx(other.likelihood, rel=1e-5)
-    np.testing.assert_allclose(one.squares, other.squares, rtol=1e-4)
-    np.testing.assert_allclose(one.determined, other.determined, atol=1e-5)
-
-
 def test_the_posterior_is_that_of_a_gaussian_process():
     """Against the textbook formula, on dense matrices: Rasmussen and Williams, eq. 2.26."""
     spec = PlaneSpec(np.linspace(0, 1, 5), diagonal="reversible")
@@ -153,17 +108,6 @@ def test_the_posterior_is_that_of_a_gaussian_process():
     at, _ = likelihood.regressors(spec, new, np.ones(6, dtype=bool), "negative")
     expected = np.sqrt(np.einsum("ij,jk,ik->i", at, covariance, at) + h.discrepancy**2)
     np.testing.assert_allclose(found.deviation(new, "negative"), expected, rtol=1e-6)
-
-
-def test_deviations_of_many_outputs_are_computed_in_parts(monkeypatch):
-    spec, u = PlaneSpec(np.linspace(0, 1, 5)), np.random.default_rng(0).uniform(0, 1, 30)
-    measured = u > 0.4
-    found = posterior_after(
-        spec, Hyperparameters(), likelihood.regressors(spec, u, ~measured, "negative")
-    )
-    whole = found.deviation(u, "negative", measured)
-    monkeypatch.setattr(posterior, "_TOGETHER", 7)
-    np.testing.assert_allclose(found.deviation(u, "negative", measured), whole, rtol=1e-12)
 
 
 def test_a_sparse_posterior_has_the_factor_of_its_variances(sparse):
@@ -203,3 +147,44 @@ def test_a_coarse_plane_has_the_variances_of_what_it_can_describe(sparse, least,
     every = np.random.default_rng(1).uniform(-1, 1, 4000)
     means = [np.mean(one.deviation(every, "negative") ** 2) for one in (plain, plain.coarse(6))]
     assert means[1] == pytest.approx(means[0], rel=0.1)
+
+
+LEVELS = np.linspace(-1, 1, 25)
+MAGNET = Preisach.from_density(LEVELS, GaussianDensity(0.3, 0.25, 0.2))
+
+
+def curves(ends):
+    """Inputs of reversal curves, each from positive saturation."""
+    return np.concatenate([np.r_[1.0, np.linspace(end, 1, 30)] for end in ends])
+
+
+def fitted(levels, **options):
+    u = curves(np.linspace(0.9, -0.1, 12))
+    y = MAGNET.simulate(u, "positive")
+    y += 1e-3 * np.ptp(y) * np.random.default_rng(1000).normal(size=u.size)
+    return Options.of({"levels": levels, "start": "positive", **options}).identify(Record(u, y))
+
+
+@pytest.mark.parametrize("levels", [LEVELS[::2], 12], ids=["over all inputs", "over the record"])
+def test_curves_deeper_than_those_fitted_lie_in_their_bands(levels):
+    found, deep = fitted(levels), curves([-0.4, -0.6])
+    assert found.predict(deep, bands=0.9).covers(MAGNET.simulate(deep, "positive")) >= 0.85
+
+
+@pytest.mark.parametrize("count", [31, 372], ids=["few samples", "many samples"])
+def test_bands_within_the_record_stay_narrow(count):
+    found, seen = fitted(LEVELS[::2]), curves([0.5, 0.2])
+    u, y = found.u[-count:], found.y[-count:]
+    part = identify(Record(u, y, start="positive"), Plane(LEVELS[::2]), prior=Gaussian())
+    beyond = part.predict(curves([-0.5]), bands=0.9).half_width.max()
+    assert part.predict(seen, bands=0.9).half_width.max() < 0.3 * beyond
+
+
+def test_what_an_input_beyond_the_levels_switched_is_switched_back_on_the_way_to_the_other_end():
+    found = fitted(12)
+    low, high = found.model.levels[[0, -1]]
+    u = np.array([high, low, high, low - 0.3, 0.4, 0.8, high, 0.4])
+    wide = found.predict(u, bands=0.9).half_width
+    assert (np.diff(wide[3:7]) < 0).all()
+    assert wide[4] > 5 * wide[7]
+    assert wide[6] == pytest.approx(wide[2])

@@ -32,7 +32,7 @@ def _by_fleet(table, folder):
     return modelfile.read(folder / "fleet.json")
 
 
-ALIKE = ("late", "uneven", "gap")
+ALIKE = ("late", "uneven", "gap", "even", "uneven and late", "groups", "empty cells")
 """Records like others here: with the whole tests."""
 
 

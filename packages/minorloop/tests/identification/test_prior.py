@@ -39,14 +39,3 @@ def test_correlations_approach_those_of_the_dense_prior_on_a_fine_mesh(bands, of
     found, dense = covariances(PlaneSpec(LEVELS), Hyperparameters(nugget=0.01), bands)
     found, dense = (c / np.sqrt(np.outer(c.diagonal(), c.diagonal())) for c in (found, dense))
     np.testing.assert_allclose(found, dense, atol=off)
-
-
-def test_interpolation_reproduces_what_is_linear():
-    plane = PlanePrior(PlaneSpec(LEVELS), 4)
-    mesh = plane.mesh
-    factors = plane.precision(Hyperparameters(), 1.0).factors.toarray()
-    bulk, reversible = plane.deviations(Hyperparameters())
-    value = np.append(mesh.along - 2 * mesh.across, np.zeros(5))
-    np.testing.assert_allclose(factors @ value, bulk * (plane.along - 2 * plane.across), atol=1e-15)
-    value = np.append(np.zeros(mesh.along.size), mesh.thresholds)
-    np.testing.assert_allclose((factors @ value)[plane.diagonal], reversible * plane.middle)

@@ -85,17 +85,3 @@ def test_freezes(sample, why):
     after = recursion.update(before, **sample)
     assert after.frozen == why
     np.testing.assert_array_equal(after.theta, before.theta)
-
-
-def test_the_state_before_is_left_alone():
-    recursion = Recursive(LEVELS)
-    before = recursion.begin(model=a_model())
-    theta, information = before.theta.copy(), before.information.copy()
-    recursion.update(before, 0.7, 3.0)
-    np.testing.assert_array_equal(before.theta, theta)
-    np.testing.assert_array_equal(before.information, information)
-
-
-def test_begins_at_a_model():
-    recursion, model = Recursive(LEVELS), a_model()
-    assert recursion.model(recursion.begin(model=model)) == model

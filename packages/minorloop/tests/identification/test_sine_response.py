@@ -7,7 +7,6 @@ from minorloop.identification.sine_response import (
     logged_periods,
     measured_periods,
     sine_response,
-    unsaturated,
 )
 from minorloop.lab.sines import MeasuredSine, grid
 
@@ -100,14 +99,3 @@ def test_gaps_in_the_output_are_found(sines):
     lost = MeasuredSine(one.sine, one.u, np.where(one.u > 0.39, np.nan, one.y), held=False)
     with pytest.raises(SignalError, match="has gaps in its output"):
         sine_response([measured_periods(lost)])
-
-
-def test_different_offsets_are_noted(sines):
-    one, other = measured_periods(sines[0]), measured_periods(sines[2])
-    moved = SinePeriods(0.5, 0.4, 0.2, 2, other.u, other.y)
-    assert "the offsets differ, from 0 to 0.2" in sine_response([one, moved]).notes[0]
-
-
-def test_a_preamble_that_does_not_saturate_is_noted():
-    assert list(unsaturated(PLANE, [-1.0, 1.3])) == []
-    assert "preamble of -0.8 does not saturate" in next(unsaturated(PLANE, [-1.0, -0.8]))

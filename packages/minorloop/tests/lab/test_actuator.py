@@ -9,9 +9,6 @@ from minorloop.lab.actuator import Channel, check_input
 VOLTAGE = Channel("voltage", "V", -1.2, 1.2)
 AXES = (Channel("x", "V", 0.0, 1.2, rate=0.5), Channel("y", "V", -0.6, 0.6))
 
-NO_LIMITS = [(1.0, 1.0), (1.0, 0.0), (np.nan, 1.0), (0.0, np.nan)]
-OBEYED = ["\n", "\x1b", "\x9b", "\u202e"]
-
 
 @given(st.floats(-1.2, 1.2))
 def test_an_input_within_limits_passes_unchanged(u):
@@ -46,22 +43,3 @@ def test_a_rate_limit_is_a_limit_too():
     check_input(AXES, [0.5, 0.6], before=[0.0, -0.6], interval=1.0)
     with pytest.raises(LimitError, match=r"x from 0 to 0\.5 V in 0\.9 s is faster .* 0\.5 V/s"):
         check_input(AXES, [0.5, 0.0], before=[0.0, 0.0], interval=0.9)
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        *[({"low": low, "high": high}, "give low below high") for low, high in NO_LIMITS],
-        *[({"rate": rate}, "positive rate") for rate in (0.0, -1.0, np.nan)],
-        *[({"name": f"a{c}b"}, "channel .* leave out what cannot be printed") for c in OBEYED],
-        *[({"unit": f"V{c}"}, "the unit of channel a ") for c in OBEYED],
-    ],
-)
-def test_refuses_what_is_no_channel(options, says):
-    with pytest.raises(ParameterError, match=says):
-        Channel(**{"name": "a", "unit": "V", **options})
-
-
-def test_a_channel_reads_like_a_column_header():
-    assert str(VOLTAGE) == "voltage [V]"
-    assert str(Channel("strain", "")) == "strain"

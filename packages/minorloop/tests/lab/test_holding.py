@@ -5,7 +5,6 @@ import pytest
 
 from minorloop import Channel, ParameterError, Plan, Record, Setup, Store, run
 from minorloop.lab.drivers.bench import Bench
-from minorloop.lab.holding import Hold
 from minorloop.lab.records import Timing
 from minorloop.lab.run import check_plan
 
@@ -135,16 +134,6 @@ def test_a_replay_takes_as_long_as_the_holds_took(tmp_path):
         assert store.points()[3].t == pytest.approx(before[-1].t + store.points()[3].held)
 
 
-def test_a_record_without_times_of_its_own_is_taken_at_its_word():
-    hold = Hold(_plan(1.0), 0)
-    lengths = hold.stretches()
-    for _ in range(2):
-        length = next(lengths)
-        hold.add(Record([0, 0], [1, 2], [17.0 + hold.held, 17.0 + hold.held + length]), length)
-    assert (hold.timed, hold.uncertainty, hold.sample_interval) == (False, 0.0, 0.005)
-    assert hold.trace[0][-1] == hold.held == 0.25 + 0.05
-
-
 class Lag:
     """A lag of 0.3 s; the clock of its records runs on, or begins anew with each call."""
 
@@ -186,10 +175,3 @@ def test_times_that_begin_anew_with_each_call_are_joined(tmp_path, clock, timed)
         assert t[0] == pytest.approx(plan.sample_interval)
         assert t[-1] == point.held
     assert np.diff([p.t for p in points]) == pytest.approx([p.held for p in points[1:]])
-
-
-def test_single_times_that_begin_anew_are_joined_although_the_last_stretch_is_longer():
-    hold = Hold(_plan(1.0), 0)
-    for length in (0.2, 0.2, 0.3):
-        hold.add(Record([0.0], [0.0], [length]), length)
-    np.testing.assert_allclose(hold.trace[0], [0.2, 0.4, 0.7])

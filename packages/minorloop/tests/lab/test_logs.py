@@ -52,15 +52,6 @@ def test_dates_and_units_give_seconds(file):
         np.testing.assert_allclose(record.t, np.arange(30.0))
 
 
-def test_without_time_samples_are_counted(file):
-    log = read_log(write(file, T, U, U), input="u", output="y", time=None)
-    assert not log.timed
-    assert log.notes == ()
-    assert log.evenly_sampled() is log.with_known_memory() is log
-    with pytest.raises(ParameterError, match=r"the lag is 0\.1 s and the record has no time"):
-        log.without_lag(0.1)
-
-
 def test_a_column_cannot_be_used_twice_or_have_another_unit(file):
     write(file, T, U, U)
     with pytest.raises(ParameterError, match=r"input .* and time \(--time\) are both 'u \[V\]'"):

@@ -21,12 +21,6 @@ def test_a_smooth_signal_that_rests_is_not_stuck(digits):
     assert frozen(np.round(rests, digits)).runs == ()
 
 
-def test_short_records_are_not_searched():
-    assert frozen(np.ones(30)).runs == ()
-    assert frozen(np.zeros(0)).runs == ()
-    assert frozen(np.ones(300)).runs == ()
-
-
 def _verdicts(levels, readings):
     repeated = RepeatedReadings.of_plan(np.asarray(levels))
     said = []

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError
 from minorloop.lab.plan import FEWEST, Plan
 from minorloop.lab.records import Quantity
 
@@ -68,11 +68,6 @@ class TestTexts:
         assert again.difference(plan) == plan.difference(again) == ""
         assert again.to_json() == text
 
-    @given(plan=plans(), other=plans())
-    def test_plans_differ_where_their_texts_do(self, plan, other):
-        assert (plan.to_json() == other.to_json()) == (plan.difference(other) == "")
-        assert bool(plan.difference(other)) == bool(other.difference(plan))
-
     @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(plan=plans())
     def test_csv_gives_levels_and_holds_back_exactly(self, plan, tmp_path):
@@ -84,21 +79,6 @@ class TestTexts:
         }
         again = Plan.from_csv(tmp_path / "plan.csv", **kept)
         assert again.difference(plan) == ""
-
-    @pytest.mark.parametrize(
-        "text",
-        [
-            "",
-            "null",
-            "[]",
-            '{"inputs": [1.0]}',
-            '{"inputs": ["a"], "longest": [1.0]}',
-            '{"inputs": [1.0], "longest": [1.0], "window": "wide"}',
-        ],
-    )
-    def test_another_text_is_no_plan(self, text):
-        with pytest.raises(ParameterError, match="that is not a plan"):
-            Plan.from_json(text)
 
     @pytest.mark.parametrize(
         ("changed", "says"),
@@ -138,11 +118,6 @@ class TestFiles:
         np.testing.assert_array_equal(Plan.from_csv(file).shortest, [10.0, 20.0])
         np.testing.assert_array_equal(Plan.from_csv(file, shortest=5.0).shortest, [5.0, 5.0])
 
-    def test_an_empty_level_is_open(self, tmp_path):
-        plan = Plan.from_csv(self._file(tmp_path, "u,hold [s]\n1,10\n,10\nnan,10\n"))
-        np.testing.assert_array_equal(plan.inputs, [1.0, np.nan, np.nan])
-        assert plan.open
-
     def test_one_of_several_columns_is_named(self, tmp_path):
         file = self._file(tmp_path, "u [V],note,hold [s]\n1,a,10\n")
         assert Plan.from_csv(file, input="u").inputs.tolist() == [1.0]
@@ -155,25 +130,14 @@ class TestFiles:
             ("", "is empty"),
             ("hold [s],u\n", "has a header and no rows"),
             ("u\n1\n", r"has no column 'hold \[s\]'; a plan says how long"),
-            ("hold [s]\n1\n", r"has 0 columns that could be the input \(none\)"),
             ("u,hold [V]\n1,1\n", r"column 'hold \[V\]' of .* must be in one of s, ms"),
-            ("u,hold [s]\n1,\n", "is empty in row 2"),
             ("u,hold [s]\n1,1\nx,1\n", "has the text 'x' in row 3"),
-            ("u,hold [s]\ninf,1\n", "has 'inf' in row 2"),
             ("u,hold [s]\n1,1\n1,-1\n", "longest hold 1 is -1; give a positive"),
-            ("u,hold [min]\n1,1e308\n", "longest hold 0 is inf"),
         ],
     )
     def test_a_file_that_is_no_plan(self, tmp_path, text, says):
         with pytest.raises((RecordError, ParameterError), match=says):
             Plan.from_csv(self._file(tmp_path, text))
-
-    def test_nothing_is_replaced_unless_by_force(self, tmp_path):
-        Plan([1.0], 10.0).to_csv(tmp_path / "plan.csv")
-        with pytest.raises(OutputError, match="exists already"):
-            Plan([2.0], 10.0).to_csv(tmp_path / "plan.csv")
-        Plan([2.0], 10.0).to_csv(tmp_path / "plan.csv", force=True)
-        assert Plan.from_csv(tmp_path / "plan.csv").inputs.tolist() == [2.0]
 
 
 class TestRefusals:
@@ -181,21 +145,14 @@ class TestRefusals:
         ("changed", "says"),
         [
             ({"inputs": []}, r"inputs have shape \(0,\); a plan has \(N,\) levels"),
-            ({"inputs": [[0.0, 1.0]]}, r"inputs have shape \(1, 2\)"),
-            ({"inputs": 1.0}, "inputs"),
             ({"inputs": [0.0, np.inf]}, "inputs is inf at index 1"),
-            ({"inputs": ["a", "b"]}, "inputs is not an array of real numbers"),
             ({"longest": 0.0}, "longest hold 0 is 0; give a positive number of seconds"),
             ({"longest": [10.0, 10.0, 10.0]}, "give one number of seconds, or one for each of 2"),
             ({"shortest": [-1.0, 1.0]}, "shortest hold 0 is -1"),
             ({"shortest": [1.0, 10.5]}, "level 1 is held 10.5 s at least and 10 s at most"),
             ({"window": 11.0}, "window is 11 s and a hold is 10 s; give a window that fits"),
-            ({"window": 0.0}, "window is 0.0; give a positive number"),
             ({"window": 0.19, "sample_interval": 0.05}, "holds fewer than 4 samples"),
             ({"sample_interval": 1e-9}, "more than 2000000 samples 1e-09 s apart; sample less"),
-            ({"sample_interval": -1.0}, "sample interval is -1.0"),
-            ({"sample_interval": "often"}, "sample interval is 'often'"),
-            ({"tolerance": 0.0}, "tolerance is 0.0; give a positive number"),
         ],
     )
     def test_says_what_is_wrong_and_what_to_do(self, changed, says):

@@ -212,12 +212,6 @@ def test_a_hold_without_readings_is_not_told_to_be_longer(what):
     assert not any("longer" in note for note in found.notes)
 
 
-def test_holds_with_too_few_readings_to_be_found_are_counted():
-    t, u, y = staircase_log(5)
-    with pytest.raises(RecordError, match="about 5 samples each, and at least 8"):
-        reduce(Record(u, y, t, "field [A]", "position [um]"))
-
-
 def test_holds_with_too_few_readings_to_be_judged_are_not_told_to_be_longer():
     t, u, y = staircase_log(10)
     found = reduce(Record(u, y, t, "field [A]", "position [um]"))
@@ -261,22 +255,6 @@ def test_what_is_no_record_or_too_large_is_refused(long):
             reduce(Record(u, y, log.t))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"limits": (3.0, 1.0)}, r"range of the sensor is \[3, 1\]; give low below high"),
-        ({"shortest": -1.0}, "shortest is -1.0; give a duration"),
-        ({"tolerance": 0.0}, "tolerance is 0.0; give a slope > 0"),
-        ({"flip": "u"}, "flip is 'u'; give one of 'output', 'input', 'both'"),
-    ],
-)
-def test_an_option_out_of_range_is_refused(long, options, message):
-    with pytest.raises(ParameterError, match=message):
-        reduce(long[0], **options)
-    with pytest.raises(RecordError, match=r"0 holds of 1000 s or more found"):
-        reduce(long[0], shortest=1000.0)
-
-
 def test_the_table_is_read_again(long, tmp_path):
     found = reduce(long[0], conversion=linear(-2.0, 3.0, name="force", unit="N"))
     file = tmp_path / "points.csv"
@@ -306,12 +284,6 @@ def test_any_record_is_reduced_or_refused(data):
         assert len(found.columns()["verdict"]) == len(found)
         assert found.record().u.size >= 3
         assert [line for line, _ in found.summary()]
-
-
-def test_readings_next_to_zero_are_no_steps_of_a_sensor():
-    u = np.repeat([0.0, 1.0, 0.0], 40)
-    y = np.tile([0.0, 1.0, 2.2e-311], 40)
-    assert not any("whole steps" in note for note in reduce(Record(u, y, np.arange(120.0))).notes)
 
 
 def test_an_input_that_never_rests_is_refused_in_one_sentence_without_warnings():

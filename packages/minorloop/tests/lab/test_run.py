@@ -9,7 +9,7 @@ from minorloop.errors import InstrumentError, LimitError, ParameterError, Safety
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
-from minorloop.lab.run import long_enough, run
+from minorloop.lab.run import run
 from minorloop.lab.signals import Stopped
 from minorloop.lab.store import Setup, Store
 
@@ -111,10 +111,6 @@ def test_an_actuator_that_does_not_move_within_a_small_part_of_its_limits_is_onl
         run(Dead(0), plan, other, watch=lambda now: warnings.append(now.warning))
         assert other.finished
     assert len([*filter(None, warnings)]) == 1
-
-
-class Pulled(Exception):
-    """Stands for whatever can go wrong between two samples."""
 
 
 def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
@@ -232,13 +228,6 @@ def test_levels_that_the_source_would_round_are_refused_before_anything_is_appli
 OPEN = Plan([-1.2, *[np.nan] * 6, 0.5], 20.0, sample_interval=0.5, input="voltage [V]")
 
 
-def _choose(points):
-    """Bisect towards a value, as somebody who looks at the points would; four are enough."""
-    if len(points) >= 6:
-        return None
-    return float(np.clip(points[-1].input + 0.3 * (points[-1].value < 0.4) - 0.1, -1.2, 1.2))
-
-
 def test_a_chosen_level_beyond_the_limits_is_refused_and_the_points_are_kept(tmp_path):
     bench = Bench()
     with Store.create(tmp_path / "open.sqlite", OPEN, SETUP) as store:
@@ -265,17 +254,3 @@ def test_a_store_of_another_actuator_is_refused(store):
         pytest.raises(StoreError, match=r"the actuator has .* 'length change \[um\]'"),
     ):
         run(fibre, plan, other)
-
-
-def test_it_says_how_long_holds_must_be_where_they_were_extrapolated(tmp_path):
-    found = []
-    with Store.create(tmp_path / "none.sqlite", PLAN, SETUP) as store:
-        assert np.isnan(long_enough(store))
-    levels = np.random.default_rng(1000).uniform(-1.2, 1.2, 12)
-    for seconds in (80.0, None):
-        hold = seconds or found[0][1]
-        plan = Plan(levels, hold, input="voltage [V]")
-        with Store.create(tmp_path / f"{hold}.sqlite", plan, SETUP) as store:
-            run(connect("twin:ipmc", specimen=1000, noise=0.05, seed=1000), plan, store)
-            found.append((store.totals()["settled"], long_enough(store)))
-    assert found[0][0] < 6 < 9 <= found[1][0]

@@ -45,14 +45,6 @@ def test_another_file_of_that_name_is_refused(tmp_path, content, message):
         read_headers(file)
 
 
-def test_a_matlab_file_without_numbers_is_refused(tmp_path):
-    file = tmp_path / "run.mat"
-    savemat(file, {"note": "text", "run": {"u": [1.0]}, "n": 3.0})
-    kinds = r"no variable that is a vector .* note \(1 char\), run \(1x1 struct\), n \(1x1 double\)"
-    with pytest.raises(RecordError, match=kinds):
-        read_headers(file)
-
-
 class TestExcel:
     @pytest.fixture
     def workbook(self, tmp_path):
@@ -124,7 +116,7 @@ class TestExcel:
         with pytest.raises(RecordError, match=r"no column 'z'.* the others are 'Sheet', 'later'"):
             read_log(file, input="u", output="z")
 
-    @pytest.mark.parametrize("block", [7, 64, 2**16])
+    @pytest.mark.parametrize("block", [7, 64])
     def test_a_row_that_is_too_wide_is_refused_before_it_is_read(
         self, workbook, monkeypatch, block
     ):
@@ -136,14 +128,6 @@ class TestExcel:
         monkeypatch.setattr("openpyxl.load_workbook", pytest.fail)
         with pytest.raises(RecordError, match=r"run.xlsx has \d+ columns or more; give at most 5"):
             sheets.read_sheet(file, few)
-
-    def test_text_in_it_is_named(self, workbook):
-        with pytest.raises(RecordError, match=r"column 'u' of .* has the text 'x' in row 3"):
-            read_columns(workbook([["u"], [1], ["x"]]), ["u"])
-        with pytest.raises(RecordError, match=r"has the text 'x' in row 5"):
-            read_columns(workbook([["u"], [], [1], [], ["x"]]), ["u"])
-        with pytest.raises(RecordError, match="begins with numbers"):
-            read_headers(workbook([[1, 2], [3, 4]]))
 
 
 def test_without_openpyxl_the_message_says_how_to_install_it(tmp_path, monkeypatch):

@@ -77,31 +77,6 @@ def test_refuses_impossible_sines(change, says):
         replace(SINE, **change)
 
 
-@pytest.mark.parametrize(
-    ("frequencies", "options", "says"),
-    [
-        ([], {}, "frequencies are"),
-        ([-1.0], {}, "give positive numbers"),
-        ([1.0], {"settling": -1.0}, "settling is -1 s"),
-        ([1.0], {"tick": 0.0}, "tick is 0 s"),
-        ([1.0], {"tick": 0.1}, r"too slow for 1 Hz: a period needs 20 ticks; give up to 0\.5 Hz"),
-    ],
-)
-def test_refuses_impossible_grids(frequencies, options, says):
-    with pytest.raises(ParameterError, match=says):
-        grid(frequencies, [0.7], **GRID, **options)
-
-
-def test_a_row_that_is_no_sine_is_named(tmp_path):
-    file = tmp_path / "sines.csv"
-    Plan.of_sines((SINE,), VOLTAGE).to_csv(file)
-    file.write_text(file.read_text().replace(",3,2,40", ",3,2.5,40"))
-    with pytest.raises(ParameterError, match=r"sine 1 of .*: measured periods are 2\.5"):
-        Plan.from_csv(file)
-    with pytest.raises(ParameterError, match="inputs have shape"):
-        Plan.of_sines(())
-
-
 # Sines that are carried out.
 
 BRIEF = {"preamble": -1.2, "hold": 5.0, "samples": 20}
@@ -225,13 +200,6 @@ def test_what_a_bench_cannot_do_is_refused_before(frequency, amplitude, options,
     with pytest.raises(error, match=says):
         check_plan(actuator, plan)
     assert plant.applied == []
-
-
-def test_a_source_that_writes_few_digits_is_found():
-    plant, actuator = bench()
-    plant.written = lambda value: round(value, 2)
-    with pytest.raises(ParameterError, match="write more digits"):
-        check_plan(actuator, PLAN)
 
 
 def test_a_store_of_holds_has_no_sines(tmp_path):

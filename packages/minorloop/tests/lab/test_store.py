@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from minorloop import OutputError, ParameterError, Plan, RecordError, Setup, Store, StoreError
+from minorloop import OutputError, ParameterError, Plan, Setup, Store, StoreError
 from minorloop.files import lock_path
 from minorloop.lab import _store_file as store_file
 from minorloop.lab._store_file import is_store
@@ -157,13 +157,6 @@ class TestKeeping:
         )
         assert totals["time_uncertainty"] == (0.05 if count else None)
 
-    def test_an_output_named_as_the_input_keeps_its_own_column(self, tmp_path):
-        both = Setup("bench", "angle [rad]", "angle [rad]")
-        with Store.create(tmp_path / "a", PLAN, both) as store:
-            store.add(_point(0), *_trace(0))
-            assert store.columns()["angle [rad]"] == [0.0]
-            assert store.columns()["measured angle [rad]"] == [0.0]
-
     def test_it_is_finished_with_the_last_level_or_when_it_is_enough(self, tmp_path):
         with Store.create(tmp_path / "a", PLAN, SETUP) as store:
             for index in range(len(PLAN)):
@@ -178,11 +171,6 @@ class TestKeeping:
                 store.add(_point(3), *_trace(3))
         with Store.open(tmp_path / "b") as store:
             assert store.finished
-
-    def test_the_first_origin_stays(self, tmp_path):
-        with Store.open(_filled(tmp_path / "a"), write=True) as store:
-            store.set_origin({"state": "later"})
-            assert store.origin() == STATE
 
     @pytest.mark.parametrize("name", ["a b?c#d%20e", "ä.sqlite", "file:x?mode=ro", ":memory:"])
     def test_a_name_is_only_a_name(self, tmp_path, monkeypatch, name):
@@ -214,12 +202,6 @@ class TestRefusals:
             for index in (3, -1):
                 with pytest.raises(ParameterError, match=f"no point {index}; .* the first 3"):
                     store.trace(index)
-
-    def test_before_the_first_point_there_is_no_record(self, tmp_path):
-        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
-            with pytest.raises(RecordError, match="no settled point yet; resume the run first"):
-                store.record()
-            assert (store.last(), store.points(), store.origin()) == (None, [], None)
 
     def test_another_run_is_refused(self, tmp_path):
         with Store.create(tmp_path / "a", PLAN, SETUP) as store:
@@ -290,22 +272,6 @@ class TestRefusals:
         assert (tmp_path / "a").read_bytes() == content
         assert _folder_is_clean(tmp_path, "a")
 
-    @pytest.mark.parametrize(
-        ("path", "says"),
-        [
-            ("none", "does not exist; give the name"),
-            (".", "not a regular file"),
-            ("file/inside", "cannot be opened"),
-            ("x" * 300, "cannot be opened"),
-            ("a\0b", "cannot be opened"),
-        ],
-    )
-    def test_a_place_where_no_store_can_be(self, tmp_path, path, says):
-        (tmp_path / "file").touch()
-        with pytest.raises(StoreError, match=says):
-            Store.open(tmp_path / path)
-        assert not is_store(tmp_path / path)
-
     @pytest.mark.parametrize("version", [1, store_file.VERSION + 1])
     def test_a_store_of_another_version(self, tmp_path, version):
         path = _filled(tmp_path / "a")
@@ -326,14 +292,6 @@ class TestRefusals:
             ):
                 pass
         assert (tmp_path / "a").read_bytes() == before
-
-    def test_a_closed_store_says_so(self, tmp_path):
-        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
-            pass
-        with pytest.raises(StoreError, match="closed"):
-            store.points()
-        with pytest.raises(StoreError, match="closed"):
-            store.add(_point(0), *_trace(0))
 
 
 @contextmanager
@@ -550,18 +508,6 @@ class TestDamage:
             _content(path)
         with pytest.raises(StoreError, match=says):
             Store.open(path, write=True)
-
-    def test_points_of_another_plan(self, tmp_path):
-        path = _filled(tmp_path / "a")
-        with Store.create(tmp_path / "b", Plan([0.0], 40.0), SETUP):
-            pass
-        hand = sqlite3.connect(path, isolation_level=None)
-        hand.execute("ATTACH ? AS other", (str(tmp_path / "b"),))
-        hand.execute("REPLACE INTO about SELECT * FROM other.about WHERE name = 'plan'")
-        hand.close()
-        for write in (False, True):
-            with pytest.raises(StoreError, match=r"point \d is missing or is not that of the plan"):
-                Store.open(path, write=write)
 
 
 @contextmanager

@@ -56,13 +56,6 @@ def test_sizes_that_contradict_each_other_are_refused(tmp_path, element):
     refused(read_headers, matlab(tmp_path / "run.mat", element), sentence)
 
 
-@pytest.mark.parametrize("header", [(0, 2**30, 1, 0, 2), (0, -2, 1, 0, 2)])
-def test_sizes_of_the_old_format_are_checked_too(tmp_path, header):
-    file = tmp_path / "run.mat"
-    file.write_bytes(struct.pack("<5i", *header) + b"u\0" + bytes(16))
-    refused(read_headers, file, "is not a MATLAB file|of memory or more")
-
-
 @pytest.mark.parametrize("version", ["4", "5"])
 @pytest.mark.parametrize("packed", [False, True])
 def test_variables_are_those_that_were_written(tmp_path, version, packed):
@@ -113,14 +106,6 @@ class TestExcel:
     def test_its_texts_are_counted(self):
         file = workbook(self.file, (HEADERS, 1), strings=("a", 600_000))
         refused(read_headers, file, "expands from")
-
-    def test_shared_texts_are_labels(self):
-        row = "<row><c><v>1</v></c><c><v>2</v></c><c t='s'><v>1</v></c></row>"
-        headers = HEADERS.replace("</row>", "<c t='s'><v>0</v></c></row>")
-        spoken = "<rPh sb='0' eb='1'><t>no</t></rPh>"
-        texts = f"wire</t></si><si><r><t>a</t></r><r><t>b</t></r>{spoken}</si><si><t>"
-        file = workbook(self.file, (headers, 1), (row, 2), strings=(texts, 1))
-        assert read_labels(file, "wire").tolist() == ["ab", "ab"]
 
     @pytest.mark.parametrize("dimension", ["", "<dimension ref='A1:XFD1048576'/>"])
     def test_cells_count_and_not_what_the_sheet_says_of_its_size(self, dimension):

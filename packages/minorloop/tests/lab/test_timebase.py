@@ -25,19 +25,8 @@ class TestColumn:
     def test_it_is_recognised_by_name_or_unit(self, headers, found):
         assert time_column(headers) == found
 
-    def test_of_two_one_must_be_named(self):
-        with pytest.raises(RecordError, match=r"2 columns that could be time, 'a \[s\]' and 'b \["):
-            time_column(["a [s]", "b [ms]"])
-        assert time_column(["a [s]", "b [ms]"], but=["a"]) == "b [ms]"
-
 
 class TestChecks:
-    def test_even_times_have_no_notes(self):
-        found = check_times(0.01 * np.arange(1000))
-        assert found.notes == ()
-        assert found.interval == pytest.approx(0.01)
-        assert found.breaks.size == 0
-
     @given(seed=SEEDS, lost=st.integers(10, 300), interval=st.sampled_from([1e-3, 1.0, 60.0]))
     def test_missing_rows_are_a_gap(self, seed, lost, interval):
         place = int(np.random.default_rng(seed).integers(50, 900))

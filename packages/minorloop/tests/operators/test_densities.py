@@ -63,14 +63,6 @@ def test_factored_density_is_a_product_with_the_given_widths():
     assert lorentzian(1.2, -1.2) == pytest.approx(lorentzian(1.0, -1.0) / 4)
 
 
-def test_densities_have_the_given_widths_in_mean_and_half_width():
-    gaussian, lorentzian = GaussianDensity(1.0, 0.2, 0.1), LorentzianDensity(1.0, 0.2, 0.1)
-    assert gaussian(1.2, -0.8) == pytest.approx(gaussian(1.0, -1.0) * np.exp(-0.5))
-    assert gaussian(1.1, -1.1) == pytest.approx(gaussian(1.0, -1.0) * np.exp(-0.5))
-    assert lorentzian(1.2, -0.8) == pytest.approx(lorentzian(1.0, -1.0) / 2)
-    assert lorentzian(1.1, -1.1) == pytest.approx(lorentzian(1.0, -1.0) / 2)
-
-
 def test_cells_of_a_plane_add_up_to_the_mass_within_it():
     levels = np.linspace(-1.0, 2.0, 9)
     narrow = GaussianDensity(0.5, 0.1, 0.1, mass=3.0, centre=0.5)

@@ -4,31 +4,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from minorloop.errors import UnreachableError
-from minorloop.operators.inversion import Inversion, refuse_unreachable, within_reach
-
-
-def inversion(count):
-    targets = np.linspace(-2.0, 2.0, count)
-    y = np.clip(targets, -1.0, 1.0)
-    return Inversion(u=y / 2, y=y, residual=y - targets, reachable=np.abs(targets) <= 1)
-
-
-def test_prints_a_row_for_each_target_and_a_summary():
-    lines = str(inversion(5)).splitlines()
-    assert len(lines) == 1 + 5 + 1
-    assert [line.endswith("out of reach") for line in lines[1:-1]] == [True, *3 * [False], True]
-    assert "worst residual 1" in lines[-1]
-    assert "2 of 5 out of reach" in lines[-1]
-
-
-def test_draws_targets_outputs_and_inputs():
-    result = inversion(9)
-    upper, lower = result.plot(input_label="voltage [V]", output_label="angle [deg]").axes
-    assert upper.get_ylabel() == "angle [deg]"
-    assert lower.get_ylabel() == "voltage [V]"
-    drawn = [np.asarray(line.get_ydata()) for line in (*upper.lines, *lower.lines)]
-    for wanted in (result.targets, result.y, result.u):
-        assert any(np.array_equal(line, wanted) for line in drawn)
+from minorloop.operators.inversion import refuse_unreachable, within_reach
 
 
 def test_the_message_names_value_index_range_and_remedy():

@@ -35,14 +35,6 @@ def test_a_memory_survives_json(history):
     assert hash(Memory(memory.extrema)) == hash(memory)
 
 
-def test_demagnetised_is_next_to_the_middle():
-    symmetric = np.tril(np.ones((8, 8)))
-    model = Preisach(np.linspace(-1, 1, 9), symmetric, offset=3.0)
-    y, memory = model.step("demagnetised", 0.0)
-    assert abs(y - 3.0) < np.ptp(model.range) / 500
-    assert len(memory) > 500
-
-
 def test_a_memory_of_another_plane_is_clamped():
     model = Preisach([0.0, 1.0], [[1.0]])
     assert model.memory(Memory([-3.0, 0.5, 0.2])).extrema == (0.0, 0.5, 0.2)

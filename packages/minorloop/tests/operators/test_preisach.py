@@ -9,7 +9,6 @@ from scipy import integrate
 import oracles
 from minorloop import Memory, Preisach
 from minorloop.operators import _kernels
-from minorloop.operators.plane import cell_areas
 
 LEVELS = np.array([-1.0, -0.75, -0.2, 0.0, 0.05, 0.6, 1.0])
 STARTS = ("negative", "positive", "demagnetised")
@@ -40,12 +39,6 @@ def test_equals_the_sum_of_areas_cell_by_cell(relay, diagonal, u, seed, slope):
         np.testing.assert_allclose(
             model.simulate(u, start), wanted, atol=1e-12 * span(model), rtol=0
         )
-
-
-def test_starts_demagnetised():
-    model, u = a_model(3, LEVELS[::2]), np.random.default_rng(0).uniform(-1.2, 1.2, 5)
-    wanted = oracles.outputs(model, u, model.memory("demagnetised").extrema)
-    np.testing.assert_allclose(model.simulate(u, "demagnetised"), wanted, atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("bands", [1, 2, 30])
@@ -163,13 +156,6 @@ def test_densities_are_integrated_over_each_cell():
         lambda beta, alpha: np.exp(alpha - 2 * beta), 0.05, 0.6, 0.05, lambda alpha: alpha
     )
     assert model.weights[4, 4] == pytest.approx(corner, rel=1e-12)
-
-
-def test_a_density_by_cell_is_multiplied_by_the_area():
-    density = np.tril(np.random.default_rng(0).uniform(size=(6, 6)))
-    model = Preisach.from_density(LEVELS, density, offset=1.0)
-    np.testing.assert_allclose(model.weights, density * cell_areas(LEVELS))
-    assert model.offset == 1.0
 
 
 def test_everett_is_half_the_change_along_a_new_branch():

@@ -1,6 +1,6 @@
 import pytest
 
-from minorloop.page.auth import Authentication, is_loopback
+from minorloop.page.auth import Authentication
 
 
 def test_every_start_has_its_own_key_and_token():
@@ -87,13 +87,3 @@ def test_a_proxy_is_reached_by_its_name():
     )
     assert not authentication.is_own_page("https://evil.example", "evil.example")
     assert not Authentication("127.0.0.1").is_own_host("console.example.org")
-
-
-@pytest.mark.parametrize("address", ["127.0.0.1", "127.3.2.1", "::1", "::ffff:127.0.0.1"])
-def test_own_addresses_are_known(address):
-    assert is_loopback(address)
-
-
-@pytest.mark.parametrize("address", ["10.0.0.1", "::ffff:10.0.0.1", "fe80::1%eth0", "", "name"])
-def test_other_addresses_are_not_own(address):
-    assert not is_loopback(address)

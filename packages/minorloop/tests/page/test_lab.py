@@ -96,11 +96,6 @@ def test_a_file_that_is_no_table_is_answered_in_a_sentence(client, content, sent
     assert "/tmp" not in answer.json()["error"]
 
 
-@pytest.mark.parametrize("choice", [{"levels": 0}, {"levels": 1e9}, {"holdout": 2}, {"more": 1}])
-def test_options_out_of_range_are_refused(client, user, choice):
-    assert "cannot be read" in identify(client, user, **choice)[0]["error"]
-
-
 def test_users_do_not_meet(client, user):
     other = drop(client, b"a,b\n1,2\n2,3\n3,5\n").json()["user"]
     assert other != user

@@ -1,6 +1,4 @@
 import asyncio
-import logging
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
@@ -14,7 +12,7 @@ from websockets.protocol import State
 
 from minorloop.page.admission import Admission
 from minorloop.page.connections import admit
-from minorloop.page.serving import LONGEST_HEADER, RateLimitedLog, Sockets, _Marking
+from minorloop.page.serving import LONGEST_HEADER, Sockets
 from page_rig import Running
 
 
@@ -95,26 +93,3 @@ def test_a_text_that_is_not_utf_8_is_refused_with_a_reason_and_no_traceback(runn
         with pytest.raises(ConnectionClosed, match="not UTF-8; send JSON texts"):
             page.recv(timeout=20.0)
     assert caplog.records == []
-
-
-def test_a_request_that_the_end_of_the_server_cuts_off_is_no_error():
-    async def cut_off(scope, receive, send):
-        raise asyncio.CancelledError
-
-    asyncio.run(_Marking(cut_off, Mock())({"type": "lifespan"}, Mock(), Mock()))
-
-
-def test_few_messages_are_logged_in_a_time(monkeypatch):
-    now = [100.0]
-    clock = SimpleNamespace(monotonic=lambda: now[0])  # the server beside goes on by the true one
-    monkeypatch.setattr("minorloop.page.serving.time", clock)
-    seldom = RateLimitedLog(most=2, seconds=10.0)
-
-    def record():
-        return logging.LogRecord("x", logging.ERROR, "x", 1, "it %s", ("failed",), None)
-
-    assert [seldom.filter(record()) for _ in range(5)] == [True, True, False, False, False]
-    now[0] += 11.0
-    late = record()
-    assert seldom.filter(late)
-    assert late.getMessage() == "it failed (3 more messages were left out)"

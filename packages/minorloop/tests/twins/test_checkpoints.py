@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.twins.fibre import Fibre
 from minorloop.twins.ipmc import Ipmc
 
 
@@ -26,17 +25,3 @@ def test_refuses_a_checkpoint_of_another_or_a_damaged_one(change, complaint):
     twin = Ipmc()
     with pytest.raises(ParameterError, match=complaint):
         twin.restore(twin.checkpoint() | change)
-
-
-def test_refuses_what_is_no_checkpoint():
-    twin = Ipmc()
-    with pytest.raises(ParameterError, match="twin None"):
-        twin.restore({})
-    for index, value in ((0, 1.0), (0, 0.0), (1, -0.1), (2, 0.2), (3, 1.0)):
-        wrong = Fibre().checkpoint()
-        wrong["state"][index] = value
-        with pytest.raises(ParameterError, match=rf"damaged: state \[{index}\]"):
-            Fibre().restore(wrong)
-    for nothing in (None, [], 3):
-        with pytest.raises(ParameterError, match="give a dict from checkpoint"):
-            twin.restore(nothing)

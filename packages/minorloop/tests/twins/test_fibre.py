@@ -37,13 +37,6 @@ def test_follows_the_reference(reference):
     assert error[np.flatnonzero(np.diff(u))].max() < 0.001
 
 
-def test_halving_the_step_changes_little(reference):
-    _, u, y = reference.T
-    change = np.abs(replay(reference, substeps=2) - replay(reference)) / np.ptp(y)
-    assert change.max() < 0.01
-    assert change[np.flatnonzero(np.diff(u))].max() < 0.001
-
-
 @pytest.mark.parametrize(("start", "t63", "t95"), [(0.40, 27, 72), (0.50, 37, 102)])
 def test_steps_to_045_have_the_expected_rise_times(start, t63, t95):
     twin = Fibre()

@@ -136,23 +136,12 @@ def test_drift_changes_the_gain_per_hour(kind, rest):
 
 REFUSED = [
     (ParameterError, "duration is 0.0; give a positive", lambda: Ipmc().apply(0.0, 0.0, 1.0)),
-    (ParameterError, "duration is -1.0", lambda: Ipmc().apply(0.0, -1.0, 1.0)),
-    (ParameterError, "duration is inf", lambda: Ipmc().apply(0.0, np.inf, 1.0)),
     (ParameterError, "sample_interval is 0.0", lambda: Ipmc().apply(0.0, 1.0, 0.0)),
     (ParameterError, "samples, more than", lambda: Ipmc().apply(0.0, 1.0, 1e-12)),
-    (ParameterError, "steps, more than", lambda: Ipmc().apply(0.0, 1e15, 1e15)),
     (SignalError, r"u has shape \(1,\) and t \(2,\)", lambda: Ipmc().drive([0, 1], [0.0])),
-    (SignalError, "T at least 2", lambda: Ipmc().drive([0], [0.0])),
     (SignalError, "does not increase at index 2", lambda: Ipmc().drive([0, 1, 1], [0.0, 0, 0])),
-    (SignalError, "t is nan", lambda: Ipmc().sense([0, np.nan], [0.0, 0.0])),
     (ParameterError, "specimen", lambda: Ipmc(specimen=-1)),
-    (ParameterError, "specimen", lambda: Ipmc(specimen=1.5)),
-    (ParameterError, "seed", lambda: Ipmc(seed=True)),
     (ParameterError, "noise", lambda: Ipmc(noise=-0.1)),
-    (ParameterError, "noise", lambda: Ipmc(noise=np.nan)),
-    (ParameterError, "tick", lambda: Ipmc(tick=0.0)),
-    (ParameterError, "drift", lambda: Ipmc(drift=-1.0)),
-    (ParameterError, "substeps", lambda: Ipmc(substeps=0)),
 ]
 
 

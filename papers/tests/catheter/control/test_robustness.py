@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from papers.catheter.control.internal_model import InternalModel
-from papers.catheter.control.robustness import margins, poles, robust_margins
+from papers.catheter.control.internal_model import InternalModel, margins, poles, robust_margins
 from wires import identified, made_up
 
 

@@ -5,8 +5,8 @@ is on other inputs. Parts of the record are left out, groups where there are som
 fits to the others. The variance of their errors has three components: that of the posterior; one
 that grows with the closed travel of the input, because loops of actuators creep a little whenever
 they are closed; and one that grows with the distance in the memory plane from what the other parts
-reached. Each begins at a value of its own, which counts as a few samples, and stays there where the
-record shows nothing of it.
+reached. Each begins at a value of its own, which counts as a few independent parts of a record, and
+stays there where the record shows nothing of it.
 
 References
 ----------
@@ -43,11 +43,12 @@ _CELLS = 25
 """Bands of the plane on which cells count as reached."""
 _NEAR, _FARTHEST = 0.25, 3.0
 """Distance, in ranges of the input, within which travel counts as closed, and its largest value."""
-_BEGIN = np.array([1.0, 0.12, 0.7])
+_BEGIN = np.array([1.0, 0.2, 0.7])
 """Standard deviations of the components to begin with: of the posterior in its own; of a closed
 travel and of a distance of one range in that scale."""
-_WEIGHT = np.array([20.0, 2.0, 2.0])
-"""Samples that these count as: twice the inverse variances of the logarithms of their squares."""
+_WEIGHT = np.array([20.0, 0.3, 1.0])
+"""Independent parts of a record that these count as: twice the inverse variances of the logarithms
+of their squares."""
 _STEPS, _ROUNDS = 40, 3
 _WIDTH = 0.06
 """Width of the average of squared errors along the input, in ranges."""
@@ -215,7 +216,10 @@ def learn(
         reach = Reach.of(spec, coarse.corner[part != k])
         found = reach.covariates(regression.inputs, regression.measured, matrix.start)
         covariates[part == k] = found[part == k]
-    parts = 1 + int(np.count_nonzero(np.diff(coarse.corner))) if groups is None else groups
+    parts = groups
+    if parts is None:
+        visits = 1 + int(np.count_nonzero(np.diff(coarse.corner)))
+        parts = max(round(visits / (_NEAR * _CELLS)), 1)
     weight = weight * min(parts / weight.sum(), 1.0)
     scale = _scale(model, float(np.ptp(regression.y)))
     known = np.maximum(known, (_TINY * scale) ** 2)  # of a record without noise
@@ -232,8 +236,6 @@ def learn(
     scores = np.sort(np.sqrt(square / (components @ factors)))
     factors = factors * np.array([1.0, scale**2, scale**2])
     reach = Reach.of(spec, coarse.corner)
-    if groups is None:
-        parts = max(round(parts / (_NEAR * _CELLS)), 1)
     return ModelError(parts, reach, factors, scores, inputs, variance, covariates.max(axis=0))
 
 

@@ -69,13 +69,6 @@ def test_all_are_made_safe_and_closed_even_if_one_fails():
     assert first.done == second.done == ["safe", "closed"]
 
 
-def test_a_device_with_another_number_of_readings_is_refused():
-    wiring, first, _ = wired()
-    first.readings = np.zeros(2)
-    with pytest.raises(InstrumentError, match="gives 2 readings for 1 sensors"):
-        wiring.read()
-
-
 def test_the_first_error_of_several_steps_is_raised_when_all_were_done():
     done = []
 

@@ -5,7 +5,7 @@ from minorloop_head.geometry import Mount, Probe, wall_point
 from minorloop_head.reconstruction.depth_map import find_water
 from minorloop_head.twins.pipe import Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
-from minorloop_head.ultrasound.echoes import Burst, average
+from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.wall_echoes import Profile, centred, joined, wall_profile
 
@@ -54,19 +54,3 @@ def test_a_pivot_off_its_place_is_found_and_taken_out(swept):
 def test_too_few_echoes_are_left_as_they_are():
     few = Profile(np.zeros((3, 2)), np.ones(3), np.ones(3))
     assert np.array_equal(centred(few).depths, few.depths)
-
-
-def test_a_burst_with_a_verdict_has_no_echo():
-    bad = average([], np.zeros((0, 2)), np.zeros(0))
-    found = wall_profile([bad], CalibratedProbe(Probe(), Mount()))
-    assert not found.detected.any()
-    assert np.isnan(found.depths).all()
-
-
-def test_noise_alone_has_no_echo():
-    """One that counted above the water would put its surface there."""
-    probe, rng = CalibratedProbe(Probe(), Mount(advance=20e-3)), np.random.default_rng(1000)
-    angles = np.array(probe.transducer.aim(probe.mount, wall_point(0.0, 20e-3, 10e-3)))
-    traces = rng.normal(0.0, 0.025, (200, 1600))
-    bursts = [Burst(trace, 1e-8, angles, 4, 4, 0.025) for trace in traces]
-    assert not wall_profile(bursts, probe).detected.any()
