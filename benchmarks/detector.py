@@ -28,7 +28,17 @@ import numpy as np
 from minorloop_head.geometry import wrapped
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.candidates import FEATURES, KINDS, Candidate, candidates
-from minorloop_head.vision.defects import MODES, SIZED, SIZES, SWITCHED, Hole, scales, strongest
+from minorloop_head.vision.defects import (
+    LEAST_EVIDENCE,
+    MODES,
+    SIZED,
+    SIZES,
+    SWITCHED,
+    WEIGHTS,
+    Hole,
+    scales,
+    strongest,
+)
 from minorloop_head.vision.reflectance_map import LitFrame, aligned, lay_flat
 from papers.catheter.detection import FAR, NEAR, misjudged, shots, wilson
 from papers.catheter.scene_view import DIAMETERS, draw_sized_view, draw_view
@@ -249,44 +259,32 @@ def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
 
 
 def source(tables: dict, thresholds: dict, seeds: range, others: int) -> str:
-    """The module ``_evidence.py``, of a fit on our seeds and a number of rendered scenes."""
-    lines = [
-        '"""Weights of the features of a candidate, for each acquisition mode.',
-        "",
-        "They give the logarithm of the odds that a candidate is a hole, by logistic regression on",
-        f"our scenes {seeds[0]} to {seeds[-1]}, each with and without a hole, and, as much, on",
-        f"{others} of the other renderer; switched lights on half of ours in water too, all sizes",
-        "on ours with holes of 0.4 to 3 mm too. Printed by ``python -m benchmarks.detector fit``.",
-        "The thresholds give at most",
-        *(
-            f"{ASKED.get((mode, OURS), FALSE)} false findings an acquisition of ours ({mode}),"
-            for mode in tables
-        ),
-        f"and {FALSE} of each other kind, by cross-validation in {PARTS} parts.",
-        '"""',
-        "",
-        "from __future__ import annotations",
-        "",
-        "THRESHOLDS = {",
-    ]
-    lines += [f'    "{mode}": {value:.2f},' for mode, value in thresholds.items()]
-    lines += ["}", "", "WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {"]
-    for mode, table in tables.items():
-        lines.append(f'    "{mode}": {{')
-        for kind, (constant, weights) in table.items():
-            lines += [f'        "{kind}": (', f"            {constant:.2f},", "            {"]
-            lines += [f'                "{name}": {value:.2f},' for name, value in weights.items()]
-            lines += ["            },", "        ),"]
-        lines.append("    },")
-    return "\n".join([*lines, "}", ""])
+    """The file ``hole_weights.json``, of a fit on our seeds and a number of rendered scenes."""
+    most = {mode: ASKED.get((mode, OURS), FALSE) for mode in tables}
+    about = (
+        "Logarithms of the odds that a candidate is a hole: for each acquisition mode and kind of "
+        "candidate a constant and the weights of its features, by logistic regression on own "
+        f"scenes {seeds[0]} to {seeds[-1]}, each with and without a hole, and, as much, on "
+        f"{others} of the other renderer. Those of switched lights on half of the own in water "
+        "too, those of all sizes on own scenes with holes of 0.4 to 3 mm too. Least evidence "
+        f"gives at most {most} false findings an acquisition of own scenes, and {FALSE} of each "
+        f"other kind, by cross-validation in {PARTS} parts."
+    )
+    rounded = {
+        mode: {
+            kind: (round(constant, 2), {name: round(value, 2) for name, value in weights.items()})
+            for kind, (constant, weights) in table.items()
+        }
+        for mode, table in tables.items()
+    }
+    least = {mode: round(value, 2) for mode, value in thresholds.items()}
+    return json.dumps({"about": about, "least": least, "weights": rounded}, indent=1) + "\n"
 
 
 def score(scenes: list[Scene], mode: str) -> dict:
     """Score the detector."""
-    from minorloop_head.vision._evidence import THRESHOLDS, WEIGHTS
-
     false, right = judged(scenes, mode, WEIGHTS[mode])
-    least = THRESHOLDS[mode]
+    least = LEAST_EVIDENCE[mode]
     hits = [best for best in right if best[0] >= least]
     off, size = np.array([best[2:] for best in hits]).T
     alarms = [value for value in false if value >= least]

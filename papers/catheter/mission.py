@@ -159,7 +159,7 @@ def run_mission(seed: int) -> Results:
 def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
     """Return the errors of the findings of an inspection; NaN where nothing was found."""
     found, bore, log = content["findings"], truth.bore, truth.log
-    holes = [row for row in found if row["kind"] != "crack"]
+    holes = [row for row in found if row["kind"] not in ("crack", "mark")]
     off = [wall_distance(_place(row), (bore.phi, bore.z), RADIUS) for row in holes]
     near = [row for row, far in zip(holes, off, strict=True) if far < SAME]
     pit = next((row for row in near if row["verdict"] == "measured"), None)
@@ -177,6 +177,7 @@ def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
         "reachable": truth.reachable,
         "refused": any(one.what == "reach" and not one.succeeded for one in log),
         "false_holes": len(holes) - len(near),
+        "marks": sum(row["kind"] == "mark" for row in found),
         "seconds": content["seconds"],
         "touch_mm": 1e3 * touched,
         "position_mm": position,
@@ -241,7 +242,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for name, (low, high) in CLASSES.items():
         own = [run["crack_found"] for run in runs if low <= run["crack_width"] < high]
         found |= {f"cracks_{name}": mean(own), f"cracks_{name}_of": len(own)}
-    for name in ("false_holes", "false_cracks"):
+    for name in ("false_holes", "marks", "false_cracks"):
         found[name] = sum(run[name] for run in runs) / len(runs)
     medians = (
         *("seconds", "processor_s", "position_mm", "diameter_error_pct"),

@@ -106,8 +106,10 @@ def line(z, length=4e-3):
 
 
 def test_findings_are_scored_by_place_depth_and_touch():
-    found = scored([row("pit", 0.0, 20.1e-3, depth=0.508), row("hole or pit", 2.0, 20e-3)])
+    others = [row("hole or pit", 2.0, 20e-3), row("mark", 1.0, 20e-3, "no pit", None)]
+    found = scored([row("pit", 0.0, 20.1e-3, depth=0.508), *others])
     assert (found["found"], found["measured"], found["false_holes"]) == (True, True, 1)
+    assert found["marks"] == 1
     assert found["depth_off_um"] == pytest.approx(8.0)
     assert not found["in_band"]
     assert found["touch_mm"] == pytest.approx(0.1)

@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from minorloop_head.control.heating import identify_heating, moving_levels, wire_holds
     from minorloop_head.control.limits import WireLimits
     from minorloop_head.heated_wire import HeatedWire
-    from minorloop_head.inspection.heads import drive_head
+    from minorloop_head.inspection.heads import drive_head, inspected_head, swept_head
     from minorloop_head.inspection.identification import identify_head
+    from minorloop_head.inspection.inspect_pipe import inspect
+    from minorloop_head.inspection.sweep_wall import sweep
     from minorloop_head.twins.sensor import SimulatedFault
     from minorloop_head.twins.surroundings import Course, Surroundings, convection
     from minorloop_head.ultrasound.recorded_scan import RecordedScan, read_scan
@@ -34,16 +36,22 @@ __all__ = [
     "head_control",
     "identify_head",
     "identify_heating",
+    "inspect",
+    "inspected_head",
     "moving_levels",
     "read_scan",
     "scan_flaws",
+    "sweep",
+    "swept_head",
     "wire_holds",
 ]
 
 _MODULES = {
     "heated_wire": ("HeatedWire",),
-    "inspection.heads": ("drive_head",),
+    "inspection.heads": ("drive_head", "inspected_head", "swept_head"),
     "inspection.identification": ("identify_head",),
+    "inspection.inspect_pipe": ("inspect",),
+    "inspection.sweep_wall": ("sweep",),
     "control.head": ("HeadControl", "head_control"),
     "control.heating": ("identify_heating", "moving_levels", "wire_holds"),
     "control.limits": ("WireLimits",),

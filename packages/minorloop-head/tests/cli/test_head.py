@@ -475,7 +475,7 @@ class Still:
 
 
 def test_pictures_are_named_by_the_angles_of_the_joints(answer, monkeypatch):
-    monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", Still)
+    monkeypatch.setattr("minorloop_head.procedures.photograph.LiveCamera", Still)
     take = "head photograph --camera camera:0"
     shown = answer(f"{take} --out mount --actuator twin:head --plan steps=2,hold=20")
     assert shown["pictures"] == 4
@@ -486,7 +486,7 @@ def test_pictures_are_named_by_the_angles_of_the_joints(answer, monkeypatch):
 
 
 def test_pictures_are_taken_by_hand(run, monkeypatch):
-    monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", Still)
+    monkeypatch.setattr("minorloop_head.procedures.photograph.LiveCamera", Still)
     take = "head photograph --camera camera:0"
     status, _, error = run(f"{take} --out lens --plan count=3,every=0")
     assert (status, error.count("hold the target")) == (0, 3)

@@ -114,7 +114,8 @@ class Operator:
 def operating(browser, address, **options):
     with opened(browser, address, **options) as (page, _):
         operator = Operator(page)
-        page.wait_for_selector("#veil", state="hidden")
+        # A console compiles and identifies its wires before its first picture.
+        page.wait_for_selector("#veil", state="hidden", timeout=300_000)
         page.wait_for_selector("body[data-command]")
         yield operator
         operator.release()

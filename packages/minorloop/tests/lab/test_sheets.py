@@ -1,3 +1,4 @@
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
@@ -5,8 +6,10 @@ import pytest
 from scipy.io import savemat
 
 from minorloop.errors import MissingExtraError, RecordError
+from minorloop.lab import sheets
 from minorloop.lab.columns import read_columns, read_each, read_headers
 from minorloop.lab.logs import read_log
+from minorloop.lab.tables import LARGEST
 
 
 def test_vectors_of_a_matlab_file_are_columns(tmp_path):
@@ -105,6 +108,19 @@ class TestExcel:
         assert "the others are 'Sheet', 'later'" in log.notes[0]
         with pytest.raises(RecordError, match=r"no column 'z'.* the others are 'Sheet', 'later'"):
             read_log(file, input="u", output="z")
+
+    @pytest.mark.parametrize("block", [7, 64])
+    def test_a_row_that_is_too_wide_is_refused_before_it_is_read(
+        self, workbook, monkeypatch, block
+    ):
+        monkeypatch.setattr(sheets, "_BLOCK", block)
+        few = replace(LARGEST, columns=5)
+        file = workbook([list("abcde"), *[[1, 2, 3, 4, 5]] * 50])
+        assert sheets.read_sheet(file, few).headers == list("abcde")
+        file = workbook([list("ab"), [1, 2], range(200), [1, 2]])
+        monkeypatch.setattr("openpyxl.load_workbook", pytest.fail)
+        with pytest.raises(RecordError, match=r"run.xlsx has \d+ columns or more; give at most 5"):
+            sheets.read_sheet(file, few)
 
 
 def test_without_openpyxl_the_message_says_how_to_install_it(tmp_path, monkeypatch):

@@ -85,7 +85,7 @@ class TestExcel:
         ("row", "times", "sentence"),
         [
             ("<row><c><v>1</v></c><c r='XFD2'><v>1</v></c></row>", 100, "has 16384 columns or"),
-            ("<row>" + "<c><v>1</v></c>" * 20_000 + "</row>", 1, "has 20000 columns or more"),
+            ("<row>" + "<c><v>1</v></c>" * 20_000 + "</row>", 1, r"has \d+ columns or more"),
             ("<row><c><v>1</v></c><c><v>1</v></c></row>", 300_000, "expands from .* 50 times"),
             ("<row><c t='s'><v>7</v></c></row>", 1, "is not an Excel workbook"),
         ],

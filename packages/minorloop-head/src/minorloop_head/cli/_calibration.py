@@ -1,37 +1,223 @@
-"""What ``minorloop head calibrate`` prints and draws."""
+"""Commands of ``minorloop head`` that calibrate its camera: take pictures, and evaluate them."""
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import OutputError, ParameterError, counted
+from minorloop.errors import ParameterError
 from minorloop.values import called, parsed
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
-    from minorloop.report import Report
     from minorloop_head.procedures.calibrate import CalibratedHead, ExpectedTarget
-    from minorloop_head.vision.lens_calibration import LensFit
-    from minorloop_head.vision.mount_calibration import MountFit
-    from minorloop_head.vision.targets import Target
+    from minorloop_head.procedures.head_file import HeadFile
 
-_INCH = 25.4
-_BAR = 20.0
-"""Length in mm of the bar by which the scale of a print is checked."""
 _NEAREST, _FARTHEST = 0.2, 50.0
 """Distances of an LED from the lens in mm: the smallest camera modules are 0.6 mm wide, and an LED
 beyond the pipe lights nothing."""
-_FORMATS = (".pdf", ".svg", ".png")
-_ENLARGED = 100
-"""Length of a residual in the report, in its own length."""
+
+_Camera = Annotated[
+    str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
+]
+_Pictures = Annotated[
+    Path, typer.Option(show_default=False, help="New or empty folder for the pictures.")
+]
+_Turned = Annotated[
+    str | None,
+    typer.Option(help="Head to turn between pictures, such as bench:head.toml; none by hand."),
+]
+_Plan = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=VALUE,...",
+        help="With a head: highest: largest current in A, 0.35 if not given; steps: levels of "
+        "each current, 4; hold: time at each level in s, 40. By hand: count of pictures, 16; "
+        "every: time for each in s, 4.",
+    ),
+]
+_Exposure = Annotated[
+    float | None, _common.number_option("Exposure in ms, where the camera offers it.")
+]
 
 
-def target_of(text: str) -> ExpectedTarget:
+def photograph(
+    camera: _Camera,
+    out: _Pictures,
+    actuator: _Turned = None,
+    plan: _Plan = "",
+    exposure: _Exposure = None,
+    as_json: _common.Json = False,
+) -> None:
+    """Take pictures for head calibrate, by hand or at several angles of the joints."""
+    from minorloop_head.procedures.identify import check_head
+    from minorloop_head.procedures.photograph import at_angles, by_hand
+    from minorloop_head.procedures.photograph import photograph as keep
+    from minorloop_head.vision.video import check_camera
+
+    if exposure is not None and not 0.01 <= exposure <= 1000:
+        raise ParameterError(f"--exposure is {exposure:g}; give 0.01 to 1000 ms")
+    check_camera(camera)
+    given, seconds = parsed(plan).options, None if exposure is None else 1e-3 * exposure
+    if actuator is None:
+        names = called(by_hand, "--plan", given, told=partial(typer.echo, err=True))
+        taken = keep(camera, out, names, exposure=seconds)
+    else:
+        with _common.connected(actuator) as plant, _common.working("turning") as now:
+            check_head(plant)
+            names = called(at_angles, "--plan with a head", given, plant=plant)
+            taken = keep(camera, out, names, exposure=seconds, told=now)
+    if as_json:
+        _common.print_json({"folder": str(out), "pictures": taken})
+        return
+    typer.echo(f"{taken} pictures in {out}; next: minorloop head calibrate")
+
+
+_Head = Annotated[
+    Path | None,
+    typer.Option(
+        help="File of the head to write. If it exists, what is not measured is kept, and "
+        "a calibration is replaced with --force."
+    ),
+]
+_OfLens = Annotated[
+    Path | None,
+    typer.Option(help="Folder of pictures of the target everywhere in the image, for the lens."),
+]
+_OfMount = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder of pictures of the target at rest, at several angles of the joints, named "
+        "such as pan12.5_tilt-3.png."
+    ),
+]
+_Angles = Annotated[
+    Path | None,
+    typer.Option(
+        help="Instead of angles in the names: table with a row for each picture of --mount, "
+        "its name in the column picture, and pan and tilt in deg; or, of a camera on a robot, "
+        "the pose of its flange: x, y, z in mm, and rx, ry, rz in deg (rotation vector) or qw, "
+        "qx, qy, qz."
+    ),
+]
+_AngleSd = Annotated[
+    float, _common.number_option("Standard deviation of the angles of the joints, in deg.")
+]
+_Leds = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z;...",
+        help="Places of the LEDs in mm: right of the lens, below it, before it. Or a folder "
+        "with a folder for each LED: dark pictures of its reflection in a glossy target.",
+    ),
+]
+_Target = Annotated[
+    str,
+    typer.Option(
+        metavar="KIND,KEY=VALUE,...",
+        help="Kind of the target: charuco, chessboard, circles or asymmetric-circles; auto "
+        "finds out which the pictures show. squares=COLUMNSxROWS, or circles, found out too; "
+        "side=MM of a square as measured, or distance of circles. on-axis=yes: in the pictures "
+        "of --mount it is square to the pipe, upright, with its middle on the axis, so that "
+        "the place of the head in the pipe is measured too.",
+    ),
+]
+_Pipe = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=VALUE,...",
+        help="radius of the pipe and thickness of its wall in mm; 10 and 2 if never given.",
+    ),
+]
+_Serial = Annotated[
+    str | None, typer.Option(help="Serial number of the head; needed for a new file.")
+]
+_PrintTarget = Annotated[
+    Path | None,
+    typer.Option(help="Only write the target to this PDF, SVG or PNG file, to print at scale."),
+]
+_Report = Annotated[
+    Path | None, typer.Option(help="Write a report with pictures of coverage and residuals.")
+]
+
+
+def calibrate(
+    head: _Head = None,
+    pictures: _OfLens = None,
+    mount: _OfMount = None,
+    angles: _Angles = None,
+    angle_sd: _AngleSd = 0.1,
+    leds: _Leds = None,
+    target: _Target = "auto,side=3",
+    pipe: _Pipe = "",
+    serial: _Serial = None,
+    print_target: _PrintTarget = None,
+    report: _Report = None,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Calibrate lens, mount and LEDs of a head from pictures of a printed target."""
+    from minorloop_head.procedures.calibrate import calibrate_head
+    from minorloop_head.procedures.calibration_report import calibration_report
+    from minorloop_head.procedures.head_file import save_head
+    from minorloop_head.vision.print_target import print_target as write_target
+
+    expected = _target_of(target)
+    if print_target is not None:
+        write_target(expected.printed(), print_target, force=force)
+        if as_json:
+            _common.print_json({"target": str(print_target)})
+        else:
+            typer.echo(
+                f"kept in {print_target}; print it at 100 %, and measure the bar and a square"
+            )
+        return
+    if head is None:
+        raise ParameterError("no file of a head is given; name it with --head")
+    before = _before(head, serial, force)
+    _common.check_outputs([report], inputs=[head], force=force)
+    places, folder = _leds_of(leds)
+    with _common.working("looking for the target") as now:
+        result = calibrate_head(
+            before,
+            target=expected,
+            pictures=pictures,
+            mount=mount,
+            angles=angles,
+            angle_sd=angle_sd,
+            leds=places,
+            led_pictures=folder,
+            **_pipe_of(pipe),
+            told=now,
+        )
+    save_head(result.head, head, force=True)
+    if report is not None:
+        _common.write_report(lambda: calibration_report(result), report, force=force)
+    _show(result, head, as_json)
+    if result.doubts:
+        raise typer.Exit(1)
+
+
+def _before(path: Path, serial: str | None, force: bool) -> HeadFile:
+    """Return the head as known so far; refuse that of another one."""
+    from minorloop_head.procedures.head_file import HeadFile, read_head
+
+    before = read_head(path) if path.exists() else None
+    if before is None and serial is None:
+        raise ParameterError(f"{path} is new; give the serial number of the head with --serial")
+    known = before or HeadFile(serial=str(serial))
+    replace(known, identified=None).check_fits(serial, path)
+    replaces = known.calibration is not None
+    _common.check_outputs([path], force=force or not replaces)
+    return known
+
+
+def _target_of(text: str) -> ExpectedTarget:
     """Return the target of ``auto,side=3``."""
     from minorloop.arrays import as_finite
     from minorloop_head.procedures.calibrate import AUTO, ExpectedTarget
@@ -56,7 +242,7 @@ def target_of(text: str) -> ExpectedTarget:
     return called(made, "--target", given.options)
 
 
-def pipe_of(text: str) -> dict[str, float]:
+def _pipe_of(text: str) -> dict[str, float]:
     """Return radius and thickness in metres of ``radius=10,thickness=2``, those that are given."""
     from minorloop.arrays import as_finite
 
@@ -70,7 +256,7 @@ def pipe_of(text: str) -> dict[str, float]:
     return called(made, "--pipe", parsed(text).options)
 
 
-def leds_of(text: str | None) -> tuple[FloatArray | None, Path | None]:
+def _leds_of(text: str | None) -> tuple[FloatArray | None, Path | None]:
     """Return positions (N, 3) in metres of ``x,y,z;x,y,z`` in mm, or a folder of pictures."""
     import numpy as np
 
@@ -87,78 +273,9 @@ def leds_of(text: str | None) -> tuple[FloatArray | None, Path | None]:
     return 1e-3 * found, None
 
 
-def print_target(expected: ExpectedTarget, path: Path, *, force: bool, as_json: bool) -> None:
-    """Write a target to be printed at scale, with a bar to check the scale."""
-    from matplotlib.figure import Figure
+def _show(found: CalibratedHead, path: Path, as_json: bool) -> None:
+    from minorloop_head.procedures.calibration_report import rows, summary
 
-    from minorloop.files import check_writable, write_atomically
-
-    if path.suffix.lower() not in _FORMATS:
-        raise OutputError(f"{path} is of no known format; let it end in {', '.join(_FORMATS)}")
-    check_writable(path, force=force)
-    target = expected.printed()
-    rim = max(1e3 * target.square, 8.0)
-    wide, high = 1e3 * target.size
-    page_wide, page_high = max(wide, 2 * _BAR) + 2 * rim, high + 2 * rim
-    figure = Figure(figsize=(page_wide / _INCH, page_high / _INCH))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(-rim, page_wide - rim), ylim=(page_high - rim, -rim))
-    axes.set_axis_off()
-    for left, top, width in _runs(target):
-        # A little overlap downwards keeps renderers from leaving gaps between rows.
-        axes.add_patch(_rectangle(left, top, width, _cell(target) * 1.01))
-    below = high + 0.35 * rim
-    axes.add_patch(_rectangle(0.0, below, _BAR, 0.5))
-    words = (
-        f"{_BAR:g} mm; {target.kind} {target.columns}x{target.rows}, side "
-        f"{1e3 * target.square:g} mm"
-    )
-    axes.text(0.0, below + 1.0, words, fontsize=5, va="top")
-    write_atomically(path, _drawn(figure, path.suffix.lower()[1:]))
-    if as_json:
-        _common.print_json({"target": str(path)})
-    else:
-        typer.echo(f"kept in {path}; print it at 100 %, and measure the bar and a square")
-
-
-def _drawn(figure: Any, kind: str) -> bytes:
-    import io
-
-    from matplotlib import rc_context
-
-    out = io.BytesIO()
-    metadata = {"Software": None} if kind == "png" else {"Creator": None}
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "minorloop"}):
-        figure.savefig(out, format=kind, dpi=600, metadata=metadata)
-    return out.getvalue()
-
-
-def _cell(target: Target) -> float:
-    from minorloop_head.vision.targets import CELLS
-
-    return 1e3 * target.square / CELLS
-
-
-def _runs(target: Target) -> list[tuple[float, float, float]]:
-    """Return left, top and width in mm of each run of black cells in a row."""
-    import numpy as np
-
-    size, runs = _cell(target), []
-    for number, row in enumerate(target.cells()):
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], row, [True]])))
-        for first, last in edges.reshape(-1, 2):
-            runs.append((size * first, size * number, size * (last - first)))
-    return runs
-
-
-def _rectangle(left: float, top: float, width: float, height: float) -> Any:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((left, top), width, height, facecolor="black", linewidth=0)
-
-
-def show(found: CalibratedHead, path: Path, as_json: bool) -> None:
-    """Print a calibration."""
     head = found.head
     if as_json:
         content: dict[str, Any] = {"head": str(path), "serial": head.serial}
@@ -175,100 +292,11 @@ def show(found: CalibratedHead, path: Path, as_json: bool) -> None:
         content["warnings"] = found.warnings
         _common.print_json(content)
         return
-    _common.print_table(("what", "value", "sd", "unit"), _rows(found), f"head {head.serial}")
-    typer.echo(_summary(found))
+    _common.print_table(("what", "value", "sd", "unit"), rows(found), f"head {head.serial}")
+    typer.echo(summary(found))
     for name, why in found.left_out.items():
         typer.echo(f"left out: {name} ({why})")
     _common.print_advice(found.advice)
     for sentence in found.warnings:
         typer.echo(f"warning: {sentence}", err=True)
     typer.echo(f"kept in {path}; next: minorloop head identify --head {path}")
-
-
-def report(found: CalibratedHead) -> Report:
-    """Return a report with pictures of coverage and residuals."""
-    from minorloop.report import Picture, Report, Table
-
-    page = Report(f"Calibration of head {found.head.serial}", _summary(found))
-    columns = ("what", "value", "sd", "unit")
-    page.add("Measured", table=Table(columns, _rows(found)), notes=(*found.warnings, *found.advice))
-    if found.lens is not None:
-        page.add(
-            "Lens",
-            pictures=[
-                Picture(_coverage(found.lens), "Corners of all pictures, and ninths of the image."),
-                Picture(_residuals(found.lens), f"Residuals, {_ENLARGED} times as long."),
-            ],
-        )
-    if found.mount is not None:
-        caption = "Read less fitted angles of the joints."
-        page.add("Mount", pictures=[Picture(_joints(found.mount), caption)])
-    if found.left_out:
-        page.add("Left out", table=Table(("picture", "why"), list(found.left_out.items())))
-    return page
-
-
-def _rows(found: CalibratedHead) -> list[tuple[str, str, str, str]]:
-    rows = []
-    for each in found.head.measured:
-        places = max(1 - math.floor(math.log10(each.sd)), 0) if each.sd > 0 else 3
-        numbers = f"{each.value:.{places}f}", f"{each.sd:.{places}f}"
-        rows.append((each.name, *numbers, each.unit))
-    return rows
-
-
-def _summary(found: CalibratedHead) -> str:
-    used = [f"{counted(count, 'picture')} for {what}" for what, count in found.used.items()]
-    said = f"used: {', '.join(used) or 'no pictures'}; left out: {len(found.left_out)}"
-    if found.target is not None:
-        said += f"; {found.target}"
-    if found.lens is not None:
-        said += (
-            f"; residual of the corners {found.lens.rms:.2g} px rms, {found.lens.rms_left_out:.2g} "
-            f"in pictures left out; free in the lens: {found.lens.model}"
-        )
-    if found.mount is not None:
-        said += f"; residual of the angles {found.mount.rms:.2g} deg rms"
-    return said
-
-
-def _image_axes(lens: LensFit) -> Any:
-    from matplotlib.figure import Figure
-
-    size = (6.0, 6.0 * lens.lens.height / lens.lens.width)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.add_subplot(xlabel="u [px]", ylabel="v [px]", aspect="equal")
-    axes.set(xlim=(-0.5, lens.lens.width - 0.5), ylim=(lens.lens.height - 0.5, -0.5))
-    return axes
-
-
-def _coverage(lens: LensFit) -> Any:
-    axes = _image_axes(lens)
-    for each in lens.seen:
-        axes.plot(each.pixels[:, 0], each.pixels[:, 1], ".", markersize=3)
-    for third in (1, 2):
-        axes.axvline(third * lens.lens.width / 3 - 0.5, color="grey", linewidth=0.8)
-        axes.axhline(third * lens.lens.height / 3 - 0.5, color="grey", linewidth=0.8)
-    return axes.figure
-
-
-def _residuals(lens: LensFit) -> Any:
-    import numpy as np
-
-    axes = _image_axes(lens)
-    pixels = np.concatenate([each.pixels for each in lens.seen])
-    off = np.concatenate([pose.residuals for pose in lens.poses])
-    axes.quiver(*pixels.T, *off.T, angles="xy", scale_units="xy", scale=1 / _ENLARGED, width=0.0015)
-    return axes.figure
-
-
-def _joints(mount: MountFit) -> Any:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.0, 3.0), layout="constrained")
-    axes = figure.add_subplot(xlabel="picture", ylabel="read less fitted [deg]")
-    for column, name in enumerate(("pan", "tilt")):
-        axes.plot(mount.joints[:, column], "o", markersize=4, label=name)
-    axes.axhline(0.0, color="grey", linewidth=0.8)
-    axes.legend()
-    return figure

@@ -16,7 +16,7 @@ from minorloop.cli._run_progress import carry_out_levels
 from minorloop.values import called, parsed
 from minorloop_head.cli import _water
 from minorloop_head.cli._board import board
-from minorloop_head.cli._head_calibration import calibrate, photograph
+from minorloop_head.cli._calibration import calibrate, photograph
 from minorloop_head.cli._scan import scan
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """Compiled loops that fit round outlines to unrolled images: arrays in, numbers out.
 
-The weights of ``_evidence`` are fitted to the features that these numbers give: who changes one
-fits the weights anew. Where a comment compares values, it does so on 60 noisy discs with a radius
-of 8.5 to 11.5 texels (seeds 1000 to 1059).
+The weights of ``hole_weights.json`` are fitted to the features that these numbers give: who changes
+one fits the weights anew. Where a comment compares values, it does so on 60 noisy discs with a
+radius of 8.5 to 11.5 texels (seeds 1000 to 1059).
 """
 
 from __future__ import annotations

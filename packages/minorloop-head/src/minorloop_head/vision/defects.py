@@ -10,15 +10,16 @@ shows without LEDs::
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from minorloop.arrays import FloatArray, check_option
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import wall_distance
 from minorloop_head.vision import frame_checks
-from minorloop_head.vision._evidence import THRESHOLDS, WEIGHTS
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.candidates import DIAMETERS, FEATURES, Candidate, at_rim, candidates
 from minorloop_head.vision.reflectance_map import (
@@ -43,9 +44,12 @@ SEQUENCE = (
 )
 """Lights of the frames of an acquisition."""
 
-LEAST_EVIDENCE = dict(THRESHOLDS)
-"""Least evidence of a hole for each mode, and of several sizes; ``_evidence`` has the false
-findings at these values."""
+_FITTED = json.loads(Path(__file__).with_name("hole_weights.json").read_text(encoding="utf-8"))
+"""What ``python -m benchmarks.detector fit`` prints; its ``about`` says what it was fitted on."""
+LEAST_EVIDENCE: dict[str, float] = _FITTED["least"]
+"""Least evidence of a hole for each mode, and of several sizes."""
+WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = _FITTED["weights"]
+"""For each mode and kind of candidate a constant and the weights of its features."""
 
 NOT_IN_VIEW = "no wall in view"
 SIZES = (0.85e-3, 1.15e-3)

@@ -46,14 +46,15 @@ _DAMPING = 1e-7
 """Keeps undetermined directions at rest; the rounds correct its effect on the others."""
 _TOGETHER = 32
 """Rows of the Gram matrix that are computed at once."""
-_WHOLE, _SHARE = 6000, 1 / 3
-"""Most unknowns of a matrix that is computed whole from some share of its rows on, as it is then
-quicker; on 100 bands, from 35 % of 20,000 samples of random steps, and 60 % of 2,000. On 200 bands
-it takes 3.2 GB and 9 s more (random staircase of seed 1008 of ``benchmarks.fit_times``)."""
+_WHOLE, _SHARE = 6000, 1 / 8
+"""Most unknowns of a matrix that is computed whole from some share of its rows on. On 100 bands it
+takes as long as 43 % of the rows of 20,000 samples of random steps, and 69 % of 2,000; half of the
+rows and more are needed in the end. On 200 bands it takes 3.2 GB and 9 s more (random staircase of
+seed 1008 of ``benchmarks.fit_times``)."""
 _FIRST_SWEEPS = 5
 _LEAST_UPDATED = 500
 """Unknowns from which an update of the factor is quicker than another factorisation."""
-_FACTORISED, _FACTORISED_SMOOTH = 5100, 3500
+_FACTORISED, _FACTORISED_SMOOTH = 5100, 2500
 """Free unknowns up to which a factorisation is cheaper; the second with a penalty and bounds, where
 the solution need not be refined."""
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000

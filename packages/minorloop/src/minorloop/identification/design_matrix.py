@@ -134,6 +134,10 @@ class DesignMatrix:
         counts: FloatArray | None = None,
     ) -> None:
         self.counts = counts
+        self.order: IntArray | None = None
+        """Order in which the unknowns of its `EverettSystem` are eliminated, once it is known."""
+        self.operations = 0.0
+        """Multiplications of a factorisation of that system, as far as they are known: at least."""
         self.spec, self.u, self.start = spec, u[measured], start
         self._record = (u, measured, start, counts)
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
@@ -240,19 +244,18 @@ class DesignMatrix:
 
         Those are (k,) and (m,). ``weight`` (M,) is that of each sample.
         """
-        spec, cells, inside = self.spec, self.spec.cells, which[which < self.spec.cells]
-        rows = np.empty((which.size, spec.unknowns))
-        spread, touched = self._spread(weight), self._fraction_sums(weight)
+        cells, inside, total = self.spec.cells, which[which < self.spec.cells], weight.sum()
+        rows, levels = np.zeros((inside.size, self.spec.unknowns)), self._level_rows(weight)
         tree = self.index, self.coefficient, self.parent
-        part, levels = rows[: inside.size], self._level_rows(weight)
-        _kernels.gram_rows(spec.bands, *tree, spread, inside, part)
-        part[:, :cells] *= self.swing**2
+        _kernels.gram_rows(self.spec.bands, *tree, self._spread(weight), inside, rows)
+        rows = self.swing**2 * rows[:, columns]
         if self.shift:
-            part[:, :cells] += self.shift**2 * weight.sum()
-            part[:, :cells] -= self.shift * self.swing * (touched[inside][:, None] + touched)
-        part[:, cells:] = levels[:, inside].T
-        rows[inside.size :] = levels[which[inside.size :] - cells]
-        return rows[:, columns] * (scale[which][:, None] * scale[columns])
+            own = self.shift * (self.swing * self._fraction_sums(weight) - 0.5 * self.shift * total)
+            rows -= own[inside][:, None] + np.append(own, np.zeros(len(levels)))[columns]
+        level = np.flatnonzero(columns >= cells)
+        rows[:, level] = levels[columns[level] - cells][:, inside].T
+        rows = np.concatenate([rows, levels[which[inside.size :] - cells][:, columns]])
+        return np.asarray(rows * (scale[which][:, None] * scale[columns]))
 
     def _level_rows(self, weight: FloatArray) -> FloatArray:
         """(0 to 2, n) rows of the Gram matrix of offset and slope."""
@@ -288,14 +291,18 @@ class DesignMatrix:
     def coarser(self) -> DesignMatrix:
         """Design matrix of the same samples on a plane with every other threshold."""
         kept = np.union1d(np.arange(0, self.spec.levels.size, 2), [self.spec.bands])
-        return DesignMatrix(
+        coarse = DesignMatrix(
             replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
         )
+        # Of nested dissection of a plane; samples do not link fewer of its unknowns
+        coarse.operations = self.operations / 8
+        return coarse
 
     def part(self, kept: BoolArray) -> DesignMatrix:
         """Design matrix of some of the samples (M,)."""
         part = copy(self)
         part.__dict__.pop("excited", None)
+        part.order, part.operations = None, 0.0
         part.u, part.corner = self.u[kept], self.corner[kept]
         part.counts = None if self.counts is None else self.counts[kept]
         part.measured = self.measured.copy()

@@ -124,7 +124,7 @@ def _cut(
         if not low.any():
             continue
         one, other = part[low], part[~low]
-        mine, theirs = _least_cover(links[one][:, other])
+        mine, theirs = _least_cover(links[:, other][one])  # columns first: they are contiguous
         between = np.append(one[mine], other[theirs])
         if between.size < (_WIDE * part.size if best is None else best[2].size):
             best = one[~mine], other[~theirs], between
@@ -139,8 +139,9 @@ def _least_cover(links: csc_array[Any]) -> tuple[BoolArray, BoolArray]:
     matched = np.flatnonzero(partner >= 0)
     reached = np.ones(links.shape[0], dtype=np.bool_)
     reached[partner[matched]] = False
+    across = links.T
     while True:
-        columns = links.T @ reached > 0
+        columns = across @ reached > 0
         more = reached.copy()
         more[partner[matched[columns[matched]]]] = True
         if np.array_equal(more, reached):

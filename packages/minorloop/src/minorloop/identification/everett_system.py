@@ -32,9 +32,9 @@ _TOGETHER = 64
 _ROUNDING = 1e-15
 """Size of a pivot, over that of its column before elimination, that counts as zero: a few times the
 precision of float64."""
-_FIRST_PART, _LARGER, _SEGMENTS = 2000, 4, 10
-"""Samples of the first part of a record whose multiplications are counted; how much larger the next
-is; contiguous segments that a part consists of."""
+_FIRST_PART, _SEGMENTS = 2000, 10
+"""Samples of the first part of a record whose multiplications are counted, and contiguous segments
+that a part consists of."""
 _REVERSALS = 2
 """Reversals for each cell up to which they are counted."""
 
@@ -48,19 +48,25 @@ def quick_system(
 ) -> EverettSystem | None:
     """Return the system if a factorisation takes at most so many multiplications.
 
-    Parameters as of `EverettSystem`. Larger and larger parts of the record are counted first, as
-    the order of elimination of a system with much fill takes seconds. A part does not have more
-    fill than the whole.
+    Parameters as of `EverettSystem`. Parts of the record are counted first, each twice as large as
+    the one before, as the order of elimination of a system with much fill takes seconds. With the
+    number of samples, multiplications grow at least as fast as from one part to the next, and at
+    most with its square.
     """
     if matrix.reversals > _REVERSALS * matrix.spec.cells:
         return None
-    samples = _FIRST_PART
-    while samples < matrix.samples:
+    samples, before = _FIRST_PART, 0.0
+    while matrix.order is None and matrix.operations <= most and samples < matrix.samples:
         place = np.arange(matrix.samples) * _SEGMENTS % matrix.samples
         kept = place < samples
-        if EverettSystem(matrix.part(kept), weight[kept], scale).operations > most:
-            return None
-        samples *= _LARGER
+        counted = EverettSystem(matrix.part(kept), weight[kept], scale).operations
+        growth, ratio = counted - before, matrix.samples / samples
+        if counted + 4 / 3 * growth * (ratio**2 - 1) <= most:
+            break
+        matrix.operations = counted + (2 * growth * (ratio - 1) if before else 0.0)
+        samples, before = 2 * samples, counted
+    if matrix.operations > most:
+        return None
     system = EverettSystem(matrix, weight, scale, mesh)
     return system if system.operations <= most else None
 
@@ -135,7 +141,10 @@ class EverettSystem:
             sign,
             self._values_of_field,
             places,
+            matrix.order,
         )
+        matrix.order = self._factor.elimination.order[: self._size - self._values_of_field]
+        matrix.operations = self.operations
         self._ridge = np.zeros(spec.unknowns)
 
     def _added_places(self, mesh: Mesh | None) -> IntArray:
@@ -355,7 +364,8 @@ class SparseFactor:
     ``rows`` and ``columns`` (E,) are the places of its entries, in one triangle; entries in the
     same place are added. ``sign`` (n,) is 1 or -1 for each unknown. The ``last`` unknowns are
     eliminated last, because they are linked to most others; ``places`` (n - last, 2) are those of
-    the others in the plane.
+    the others in the plane, and ``order`` (n - last,) the one in which they are eliminated, if it
+    is known.
     """
 
     def __init__(
@@ -365,6 +375,7 @@ class SparseFactor:
         sign: FloatArray,
         last: int = 0,
         places: FloatArray | None = None,
+        order: IntArray | None = None,
     ) -> None:
         from scipy.sparse import coo_array
 
@@ -373,7 +384,12 @@ class SparseFactor:
         others = np.concatenate([columns, rows, np.arange(n)])
         self._entries, self._sign = (rows, columns), sign
         self._pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
-        self.elimination = quick_elimination(self._pattern, last, places)
+        if order is None:
+            self.elimination = quick_elimination(self._pattern, last, places)
+        else:
+            self.elimination = Elimination.of(
+                self._pattern, np.append(order, np.arange(order.size, n))
+            )
         self._data: FloatArray | None = None
 
     def _lay_out(self) -> FloatArray:

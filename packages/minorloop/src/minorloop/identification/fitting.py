@@ -229,7 +229,7 @@ def _fit_once(
 def _takes_prior(regression: Regression) -> bool:
     """Whether the prior is quick, or needed and not slow."""
     matrix = regression.matrix
-    return is_cheap(matrix) or (is_quick(matrix) and _needs_prior(regression))
+    return is_quick(matrix) and (_needs_prior(regression) or is_cheap(matrix))
 
 
 def _needs_prior(regression: Regression) -> bool:

@@ -51,9 +51,10 @@ _MANY = 50_000
 take longer than the solution, and so many samples leave no accuracy to be gained."""
 _LEAST_SPARSE = 800
 """Cells from which the sparse system is used."""
-_FILL = 20.0
-"""Multiplications of its factorisation, for each pair of cells, up to which it is quicker than
-dense matrices."""
+_FILL, _LARGEST_FILL = 900.0, 20.0
+"""Multiplications of its factorisation, over the cells to the power of 3/2, up to which it is
+quicker than dense matrices; and over their square up to which it is used where these are too large.
+"""
 _ENOUGH, _NOISELESS = 1e-10, 1e-7
 """Violation up to which the sparse system is accurate enough, and residual from which it is."""
 _LARGE, _LARGE_OF_MANY = 2500, 1000
@@ -287,7 +288,10 @@ class _System:
             return unused
         squares, varying = matrix.column_squares(self.weight)
         scale = _unit(squares)
-        system = quick_system(matrix, self.weight, scale, _FILL * float(spec.cells) ** 2)
+        most = _FILL * spec.cells**1.5
+        if spec.bands > MOST_DENSE:
+            most = _LARGEST_FILL * float(spec.cells) ** 2
+        system = quick_system(matrix, self.weight, scale, most)
         if system is None:
             if spec.bands > MOST_DENSE:
                 raise ParameterError(

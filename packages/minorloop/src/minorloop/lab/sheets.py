@@ -5,7 +5,7 @@ from functools import partial
 from math import prod
 from pathlib import Path
 from sys import getsizeof
-from typing import Any
+from typing import IO, Any
 from zipfile import ZipFile
 
 import numpy as np
@@ -21,6 +21,8 @@ _FEWEST_NUMBERS = 2
 """Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
 _MOST_ROWS = 2**20
 """Rows of a sheet; Excel has no more."""
+_BLOCK, _END_OF_ROW = 2**16, b"</row>"
+"""Bytes of a part of a workbook that are looked at together, and what ends a row in it."""
 _END_OF_PREAMBLE = "***End_of_Header***"
 """Last row of each of the preambles that LabVIEW writes above a table."""
 _SHOWN = 12
@@ -114,6 +116,8 @@ def _workbook(file: Path, bounds: Bounds) -> OpenTable:
         with ZipFile(file) as parts:
             for part in parts.infolist():
                 bounds.check_expansion(file, part.compress_size, part.file_size)
+                with parts.open(part) as content:
+                    _check_width(file, content, bounds)
         book = load_workbook(file, read_only=True, data_only=True)
         try:
             name, numbers, rows = _first_table(book, file, bounds)
@@ -139,6 +143,22 @@ def _workbook(file: Path, bounds: Bounds) -> OpenTable:
     said = f"sheet '{name}' is read, the first with a table of numbers; the others are "
     notes = (said + ", ".join(others),) if others else ()
     return OpenTable(file, headers, iter([Block(partial(_column, body), numbers)]), notes=notes)
+
+
+def _check_width(file: Path, part: IO[bytes], bounds: Bounds) -> None:
+    """Refuse a part of a workbook with a row of more cells than columns are allowed.
+
+    Seen are rows that are longer than a block; the others openpyxl, which reads each row as a
+    whole, takes in little time.
+    """
+    cells, rest = 0, b""
+    while block := part.read(_BLOCK):
+        text, mark, rest = (rest + block).rpartition(b"<")
+        rest = (mark + rest)[: len(_END_OF_ROW)]  # what begins a tag is not cut in two
+        _, ended, row = text.rpartition(_END_OF_ROW)
+        begun = sum(map(row.count, (b"<c ", b"<c>", b"<c/")))
+        cells = begun if ended else cells + begun
+        bounds.check(file, columns=cells)
 
 
 def _column(rows: Sequence[Sequence[Any]], index: int) -> Cells:
