@@ -60,6 +60,19 @@ def curves(name: str, seed: int = 1000) -> None:
     table(name, "voltage [V],length [um],curve", *np.concatenate(rows).T)
 
 
+def relays(name: str, seed: int = 1000) -> None:
+    """Write a major loop and a half of 2,000 relays with thresholds about a coercive field."""
+    rng = np.random.default_rng(seed)
+    middle, half = 0.2 * rng.standard_normal(2000), np.abs(0.4 + 0.2 * rng.standard_normal(2000))
+    u, on = np.interp(np.arange(180) / 60, np.arange(4), [-1, 1, -1, 1]), np.zeros(2000, bool)
+    y = np.empty(u.size)
+    for k, sample in enumerate(u):
+        on = np.where(sample >= middle + half, True, on & (sample > middle - half))
+        y[k] = on.mean()
+    y += 0.002 * rng.standard_normal(u.size)
+    table(name, "voltage [V],length [um]", u, y)
+
+
 def raw_log(name: str, seed: int = 1000) -> None:
     """Write a log of holds of 2 s with an exponential transient, 50 rows a second."""
     levels = np.array([-1, 1, -0.8, 0.8, -0.6, 0.6, -0.4, 0.4, -0.2, 0.2, 0.0])

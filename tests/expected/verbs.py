@@ -18,6 +18,7 @@ _COLUMNS = "--input voltage --output length"
 def _identified() -> Any:
     inputs.record("run.csv")
     inputs.curves("curves.csv")
+    inputs.relays("relays.csv")
     return commands(
         {
             "default": f"identify run.csv {_COLUMNS} --holdout 0.3",
@@ -28,7 +29,7 @@ def _identified() -> Any:
             "reversible": f"identify run.csv {_COLUMNS} --law levels=12,diagonal=reversible "
             "--law slope=yes",
             "adaptive": f"identify run.csv {_COLUMNS} --law levels=12,spacing=adaptive",
-            "ridge": f"identify run.csv {_COLUMNS} --law levels=12 --record sd=0.002 "
+            "ridge": f"identify relays.csv {_COLUMNS} --law levels=24,lag=0 --record sd=0.002 "
             "--prior gaussian:mean=ridge",
             "signed": f"identify run.csv {_COLUMNS} --law levels=8,lag=0,signed=yes",
             "curves": f"identify curves.csv {_COLUMNS} --record curves=curve "
