@@ -37,8 +37,6 @@ from minorloop.modelfile import ModelFile
 
 _HOLD = 200.0
 """Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
-_SLOW = 1.2
-"""A warning is given from this ratio of the sample interval of a hold to that of the plan."""
 
 
 class Carry(Protocol):
@@ -528,7 +526,8 @@ def _doubts(figures: Mapping[str, Any]) -> Iterator[str]:
             "longer"
         )
     planned, most = figures["sample_interval_s"], figures["longest_interval_s"]
-    if most is not None and most > _SLOW * planned:
+    # A warning is given from this ratio of the sample interval of a hold to that of the plan
+    if most is not None and most > 1.2 * planned:
         yield (
             f"the meter was slow at times: samples were up to {most:.3g} s apart, not {planned:g} "
             "s; their times are the true ones"

@@ -120,10 +120,6 @@ _MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
 full of marks takes minutes."""
 
 
-_TIME_CONSTANTS = 5.0
-"""Time constants after which less than 1 % is left."""
-
-
 class ModelWarning(UserWarning):
     """The model of a file is not to be trusted."""
 
@@ -374,7 +370,8 @@ class ModelFile:
         slowest = max([creeps.settling, *creeps.times], default=0.0) if creeps else 0.0
         plan = {name: ["", *cells] for name, cells in self.inverse_columns(targets, found).items()}
         plan[str(self.input)][0] = self._ends[start == "positive"]
-        first = max(2 * hold, _TIME_CONSTANTS * slowest)
+        # Time constants after which less than 1 % is left
+        first = max(2 * hold, 5.0 * slowest)
         plan |= {"hold [s]": [first, *[hold] * targets.size]}
         return TargetInversion(targets, found, plan, _ahead(found))
 

@@ -15,9 +15,6 @@ from minorloop.version import __version__
 if TYPE_CHECKING:
     from minorloop.lab.reduction import Reduction
 
-_RESOLUTION = 110
-"""Dots per inch of the raster parts of a figure: sharp on a screen, and small."""
-
 
 @dataclass(frozen=True)
 class Table:
@@ -56,7 +53,8 @@ class Picture:
             warnings.catch_warnings(),
         ):
             warnings.filterwarnings("ignore", message="Glyph")
-            self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata=no_metadata)
+            # Dots per inch of the raster parts of a figure: sharp on a screen, and small
+            self.figure.savefig(text, format="svg", dpi=110, metadata=no_metadata)
         return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode()
 
 

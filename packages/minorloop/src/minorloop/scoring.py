@@ -60,12 +60,6 @@ _LEAST = 0.005
 """Error over the range of the output below which no cause is looked for; as in advice on fits."""
 _BETTER = 0.5
 """Share of the error from which another start, or an offset and a gain, count as its cause."""
-_MOST_BANDS = 2000
-"""Rows whose bands are computed: the share of 90 % within them is then known to 0.7 %."""
-_FEW_COVERED = 0.75
-"""Share of readings in 90 % bands below which this is said."""
-_WORSE = 2.0
-"""Error over the one that the model file promises from which this is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,13 +276,15 @@ def _causes(score: ModelScore) -> Iterator[str]:
     found, error = score.residual, score.nrmse
     if error < _LEAST:
         return
-    if score.coverage is not None and score.coverage < _FEW_COVERED:
+    # Share of readings in 90 % bands below which this is said
+    if score.coverage is not None and score.coverage < 0.75:
         yield (
             f"{score.coverage:.0%} of the readings lie within the 90 % bands of the model: this "
             "record differs from its own by more than parts of that differ from one another"
         )
     promised = score.promised
-    if promised is not None and error > _WORSE * promised:
+    # Error over the one that the model file promises from which this is said
+    if promised is not None and error > 2.0 * promised:
         yield (
             f"the error is {error / promised:.1f} times the {percent(promised)} that the model "
             "had on left-out data of its own record"
@@ -514,7 +510,8 @@ class ModelScore(Scored):
     def band_rows(self) -> IntArray:
         """(M,) rows of `bands`."""
         rows = np.flatnonzero(self.scored)
-        return np.asarray(rows[one_of_each(rows.size, _MOST_BANDS)])
+        # Rows whose bands are computed: the share of 90 % within them is then known to 0.7 %
+        return np.asarray(rows[one_of_each(rows.size, 2000)])
 
     @property
     def coverage(self) -> float | None:

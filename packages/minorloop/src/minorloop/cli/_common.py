@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 NONE = "none"
 """Takes the place of the name of a column that is not to be used."""
-_EVERY = 10.0
-"""Seconds between lines of a log."""
 
 
 def _parser(kind: type[Any], what: str) -> Callable[[str], Any]:
@@ -275,7 +273,8 @@ def _logger(begins: float) -> Progress:
         nonlocal due, last
         if stage != last and (kept or time.monotonic() >= due):
             typer.echo(stage, err=True)
-            due, last = max(due, time.monotonic() + _EVERY), stage
+            # Seconds between lines of a log
+            due, last = max(due, time.monotonic() + 10.0), stage
 
     return log
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from minorloop.scoring import ModelScore
 
 
-_MOST_BANDS = 1000
-"""Samples whose bands are computed for the residual: more cost time and show no more."""
 _MOST_DRAWN = 20_000
 """Samples of the loop in a notebook, and of the residual: more take seconds to draw."""
 _FEW = 400
@@ -248,7 +246,8 @@ def _residual(result: Identification) -> tuple[FloatArray, float]:
 def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> None:
     residual, unit = _residual(result)
     _plot_dots(axes, clock, residual, ms=_size(clock), color="C0")
-    shown = np.unique(np.linspace(0, clock.size - 1, _MOST_BANDS).astype(np.int64))
+    # Samples whose bands are computed for the residual: more cost time and show no more
+    shown = np.unique(np.linspace(0, clock.size - 1, 1000).astype(np.int64))
     reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
     axes.fill_between(clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
     axes.legend(framealpha=0.9, loc="upper right")

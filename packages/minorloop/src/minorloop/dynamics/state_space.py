@@ -19,11 +19,6 @@ StateSpace: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, float]
 
 _REAL = 1e-9
 """Relative imaginary part up to which a pole counts as real: well above the rounding of roots."""
-_NEGLIGIBLE = 1e-10
-"""A coefficient adds less than this share of the largest term at the fastest pole: rounding."""
-_DIGITS = 8
-"""Time steps that agree to so many digits share a matrix exponential: the differences of sampled
-times have rounding errors of this order."""
 
 
 def propagate(
@@ -89,7 +84,9 @@ def transitions(
     """
     from scipy.linalg import expm
 
-    unit = 10.0 ** (np.floor(np.log10(steps)) - _DIGITS + 1)
+    # Time steps that agree to so many digits share a matrix exponential: the differences of sampled
+    # times have rounding errors of this order
+    unit = 10.0 ** (np.floor(np.log10(steps)) - 8 + 1)
     unit = np.maximum(unit, np.finfo(float).tiny)  # a step may be as short as that
     lengths, which = np.unique(np.round(steps / unit) * unit, return_inverse=True)
     n = b.size
@@ -214,6 +211,7 @@ def _without_rounding(numerator: FloatArray, denominator: FloatArray) -> FloatAr
     """Set leading coefficients to zero that are only rounding errors."""
     fastest = float(np.abs(np.roots(denominator)).max(initial=0.0)) or 1.0
     terms = np.abs(numerator) * fastest ** -np.arange(numerator.size, dtype=np.float64)
-    keep = np.flatnonzero(terms > _NEGLIGIBLE * terms.max(initial=0.0))
+    # A coefficient adds less than this share of the largest term at the fastest pole: rounding
+    keep = np.flatnonzero(terms > 1e-10 * terms.max(initial=0.0))
     first = int(keep[0]) if keep.size else numerator.size - 1
     return np.concatenate([np.zeros(first), numerator[first:]])

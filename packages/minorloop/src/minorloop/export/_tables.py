@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from minorloop.errors import ParameterError
 
-_COLUMNS = 100
-"""Longest line of a table."""
 _MOST_SINGLE, _MOST_DOUBLE = 1e15, 1e150
 """Largest range of a signal, and inverse of the least, by the type of the C: their squares are
 within 1e38 and 1e308, the largest numbers of these types."""
@@ -127,7 +125,8 @@ def wrapped(words: Iterable[str]) -> str:
     """Return words with commas, in lines of bounded length."""
     lines, line = [], ""
     for word in words:
-        if line and len(line) + len(word) + 2 > _COLUMNS - 4:
+        # Longest line of a table
+        if line and len(line) + len(word) + 2 > 96:
             lines.append(line)
             line = ""
         line += f"{word}, " if line else f"    {word}, "

@@ -38,8 +38,6 @@ _FITTED = ("design", "repeat")
 """Roles of points that are fitted."""
 _FEWEST = 3
 """Least holds of a design."""
-_PART_ORDER = (2, 0, 3, 1)
-"""Order in which validation visits the quarters of the range, so that it reverses every time."""
 
 
 @dataclass(frozen=True)
@@ -278,7 +276,8 @@ class Adaptive:
     def _validation_level(self, index: int, now: float) -> float:
         """Random level in one quarter of the range, at most a step from the present one."""
         shares = np.random.default_rng(self.seed).uniform(size=VALIDATION)
-        part = (_PART_ORDER[index] + shares[index]) / VALIDATION
+        # Order in which validation visits the quarters of the range, so that it reverses every time
+        part = ((2, 0, 3, 1)[index] + shares[index]) / VALIDATION
         level = self.low + part * (self.high - self.low)
         return float(np.clip(level, now - self.step, now + self.step))
 

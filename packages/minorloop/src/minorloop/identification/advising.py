@@ -23,11 +23,6 @@ _WELL_EXCITED = 0.5
 """Share of excited cells below which a record does not identify the plane."""
 _OVERFIT = 2.0
 """Error on held-out over error on fitted data from which a model is called overfitted."""
-_LATE = 4.0
-"""Error on other inputs over that on fitted data where a lag was found, at most: filters are no
-pure lag, and their error grows with the rate."""
-_UNLIKE = 2.0
-"""Error on the worst group over that on the median one from which groups are not alike."""
 _NEARLY_AS_GOOD = 0.8
 _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
@@ -44,13 +39,9 @@ _LEAST_DRIFT = 0.005
 """Least drift or step that is reported, in ranges."""
 _ALIKE, _LEAST_ERROR = 0.8, 0.005
 """Autocorrelation of a residual that is no noise; and its least size in ranges."""
-_UNEVEN = 2.5
-"""Ratio of the errors of parts that is reported."""
 _BEGIN, _TOGETHER = 10, 0.6
 """The first rows of a curve are one in so many; and their mean error, over that of all rows, from
 which they are off together: without noise or misfit in common it is far below."""
-_CONSTANT = 1.5
-"""Ratio of amplitudes or rates below which they are all alike."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
     "reverse the sign of the output (reduce --flip output), or allow negative weights with "
@@ -157,10 +148,12 @@ def _uneven(fit: Fit) -> Iterator[str]:
             + ", or add linear dynamics",
         ),
     ):
-        if len(parts) < PARTS or parts[-1][0] <= _CONSTANT * parts[0][1]:
+        # Ratio of amplitudes or rates below which they are all alike
+        if len(parts) < PARTS or parts[-1][0] <= 1.5 * parts[0][1]:
             continue
         first, last = parts[0][2], parts[-1][2]
-        if max(first, last) >= _UNEVEN * min(first, last):
+        # Ratio of the errors of parts that is reported
+        if max(first, last) >= 2.5 * min(first, last):
             where = large if last > first else small
             yield (
                 f"the error is {max(first, last):.2%} of range at {where} and "
@@ -283,7 +276,8 @@ def _accuracy(fit: Fit) -> Iterator[str]:
 def _of_another_group(fit: Fit) -> str:
     """Say what the errors on left-out groups promise, which groups that are not alike do not."""
     usual, worst = np.quantile(fit.each_group_nrmse, [0.5, 1.0])
-    if worst <= _UNLIKE * usual:
+    # Error on the worst group over that on the median one from which groups are not alike
+    if worst <= 2.0 * usual:
         return "Expect that error for another group"
     return (
         f"They are not alike: it is {percent(usual)} for the median group and {percent(worst)} for "
@@ -382,7 +376,9 @@ def _expected(fit: Fit) -> float:
     fitted, held_out = square.get("fitted", 0.0), square.get("held-out", 0.0)
     noise = noise_in(error[parts["fitted"]], fit.y[parts["fitted"]]) ** 2 if fitted else 0.0
     own = fit.span(parts["held-out"]) if held_out else 1.0
-    more = _LATE if fit.lag else _OVERFIT
+    # Error on other inputs over that on fitted data where a lag was found, at most: filters are no
+    # pure lag, and their error grows with the rate
+    more = 4.0 if fit.lag else _OVERFIT
     beyond = (
         (more**2 * (fitted - noise), fit.span(fit.fitted)),
         (held_out - noise, _whole(fit)),

@@ -24,8 +24,6 @@ _LEAST_ERROR = 1e-7
 _POLE_TOLERANCE = 1e-6
 """Imaginary part up to which a pole counts as real, and real part up to which it counts as not
 positive. Rounding splits a double pole into two that are 1e-8 apart."""
-_SAMPLES_EACH = 3
-"""Least samples for each coefficient, by trial."""
 
 
 def arx(
@@ -112,7 +110,8 @@ def _identified(
         for dead in range(LONGEST_DEAD_TIME + 1)
     ]
     samples = sum(one.y.size for one in stretches)
-    needed = _SAMPLES_EACH * structures[-1].parameters
+    # Least samples for each coefficient, by trial
+    needed = 3 * structures[-1].parameters
     if samples < needed:
         raise SignalError(
             f"{samples} samples for up to {structures[-1].parameters} coefficients; give at least "

@@ -22,8 +22,6 @@ from minorloop.operators.preisach import Diagonal, Preisach
 
 _PIECES = 8
 """Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
-_COARSE = 12
-"""Bands of the plane of a posterior in a file: its deviations are those of 25 bands to a tenth."""
 _DIGITS = 6
 """Significant digits of what bands follow from."""
 
@@ -45,7 +43,9 @@ class BandModel:
 
     def in_file(self) -> dict[str, Any]:
         """Return what a model file keeps."""
-        posterior, error = self.posterior.coarse(_COARSE), self.error
+        # Bands of the plane of a posterior in a file: its deviations are those of 25 bands to a
+        # tenth
+        posterior, error = self.posterior.coarse(12), self.error
         spec = posterior.spec
         return {
             "levels": spec.levels.tolist(),

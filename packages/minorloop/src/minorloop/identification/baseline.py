@@ -7,8 +7,6 @@ from minorloop.identification.curves import Curves
 from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.threads import one_thread
 
-_FULL = 100.0
-"""Error, in ranges, from which its percentage is shown with few digits."""
 _MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
 _PLAY, _DEGREE = 2, 6
@@ -110,4 +108,5 @@ def nrmse(residual: FloatArray, y: FloatArray) -> float:
 
 def percent(share: float, digits: int = 3) -> str:
     """Return a share as a percentage, with three digits at most where it is huge."""
-    return f"{share:.{digits}%}" if share < _FULL else f"{100 * share:.3g}%"
+    # Error, in ranges, from which its percentage is shown with few digits
+    return f"{share:.{digits}%}" if share < 100.0 else f"{100 * share:.3g}%"

@@ -38,8 +38,6 @@ CANDIDATES = 21
 """Candidates for the next input, evenly over the allowed range."""
 _SEQUENCES, LENGTH = 40, 8
 """Random sequences that represent future inputs, and the inputs of each."""
-_BEAM = 6
-"""First inputs for which the second one is optimised too."""
 MOST_HOLDS = 1000
 """Largest budget; each hold takes the time of a fit."""
 
@@ -169,7 +167,8 @@ def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextI
     first = _rows(posterior, memory, candidates) @ posterior.factor
     gains = _gains(aim, first, own)
     best, value = candidates[0], -np.inf
-    for k in np.argsort(gains)[::-1][:_BEAM]:
+    # First inputs for which the second one is optimised too
+    for k in np.argsort(gains)[::-1][:6]:
         spent = first[k] / np.sqrt(first[k] @ first[k] + own)
         after = Memory.after(
             [*memory.extrema[1:], float(candidates[k])],

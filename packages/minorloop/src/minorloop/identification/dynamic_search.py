@@ -13,14 +13,10 @@ from minorloop.dynamics.cascade import First
 from minorloop.identification.alternation import Found, Static, alternate, earlier
 from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
 
-_DELAYS = 12
-"""Delays that a search begins with, from 0 to a tenth of the record."""
 _KEPT = 2
 """Structures with two poles from which those with three are tried."""
 _ONE_SIDE, _BOTH_SIDES = 3, 2
 """Most poles on one side of the operator, without others on the other side and with them."""
-_CHANCE = 0.001
-"""Probability with which chance alone may look like the gain of another parameter."""
 _BETTER, _BETTER_WITH_CREEP = 0.98, 0.8
 """Ratio of the errors below which another parameter is worth it, and creep, which has several and
 follows other slow errors too."""
@@ -112,7 +108,8 @@ def better(one: Found, other: Found, ratio: float = 1.0) -> bool:
     if all(own < 0.7 * others for own, others in errors):
         return True
     freedom = max(one.squares.size - 1, 1)
-    limit = float(stdtrit(freedom, 1 - _CHANCE)) / np.sqrt(freedom)
+    # Probability with which chance alone may look like the gain of another parameter
+    limit = float(stdtrit(freedom, 0.999)) / np.sqrt(freedom)
     least = np.finfo(np.float64).tiny
     logarithms = np.log(np.maximum(other.squares, least) / np.maximum(one.squares, least))
     return any(
@@ -162,7 +159,8 @@ def _creeping(record: DynamicRecord, found: Found, static: Static) -> Found | No
 
 def _delay(record: DynamicRecord, static: Static) -> int:
     """Return the delay in samples with which the operator alone comes nearest to the outputs."""
-    delays = np.geomspace(1, max(record.u.size // 10, 1), _DELAYS).astype(int)
+    # Delays that a search begins with, from 0 to a tenth of the record
+    delays = np.geomspace(1, max(record.u.size // 10, 1), 12).astype(int)
     y = np.where(record.fitted, record.y, np.nan)
     errors = {int(k): static(record.u, earlier(y, int(k))).nrmse for k in (0, *delays)}
     return min(errors, key=lambda delay: errors[delay])

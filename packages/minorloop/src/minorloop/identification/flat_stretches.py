@@ -19,8 +19,6 @@ _MOST = 100_000
 """Most readings among which windows are compared."""
 _MOVING_SD, _MOVING = 2.0, 0.03
 """Standard deviations of the residual, and share of the span, from which the output must move."""
-_FLAT = 0.28
-"""Largest share of the expected movement in a window that counts as flat."""
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for the usual slopes, and the expected change, in spans, from which an output
 that does not move is stuck."""
@@ -37,8 +35,6 @@ range of the input, from which the last one to a rail says nothing."""
 _FEWEST, _LEAST_PATH = 4, 0.1
 """Readings at a rail, of as many inputs where the record is not coarse, and the range of these
 inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
-_HELD = 0.5
-"""Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
 _NOISY, _RISES = 1.35, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
 _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
@@ -116,7 +112,8 @@ def _least_moving(record: RoughRecord) -> tuple[int, int]:
     )
     moves, still = of_rough.std(axis=1), of_values.std(axis=1)
     moving = moves > max(_MOVING_SD * spread(values - rough), _MOVING * record.span)
-    flat = moving & (still < _FLAT * moves)
+    # Largest share of the expected movement in a window that counts as flat
+    flat = moving & (still < 0.28 * moves)
     if not flat.any():
         return 0, 0
     best = int(np.argmax(np.where(flat, moves - still, -np.inf)))
@@ -212,7 +209,9 @@ def _rail(
         if count < _FEWEST:
             continue
         beyond = up & (u >= np.median(u[at]))
-        if np.count_nonzero(at & beyond) < _HELD * np.count_nonzero(beyond):
+        # Least share of readings at a rail among those after a rise to inputs that mostly lead
+        # there
+        if np.count_nonzero(at & beyond) < 0.5 * np.count_nonzero(beyond):
             continue  # stuck: such inputs move the output elsewhere
         if width <= _EQUAL * span and live:
             return width

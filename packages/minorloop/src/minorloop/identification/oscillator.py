@@ -37,10 +37,6 @@ from minorloop.threads import one_thread
 _LEVELS = (2, 4, 6, 8, 12, 16, 24, 32)
 """Numbers of levels of an unknown law that are tried, coarse ones first. All are even, so that none
 of the levels is at the middle, where many laws have a corner."""
-_COARSE = 4
-"""Levels up to which longer steps of the integration are accurate enough."""
-_WORSE = 2
-"""Numbers of levels in a row that must be no better before the search ends."""
 _FEWEST_EACH = 5
 """Samples for each parameter: with fewer the errors of parameters are as large as themselves."""
 _WHERE_IT_IS = 0.5
@@ -210,7 +206,8 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
             break
         say(f"fitting {count} levels of an unknown law")
         model = _with_levels(model, record, count)
-        near = record.coarse() if count <= _COARSE else record
+        # Levels up to which longer steps of the integration are accurate enough
+        near = record.coarse() if count <= 4 else record
         found = fit(near, model, _all_free(model), steps=_TRIAL_STEPS, gain=_TRIAL_GAIN)
         if found is None:
             break
@@ -219,7 +216,8 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
         if best is None or tried[-1].criterion <= min(one.criterion for one in tried):
             best = found
         least = min(range(len(tried)), key=lambda k: tried[k].criterion)
-        if len(tried) - 1 - least >= _WORSE:
+        # Numbers of levels in a row that must be no better before the search ends
+        if len(tried) - 1 - least >= 2:
             break
     final = None if best is None else fit(record, best[0], _all_free(best[0]))
     if final is None:

@@ -19,9 +19,6 @@ from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
 from minorloop.lab.faults import FEWEST, Fault
 
-_LEAST_SD = 0.1
-"""Standard deviations below this share of their median count as so much."""
-
 
 def split(
     y: FloatArray, holdout: float, coded: Sequence[Fault], skipped: BoolArray | None = None
@@ -124,7 +121,8 @@ def _each(sd: FloatArray, fitted: BoolArray) -> FloatArray | None:
         )
     if not known.any():
         return None
-    least = _LEAST_SD * float(np.median(known[known > 0]))
+    # Standard deviations below this share of their median count as so much
+    least = 0.1 * float(np.median(known[known > 0]))
     return np.maximum(np.where(np.isnan(sd), known.max(), sd), least)
 
 

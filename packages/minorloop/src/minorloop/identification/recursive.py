@@ -29,9 +29,6 @@ from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import RELAYS, Relay, relay_outputs
 from minorloop.operators.preisach import Diagonal, Preisach
 
-_SWEEPS = 2
-"""Sweeps of coordinate descent an update."""
-
 
 @dataclass(frozen=True, eq=False)
 class RecursiveState:
@@ -151,7 +148,8 @@ class Recursive:
         theta = state.theta.copy()
         row = self.regressor(memory)
         _kernels.absorb(information, vector, row, output, self.forgetting, self.prior, theta)
-        _kernels.descend(information, vector, theta, self._bounded, _SWEEPS)
+        # Sweeps of coordinate descent an update
+        _kernels.descend(information, vector, theta, self._bounded, 2)
         return RecursiveState(memory, theta, information, vector, state.updates + 1)
 
     def run(self, state: RecursiveState, u: npt.ArrayLike, y: npt.ArrayLike) -> RecursiveState:

@@ -16,8 +16,6 @@ _FEWEST = 30
 _WINDOW, _SHARE_OF_ROWS, _SHARE_OF_ERROR = 100, 0.1, 0.3
 """A start-up is over where this part of the rows is as good as the others; it has at most the share
 of the rows, and at least the share of the squared error."""
-_TIMES = 4.0
-"""Error of a start-up over that of the other rows."""
 _BLOCKS, _LEAST_BLOCK = 40, 5
 """Blocks of rows whose means show a drift, and least rows of one, and of a group."""
 _DRIFT, _SURE = 0.4, 4.0
@@ -31,8 +29,6 @@ PARTS = 3
 _HOLE, _MISSING = 2.0, 6.0
 """Least width of a hole between readings, in standard deviations of the residual, and readings that
 the model expects in it: all of them miss one between two states by chance once in sixty times."""
-_READINGS = 800
-"""Readings among which holes are looked for, at most."""
 _ROUNDING = 1e-12
 _MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, at most."""
@@ -167,7 +163,8 @@ def noise_in(error: FloatArray, y: FloatArray) -> float:
     sd = float(np.sqrt(np.mean(error**2)))
     if error.size < _FEWEST or sd == 0:
         return sd
-    some = one_of_each(y.size, _READINGS)
+    # Readings among which holes are looked for, at most
+    some = one_of_each(y.size, 800)
     ordered, model = np.sort(y[some]), (y + error)[some]
     holes = np.flatnonzero(np.diff(ordered) > _HOLE * sd)
     low, high = ordered[holes, None], ordered[holes + 1, None]
@@ -195,7 +192,8 @@ def find_startup(error: FloatArray, rows: IntArray) -> Startup | None:
     if not 0 < count <= most or squares[count] < _SHARE_OF_ERROR * squares[-1]:
         return None
     largest = float(np.abs(error[:count]).max())
-    if np.sqrt(squares[count] / count) < _TIMES * usual:
+    # Error of a start-up over that of the other rows
+    if np.sqrt(squares[count] / count) < 4.0 * usual:
         return None
     return Startup(int(rows[count]), largest, float(squares[count] / squares[-1]))
 

@@ -16,10 +16,6 @@ from minorloop.operators import plane
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
-_TOLERANCE = 1e-9
-"""Distance from a level, over the range, up to which an input is on it: far above rounding,
-and far below a band."""
-
 
 def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> Preisach:
     """Model that passes through every measured reversal value, its mean where there are several.
@@ -73,6 +69,8 @@ def _place(grid: Levels, extrema: tuple[float, ...]) -> tuple[int, int] | None:
         return None
     top = extrema[1] if len(extrema) > 1 else extrema[0]
     a, b = (int(np.abs(grid - value).argmin()) for value in (top, extrema[-1]))
-    near = _TOLERANCE * (grid[-1] - grid[0])
+    # Distance from a level, over the range, up to which an input is on it: far above rounding, and
+    # far below a band
+    near = 1e-9 * (grid[-1] - grid[0])
     on_mesh = abs(grid[a] - top) <= near and abs(grid[b] - extrema[-1]) <= near
     return (a, b) if on_mesh else None

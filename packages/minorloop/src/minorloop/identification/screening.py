@@ -11,8 +11,6 @@ from minorloop.lab.faults import Fault, far_from_others
 from minorloop.lab.noise import spread
 from minorloop.threads import one_thread
 
-_FEWEST = 12
-"""Readings below which a record is not checked."""
 _OFF_SD, _OFF, _FEW = 8.0, 0.2, 10
 """Error of an outlier against the rough model, in robust deviations and in ranges; and readings for
 each of them: more are no outliers."""
@@ -36,7 +34,8 @@ def record_faults(
     """
     known = np.isfinite(y)
     known[curves.positions(u.size) < lag] = False
-    if np.count_nonzero(known) < _FEWEST:
+    # Readings below which a record is not checked
+    if np.count_nonzero(known) < 12:
         return ()
     with one_thread():
         return _faults(u, y, known, curves, lag, searched)

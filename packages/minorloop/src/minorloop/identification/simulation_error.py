@@ -34,10 +34,6 @@ _SOFT = 0.5
 of the start then fades within a turn, and the derivatives of a periodic response are finite."""
 _SMALL = 1e-9
 """Displacement in m that measures the slope of a law at rest."""
-_MOST_TURNS = 20
-"""Periods that are simulated until the response repeats."""
-_SETTLED = 1e-6
-"""Relative change from period to period of a state, and of its derivatives, that repeat."""
 _PARAMETERS: dict[type, tuple[str, ...]] = {
     BoucWen: ("alpha", "gamma", "delta", "exponent"),
     Duhem: ("rising", "falling"),
@@ -136,8 +132,10 @@ class OscillatorRecord:
             force = force + tie[0] * y + tie[1] * v
             spring = np.concatenate([[model.stiffness[0] + tie[0]], model.stiffness[1:]])
             model = replace(model, stiffness=spring, damping=model.damping + tie[1])
-        turns = _MOST_TURNS if self.periodic else 1
-        found = respond(model, force, self.step, gradient=True, turns=turns, settled=_SETTLED)
+        # Periods that are simulated until the response repeats
+        turns = 20 if self.periodic else 1
+        # Relative change from period to period of a state, and of its derivatives, that repeat
+        found = respond(model, force, self.step, gradient=True, turns=turns, settled=1e-6)
         if found is None:
             return None
         out, gradient = (

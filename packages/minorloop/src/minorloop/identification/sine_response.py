@@ -39,11 +39,6 @@ from minorloop.operators.operator import Operator
 Drive: TypeAlias = Callable[[FloatArray, FloatArray], Record]
 """Drives a plant with inputs u at times t, linear in between, and returns its record."""
 
-_MOST_SAMPLES = 4096
-"""Most samples of a period to which a log is interpolated."""
-_ROUNDING = 1e-3
-"""Share of an interval by which times of a log may be rounded."""
-
 
 @dataclass(frozen=True)
 class Preamble:
@@ -286,11 +281,13 @@ def _last_periods(
         )
     samples = round(1 / (step * frequency))
     if not held:  # fewer samples would be held for longer
-        samples = min(samples, _MOST_SAMPLES)
+        # Most samples of a period to which a log is interpolated
+        samples = min(samples, 4096)
     places = t[-1] - np.arange(periods * samples)[::-1] / (samples * frequency)
     if np.isnan(y[t >= places[0]]).any():
         raise SignalError(f"{named} has gaps in its last {periods} periods; record it again")
-    ends = np.searchsorted(t, places - _ROUNDING * step)  # rows at the ends of the holds
+    # Share of an interval by which times of a log may be rounded
+    ends = np.searchsorted(t, places - 1e-3 * step)  # rows at the ends of the holds
 
     def even(x: FloatArray) -> FloatArray:
         return np.asarray(x[ends] if held else np.interp(places, t, x))

@@ -212,9 +212,6 @@ def _absurd(y: FloatArray) -> BoolArray:
 _Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
 """Finds faults of one kind in readings (T,), NaN where there is none."""
 
-_STUCK = 4
-"""Equal readings in a row, at an end of the range of the output, that count as clipped."""
-
 
 def usable(
     y: FloatArray, limits: tuple[float, float] | None = None
@@ -251,7 +248,8 @@ def _clipped(y: FloatArray) -> Iterator[Fault]:
     for word, extreme in (("lowest", known.min()), ("highest", known.max())):
         at = y == extreme
         edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-        often = int(np.diff(edges)[::2].max()) >= _STUCK
+        # Equal readings in a row, at an end of the range of the output, that count as clipped
+        often = int(np.diff(edges)[::2].max()) >= 4
         if often and noise_above_resolution(known[known != extreme]):
             yield clipped(y, np.flatnonzero(at), word)
 
@@ -282,8 +280,6 @@ _SHARP = 0.3
 """Least difference of each reading of a spike from its neighbours, over its largest distance."""
 _LARGE = 0.25
 """Distance over the largest, of those that are found at once."""
-_MOST = 0.1
-"""Share of the readings above which they are no spikes, but how the output is."""
 _FEWEST_STEADY = 20
 """Readings below which noise cannot be distinguished from spikes."""
 
@@ -306,7 +302,8 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
     while left.size >= _FEWEST_STEADY and (more := _largest(values[left])).any():
         found[left[more]] = True
         left = left[~more]
-    return found if np.count_nonzero(found) <= _MOST * known.size else np.zeros_like(found)
+    # Share of the readings above which they are no spikes, but how the output is
+    return found if np.count_nonzero(found) <= 0.1 * known.size else np.zeros_like(found)
 
 
 def without_spikes(

@@ -22,8 +22,6 @@ from minorloop.lab.settling import FEWEST_STILL
 _SURE = 6.0
 """Standard deviations of noise from which a change of the mean is a change of the input, and up to
 which the means of pieces with an outlier between them are equal."""
-_JUMP = 10.0
-"""Standard deviations from which a difference of neighbours is a change of the input."""
 _WANDER = 0.08
 """Share of the change to the next piece that is the most standard deviation of an input within a
 hold beside white noise. A rise by a quarter of it has 0.07, hum seldom more than 0.05, the top of a
@@ -168,7 +166,8 @@ def _noise(u: FloatArray, span: float, lag: int) -> float:
 
 def _edges(u: FloatArray, sd: float, fewest: int) -> list[int]:
     """Return where the mean changes, with both ends."""
-    jumps = np.flatnonzero(np.abs(np.diff(u)) > _JUMP * sd) + 1
+    # Standard deviations from which a difference of neighbours is a change of the input
+    jumps = np.flatnonzero(np.abs(np.diff(u)) > 10.0 * sd) + 1
     edges = [0, *jumps.tolist(), u.size]
     sums = np.concatenate([[0.0], np.cumsum(u - u.mean())])
     queue = deque(itertools.pairwise(edges))

@@ -39,8 +39,6 @@ _FEWEST, _LEAST_HELD = 3, 0.1
 _SHORTEST, _MOSTLY = 3, 0.6
 """Least samples of what may be a hold with too few, and the least share of such samples that makes
 a log of them: the noise of two samples cannot be told from a step."""
-_ROUNDING = 1e-15
-"""Share of the greatest distance of readings up to which another is rounding."""
 _WHOLE = 0.01
 """Largest difference of their distances from whole steps, in steps."""
 
@@ -403,7 +401,8 @@ def _resolution(readings: FloatArray) -> float:
     if values.size < 3 or values.size * 4 > known.size:
         return 0.0
     steps = np.diff(values)
-    if steps.min() <= _ROUNDING * steps.max():
+    # Share of the greatest distance of readings up to which another is rounding
+    if steps.min() <= 1e-15 * steps.max():
         return 0.0
     count = steps / steps.min()
     return float(steps.min()) if np.abs(count - np.round(count)).max() < _WHOLE else 0.0

@@ -8,12 +8,8 @@ from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.lab.settling import SPAN_SHARE, judge
 
-_WINDOWS = 10
-"""Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise."""
 FURTHER = 1_000_003
 """Distance between the noise seeds of experiments on one specimen."""
-_FEWEST = 12
-"""Least samples of a hold that are judged; of fewer the last one counts."""
 
 
 def hold_each(
@@ -55,9 +51,11 @@ def settled_value(hold: Record, span: float) -> float:
     ``hold``: the samples of one hold, evenly spaced, the first one interval after its beginning;
     ``span``: range of the output in the experiment, in its unit.
     """
-    if hold.t.size < _FEWEST:
+    # Least samples of a hold that are judged; of fewer the last one counts
+    if hold.t.size < 12:
         return float(hold.y[-1])
     times = hold.t - hold.t[0] + (hold.t[1] - hold.t[0])
     length = float(times[-1])
     tolerance = SPAN_SHARE * span / length
-    return judge(times, hold.y, tolerance=tolerance, window=length / _WINDOWS).value
+    # Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise
+    return judge(times, hold.y, tolerance=tolerance, window=length / 10).value

@@ -12,10 +12,6 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_pair, frozen
 from minorloop.errors import ParameterError, SignalError
 
-_LEAST_SLOPE = 1e-4
-"""Least slope of plays, in ranges of the output over that of the input: a fitted operator stays
-invertible, and the slope is too small to show in a record."""
-
 _FLATTEST, _STEEPEST = 1e-3, 1e2
 """Bounds of the slopes of the dead zones: far beyond those of loops that saturate."""
 _STILL = 1e-9
@@ -103,7 +99,9 @@ def fit_bent_plays(
     across, up = _half_range(u), _half_range(y)
     centre = _middle_piece(y, knots)
     least, mean = np.zeros(plays.shape[1]), plays.mean(axis=0)
-    least[0] = _LEAST_SLOPE
+    # Least slope of plays, in ranges of the output over that of the input: a fitted operator stays
+    # invertible, and the slope is too small to show in a record
+    least[0] = 1e-4
     problem = _Bent(
         columns=_columns(plays, across),
         y=(y - centre) / up,

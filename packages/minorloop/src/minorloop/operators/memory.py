@@ -23,8 +23,6 @@ Start: TypeAlias = "Memory | Saturation"
 StartOfCurve: TypeAlias = "Memory | Saturation | Literal['as-left']"
 """Memory before a curve; ``"as-left"``: the one that the previous curve left."""
 
-_DEMAGNETISING_TURNS = 512
-"""Turns of the oscillation: the middle output is reached to about 1/512 of the range."""
 ROOM = 32
 """Default number of extrema that a memory of bounded length holds."""
 LEAST_ROOM, MOST_ROOM = 6, 10_000
@@ -103,7 +101,8 @@ class Memory:
         The swing shrinks by 1/512 of the plane a turn, so a plane symmetric about its middle
         is left within about 1/512 of its range of its middle output. The ends are as of `after`.
         """
-        turns = _DEMAGNETISING_TURNS
+        # Turns of the oscillation: the middle output is reached to about 1/512 of the range
+        turns = 512
         middle, half = (low + high) / 2, (high - low) / 2
         shrink = 1 - np.arange(2 * turns) / (2 * turns - 1)
         signs = np.where(np.arange(2 * turns) % 2 == 0, 1.0, -1.0)

@@ -28,14 +28,8 @@ from minorloop.operators.inversion import (
 )
 from minorloop.operators.tracker import StepTracker
 
-_HALVINGS = 64
-"""Bisections: more than the 53 bits of a float."""
 _LARGEST = 1e300
 """Largest sum of the terms of an output, as for `Preisach`."""
-_FLAT = 1e-12
-"""Changes by a smaller share of the output range are rounding and have no direction."""
-_NEGLIGIBLE = 1e-17
-"""A term of the slope below this share of the largest is less than its rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +140,8 @@ class Polynomial(ByValue, Drawn):
         """Of the intervals in which the curve is monotone, that with the widest range of output."""
         turns = self._turns
         outputs = self._at(turns)
-        flat = _FLAT * (outputs.max() - outputs.min())
+        # Changes by a smaller share of the output range are rounding and have no direction
+        flat = 1e-12 * (outputs.max() - outputs.min())
         best, begin, direction = (self.low, self.low), 0, 0.0
         span = 0.0
         for k in range(1, turns.size):
@@ -203,7 +198,8 @@ class Polynomial(ByValue, Drawn):
         slope = polynomial.polyder(self.coefficients)
         # A leading term that is negligible on the range would put roots near infinity.
         terms = np.abs(slope) * max(abs(self.low), abs(self.high)) ** np.arange(slope.size)
-        slope = slope[: np.max(np.nonzero(terms > _NEGLIGIBLE * terms.max())[0], initial=0) + 1]
+        # A term of the slope below this share of the largest is less than its rounding error
+        slope = slope[: np.max(np.nonzero(terms > 1e-17 * terms.max())[0], initial=0) + 1]
         # Rounding can make a double root complex, so real parts of complex roots are used too. If
         # the curve has no extremum there, an interval is only split into two.
         places = np.real(polynomial.polyroots(slope)) if slope.size > 1 else np.empty(0)
@@ -217,7 +213,8 @@ class Polynomial(ByValue, Drawn):
         """Return the nearest floats to the inputs of the targets, by bisection."""
         rising = self._at(np.array(self.high)) > self._at(np.array(self.low))
         low, high = np.full(targets.shape, self.low), np.full(targets.shape, self.high)
-        for _ in range(_HALVINGS):
+        # Bisections: more than the 53 bits of a float
+        for _ in range(64):
             middle = low + (high - low) / 2
             beyond = (self._at(middle) > targets) == rising
             high = np.where(beyond, middle, high)

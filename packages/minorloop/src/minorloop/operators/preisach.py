@@ -38,8 +38,6 @@ Diagonal: TypeAlias = Literal["uniform", "reversible"]
 _LARGEST = 1e300
 """Largest sum of the terms of an output: far enough below the largest float, 1.8e308, for sums and
 differences of outputs."""
-_ROUNDING = 1e-13
-"""A slope may be negative by this share of the steepest one: rounding of sums of weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +149,8 @@ class Preisach(ByValue, Drawn):
         bow = self.diagonal == "uniform"
         rate = plane.slack(self.levels, weights, slope, self.swing, bow)
         steepest = np.abs(weights).sum() / np.diff(self.levels).min() + abs(slope)
-        return bool(rate >= -_ROUNDING * steepest)
+        # A slope may be negative by this share of the steepest one: rounding of sums of weights
+        return bool(rate >= -1e-13 * steepest)
 
     def everett(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
         """Return the integral of the density over the triangle between beta and alpha.

@@ -15,8 +15,6 @@ from minorloop.twins import _kernels
 
 RATE = 10_000.0
 """Samples a second."""
-_SUBSTEPS = 8
-"""Steps of the integration for each sample."""
 VOLTAGE = 100.0
 """Greatest voltage; the least one is 0."""
 TRAVEL = 40.0
@@ -84,10 +82,11 @@ class Stage:
         low, high = w[before.size - 1], w[_SWEEP]
         z = (w[before.size :] - low) / (high - low)
         pushed = TRAVEL * (z + drawn["bend"] * z * (1 - z))
+        # Steps of the integration for each sample
         y = _kernels.creeping_resonance(
             pushed,
             1 / RATE,
-            _SUBSTEPS,
+            8,
             float(drawn["omega"][0]),
             float(drawn["damping"][0]),
             drawn["times"],
