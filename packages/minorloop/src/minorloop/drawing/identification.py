@@ -32,8 +32,6 @@ _PARTS, _FEWEST_OF_PART, _FEWEST = 12, 5, 30
 """Parts of equal width for which the residual is averaged, and least samples of one and of all."""
 _SAID, _EQUAL = 0.9, 0.02
 """Share of the samples, and how little their amplitudes or rates differ, to count as equal."""
-_LEAP, _LEAP_SHARE = 20, 0.05
-"""An input leaps if it changes by more than so many usual steps and this share of its range."""
 _DOTS: dict[str, Any] = {"ms": 3.5, "color": "C1"}
 _VEIL = 0.7
 """Opacity of the grey over cells that a prior determines."""
@@ -193,7 +191,8 @@ def _jumps(u: FloatArray) -> IntArray:
     """Return the samples before which the input leaps, as between curves with few labels."""
     steps = np.abs(np.diff(u))
     usual = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    return np.flatnonzero(steps > max(_LEAP * usual, _LEAP_SHARE * float(np.ptp(u)))) + 1
+    # An input leaps if it changes by more than so many usual steps and this share of its range
+    return np.flatnonzero(steps > max(20 * usual, 0.05 * float(np.ptp(u)))) + 1
 
 
 def _interpolated(u: FloatArray, points: int = 12) -> FloatArray:

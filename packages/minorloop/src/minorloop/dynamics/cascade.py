@@ -36,12 +36,6 @@ from minorloop.operators.operator import Operator
 
 First: TypeAlias = Literal["operator", "linear"]
 
-_FILTER_SHARE = 0.2
-_INTERVALS = 2.0
-"""The default time constant of the filter of an inverse is at least this share of the fastest time
-constant, and this many sampling intervals. A choice: the input stays smooth from sample to
-sample."""
-
 
 @dataclass(frozen=True, eq=False)
 class CascadeState:
@@ -350,8 +344,11 @@ def _filter_time(linear: Linear, t: FloatArray, noise: float, wanted: float | No
     if wanted is None:
         # Of a resonance it is the period over 2 pi, not the longer time in which it decays.
         fastest = 1 / float(np.abs(linear.poles).max())
-        smooth = _INTERVALS * float(np.median(np.diff(t)))
-        return max(_FILTER_SHARE * fastest, smooth, _time_of_gain(linear, noise))
+        # The default time constant of the filter of an inverse is at least this share of the
+        # fastest time constant, and this many sampling intervals. A choice: the input stays smooth
+        # from sample to sample.
+        smooth = 2.0 * float(np.median(np.diff(t)))
+        return max(0.2 * fastest, smooth, _time_of_gain(linear, noise))
     seconds = as_finite("filter_time", wanted)
     if seconds <= 0:
         raise ParameterError(

@@ -10,9 +10,6 @@ import numpy.typing as npt
 
 from minorloop.errors import ParameterError
 
-_MOST_SINGLE, _MOST_DOUBLE = 1e15, 1e150
-"""Largest range of a signal, and inverse of the least, by the type of the C: their squares are
-within 1e38 and 1e308, the largest numbers of these types."""
 _COARSEST = 0.01
 """Largest effect of rounding, as a share of a range. A choice: more than this would be a large part
 of the error of a good model."""
@@ -60,7 +57,9 @@ class Numbers:
         Raises a `ParameterError` if the range is too large or too small.
         """
         low, high = float(np.min(values)), float(np.max(values))
-        most = _MOST_SINGLE if self.single else _MOST_DOUBLE
+        # Largest range of a signal, and inverse of the least, by the type of the C: their squares
+        # are within 1e38 and 1e308, the largest numbers of these types
+        most = 1e15 if self.single else 1e150
         if high / 2 - low / 2 > most / 2 or 0 < high - low < 1 / most:
             raise ParameterError(
                 f"the {what} goes from {low:g} to {high:g}, and C with a {self.type} can have "

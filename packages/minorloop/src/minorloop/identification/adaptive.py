@@ -31,9 +31,6 @@ PROBABILITY = 0.9
 """Probability of the bands that validation holds are checked against."""
 _FIXED = 4
 """First holds, which are designed before anything is measured."""
-_LEAST_INSIDE = 0.75
-_MOST_RMS = 3.0
-"""Validation passes with this share inside the bands, and this rms error in deviations."""
 _FITTED = ("design", "repeat")
 """Roles of points that are fitted."""
 _FEWEST = 3
@@ -65,8 +62,9 @@ class Validation:
     def trusted(self) -> bool:
         """Whether three quarters lie inside their bands and the rms error is below 3 deviations."""
         away = (self.prediction.y - self.measured) / self.prediction.sd
-        inside = self.covered >= _LEAST_INSIDE * self.measured.size
-        return inside and bool(np.sqrt(np.mean(away**2)) <= _MOST_RMS)
+        # Validation passes with this share inside the bands, and this rms error in deviations
+        inside = self.covered >= 0.75 * self.measured.size
+        return inside and bool(np.sqrt(np.mean(away**2)) <= 3.0)
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,6 @@ _OVERFIT = 2.0
 _NEARLY_AS_GOOD = 0.8
 _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
-_CLOCKWISE, _SURE = -0.5, -4.0
-"""Lateness of the output, and the same in its standard deviations, from which it comes before the
-input."""
 _ROUNDING = 1e-9
 _RARE = 10
 """Samples for each input that may be a sentinel; more of them are inputs."""
@@ -39,9 +36,6 @@ _LEAST_DRIFT = 0.005
 """Least drift or step that is reported, in ranges."""
 _ALIKE, _LEAST_ERROR = 0.8, 0.005
 """Autocorrelation of a residual that is no noise; and its least size in ranges."""
-_BEGIN, _TOGETHER = 10, 0.6
-"""The first rows of a curve are one in so many; and their mean error, over that of all rows, from
-which they are off together: without noise or misfit in common it is far below."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
     "reverse the sign of the output (reduce --flip output), or allow negative weights with "
@@ -107,11 +101,13 @@ def _starts(fit: Fit) -> Iterator[str]:
     rows = np.flatnonzero(fit.fitted)
     position = curves.positions(fit.u.size)
     length = np.diff(np.append(curves.begins, fit.u.size))
-    first = rows[position[rows] * _BEGIN < np.repeat(length, length)[rows]]
+    # The first rows of a curve are one in so many; and their mean error, over that of all rows,
+    # from which they are off together: without noise or misfit in common it is far below
+    first = rows[position[rows] * 10 < np.repeat(length, length)[rows]]
     if not first.size:
         return
     off = float((fit.prediction - fit.y)[first].mean()) / fit.span(fit.fitted)
-    if abs(off) >= max(_TOGETHER * fit.nrmse, _LEAST_ERROR):
+    if abs(off) >= max(0.6 * fit.nrmse, _LEAST_ERROR):
         others = [name for name in ("negative", "positive", "demagnetised") if name != start]
         yield (
             f"the first rows of the curves are off together, by {-off:+.2%} of range in the mean: "
@@ -400,8 +396,10 @@ def _clockwise(fit: Fit) -> bool:
     """Whether the output comes before the input, but no weight is negative."""
     known = fit.fitted & _known(fit)
     late = lateness(fit.u, fit.y, known, fit.curves)
-    sure = late * np.sqrt(np.count_nonzero(known)) < _SURE
-    return late < _CLOCKWISE and bool(sure and (fit.model.weights >= 0).all())
+    # Lateness of the output, and the same in its standard deviations, from which it comes before
+    # the input
+    sure = late * np.sqrt(np.count_nonzero(known)) < -4.0
+    return late < -0.5 and bool(sure and (fit.model.weights >= 0).all())
 
 
 def _numerics(fit: Fit) -> Iterator[str]:

@@ -9,9 +9,6 @@ from minorloop.threads import one_thread
 
 _MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
-_PLAY, _DEGREE = 2, 6
-"""Which play of the rough model shows in what direction loops run, of about a tenth of the range;
-and degree of the polynomial beside it."""
 _DEGREES = range(1, 8)
 _DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
@@ -82,8 +79,10 @@ def lateness(u: FloatArray, y: FloatArray, rows: BoolArray, curves: Curves) -> f
     places = np.flatnonzero(rows)
     places = places[one_of_each(places.size, _MOST)]
     plays = Basis.of(u, curves, places.size).plays[places]
-    q, _ = np.linalg.qr(np.polynomial.chebyshev.chebvander(plays[:, 0], _DEGREE))
-    play, output = (x - q @ (q.T @ x) for x in (plays[:, _PLAY], y[places] - y[places].mean()))
+    # Which play of the rough model shows in what direction loops run, of about a tenth of the
+    # range; and degree of the polynomial beside it
+    q, _ = np.linalg.qr(np.polynomial.chebyshev.chebvander(plays[:, 0], 6))
+    play, output = (x - q @ (q.T @ x) for x in (plays[:, 2], y[places] - y[places].mean()))
     return float(play @ output / (np.linalg.norm(play) * np.linalg.norm(output) or 1.0))
 
 

@@ -25,8 +25,6 @@ _ABOVE = (0.0, 0.5)
 """Distances of its level above the highest reading, in widths of the bend."""
 _SURE = 6.0
 """Logarithm of how likely a cut is over how likely anything else, from which it is one."""
-_FAR_SD, _FAR = 8.0, 0.2
-"""Error against the rough model of outliers, in robust deviations and in spans."""
 _ROUNDS, _SETTLED = 8, 1e-4
 """Most Gauss-Newton steps of a fit, and relative decrease of the squared error that ends them."""
 _TINY = 1e-6
@@ -43,7 +41,8 @@ def cut_depth(record: RoughRecord, way: int, *, rail: bool = False) -> float | N
     """
     places = few(record.places)
     off = record.y[places] - record.rough[places]
-    places = places[np.abs(off) <= max(_FAR_SD * spread(off), _FAR * record.span)]
+    # Error against the rough model of outliers, in robust deviations and in spans
+    places = places[np.abs(off) <= max(8.0 * spread(off), 0.2 * record.span)]
     y = way * record.y[places] / record.span
     y -= np.median(y)
     fits = [_CutFit(rows, y) for rows in _bases(record, places)]

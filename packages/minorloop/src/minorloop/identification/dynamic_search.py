@@ -15,8 +15,6 @@ from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
 
 _KEPT = 2
 """Structures with two poles from which those with three are tried."""
-_ONE_SIDE, _BOTH_SIDES = 3, 2
-"""Most poles on one side of the operator, without others on the other side and with them."""
 _BETTER, _BETTER_WITH_CREEP = 0.98, 0.8
 """Ratio of the errors below which another parameter is worth it, and creep, which has several and
 follows other slow errors too."""
@@ -141,7 +139,8 @@ def _one_more(
             if first is not None and ahead != (first == "linear"):
                 continue
             sides = len(parent.dynamics.ahead) + ahead, len(parent.dynamics.behind) + (not ahead)
-            if max(sides) > (_BOTH_SIDES if min(sides) else _ONE_SIDE):
+            # Most poles on one side of the operator, without others on the other side and with them
+            if max(sides) > (2 if min(sides) else 3):
                 continue
             for begin in parent.dynamics.with_another_pole(ahead):
                 found = alternate(record, begin, static, parent.operator)

@@ -29,14 +29,9 @@ _WIDTHS = np.array(
     [_EQUAL, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.012, 0.018, 0.025, 0.035, 0.05, 0.07, 0.1, 0.14]
 )
 """Widths of a rail that are tried, in spans: up to six standard deviations of noise."""
-_COARSE, _LONG_STEP = 35, 0.2
-"""Inputs reached upwards below which hardly any lie just below a rail; and usual step, over the
-range of the input, from which the last one to a rail says nothing."""
 _FEWEST, _LEAST_PATH = 4, 0.1
 """Readings at a rail, of as many inputs where the record is not coarse, and the range of these
 inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
-_NOISY, _RISES = 1.35, 0.35
-"""Scatter of the readings at a rail over the noise at most, and their rise over the width."""
 _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
 """Least width of each of the two bands below a rail, in spans; least readings at the rail over
 those in the lower band; most readings in the upper band over these; and least logarithm of how
@@ -200,7 +195,9 @@ def _rail(
     """
     up = size > 0
     step = float(np.median(size[up])) if up.any() else 1.0
-    coarse = np.count_nonzero(up) < _COARSE and step < _LONG_STEP * np.ptp(u)
+    # Inputs reached upwards below which hardly any lie just below a rail; and usual step, over the
+    # range of the input, from which the last one to a rail says nothing
+    coarse = np.count_nonzero(up) < 35 and step < 0.2 * np.ptp(u)
     weights = np.minimum(size / step, 1.0)
     depth = y.max() - y
     for width in map(float, _WIDTHS * span):
@@ -217,8 +214,9 @@ def _rail(
             return width
         if np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
             continue
-        noisy = y[at].std() <= _NOISY * noise + _EQUAL * span
-        if not noisy or _rise(u[at], y[at]) > _RISES * width:
+        # Scatter of the readings at a rail over the noise at most, and their rise over the width
+        noisy = y[at].std() <= 1.35 * noise + _EQUAL * span
+        if not noisy or _rise(u[at], y[at]) > 0.35 * width:
             continue
         if coarse:
             # Least last step of a coarse record to a rail, in spans

@@ -41,8 +41,6 @@ _FEWEST_EACH = 5
 """Samples for each parameter: with fewer the errors of parameters are as large as themselves."""
 _WHERE_IT_IS = 0.5
 """Share of the levels that lie where the force is most often; the others are evenly spaced."""
-_TRIAL_STEPS, _TRIAL_GAIN = 20, 1e-4
-"""Steps of a fit with a number of levels that may not be the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +206,8 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
         model = _with_levels(model, record, count)
         # Levels up to which longer steps of the integration are accurate enough
         near = record.coarse() if count <= 4 else record
-        found = fit(near, model, _all_free(model), steps=_TRIAL_STEPS, gain=_TRIAL_GAIN)
+        # Steps of a fit with a number of levels that may not be the last one
+        found = fit(near, model, _all_free(model), steps=20, gain=1e-4)
         if found is None:
             break
         model = found[0]

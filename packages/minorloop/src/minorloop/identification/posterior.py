@@ -39,8 +39,6 @@ _LEAST_SPARSE = 300
 """Cells from which the sparse system is used."""
 _FILL = 0.3
 """Multiplications of its factorisation, over the cube of the cells, up to which it is quicker."""
-_ACCURATE, _STEPS = 1e-10, 50
-"""Relative residual of the posterior mean, and most steps to reach it."""
 _PROBES = 400
 """Random inputs on which a coarse plane is compared with the plane."""
 _TOGETHER = 8192
@@ -395,7 +393,8 @@ class SparseSystem(PriorSystem):
         """Posterior mean, and the logarithm of the determinant over that of the prior."""
         system, precision = self._factorise(self.h.variance)
         begin = system.gradient(np.zeros(system.scale.size), self.evidence.y)
-        z = system.solve(-begin, True, _ACCURATE, _STEPS)
+        # Relative residual of the posterior mean, and most steps to reach it
+        z = system.solve(-begin, True, 1e-10, 50)
         return system.scale * z, system.logarithm() - precision.logarithm
 
     @property

@@ -26,9 +26,6 @@ _SPANNED = 0.5
 gain and offset are extrapolated to the range by more than twice, and cancel each other."""
 PARTS = 3
 """Parts of equal size by amplitude and by rate."""
-_HOLE, _MISSING = 2.0, 6.0
-"""Least width of a hole between readings, in standard deviations of the residual, and readings that
-the model expects in it: all of them miss one between two states by chance once in sixty times."""
 _ROUNDING = 1e-12
 _MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, at most."""
@@ -166,10 +163,13 @@ def noise_in(error: FloatArray, y: FloatArray) -> float:
     # Readings among which holes are looked for, at most
     some = one_of_each(y.size, 800)
     ordered, model = np.sort(y[some]), (y + error)[some]
-    holes = np.flatnonzero(np.diff(ordered) > _HOLE * sd)
+    # Least width of a hole between readings, in standard deviations of the residual, and readings
+    # that the model expects in it: all of them miss one between two states by chance once in sixty
+    # times
+    holes = np.flatnonzero(np.diff(ordered) > 2.0 * sd)
     low, high = ordered[holes, None], ordered[holes + 1, None]
     expected = (ndtr((high - model) / sd) - ndtr((low - model) / sd)).sum(axis=1)
-    if expected.max(initial=0.0) > _MISSING:
+    if expected.max(initial=0.0) > 6.0:
         return 0.0
     return min(noise_of(np.diff(error, 2), 2), sd)
 

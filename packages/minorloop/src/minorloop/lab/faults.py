@@ -269,11 +269,6 @@ DETECTORS: tuple[_Detector, ...] = (codes, _clipped, _stuck)
 
 _WIDTH = 21
 """Readings of the running median, which follows every rise or fall exactly."""
-_FAR, _STEPS = 8.0, 4.0
-"""Distance of a spike from it, in standard deviations of the noise, and in steps of the sensor."""
-_AROUND, _TIMES = 3, 8.0
-"""Widths around a spike, over whose usual distance its own is so many times: in an oscillation all
-are off."""
 _LONGEST = 8
 """Most readings of a burst."""
 _SHARP = 0.3
@@ -335,9 +330,12 @@ def _largest(y: FloatArray) -> BoolArray:
     from scipy.ndimage import median_filter
 
     away = y - median_filter(y, _WIDTH, mode="mirror")
-    usual = median_filter(np.abs(away), _AROUND * _WIDTH, mode="mirror")
-    noise = max(_FAR * noise_of(np.diff(y, 2), 2), _STEPS * _step(y))
-    limit = np.maximum(noise, _TIMES * usual)
+    # Widths around a spike, over whose usual distance its own is so many times: in an oscillation
+    # all are off
+    usual = median_filter(np.abs(away), 3 * _WIDTH, mode="mirror")
+    # Distance of a spike from the median, in standard deviations of the noise, and in steps
+    noise = max(8.0 * noise_of(np.diff(y, 2), 2), 4.0 * _step(y))
+    limit = np.maximum(noise, 8.0 * usual)
     size = np.zeros(y.size)
     for way in (1, -1):
         edges = np.flatnonzero(np.diff(way * away > limit, prepend=False, append=False))

@@ -36,9 +36,6 @@ _WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
-_SHORTEST, _MOSTLY = 3, 0.6
-"""Least samples of what may be a hold with too few, and the least share of such samples that makes
-a log of them: the noise of two samples cannot be told from a step."""
 _WHOLE = 0.01
 """Largest difference of their distances from whole steps, in steps."""
 
@@ -353,8 +350,10 @@ def _known(record: Record, u: FloatArray, holds: list[FoundHold]) -> tuple[BoolA
 
 def _too_few(u: FloatArray) -> str:
     """Return a sentence if an input has holds of too few samples to be found, otherwise ""."""
-    counts = [hold.end - hold.begin for hold in find_holds(u, fewest=_SHORTEST)]
-    if len(counts) < _FEWEST or sum(counts) < _MOSTLY * u.size:
+    # Least samples of what may be a hold with too few, and the least share of such samples that
+    # makes a log of them: the noise of two samples cannot be told from a step
+    counts = [hold.end - hold.begin for hold in find_holds(u, fewest=3)]
+    if len(counts) < _FEWEST or sum(counts) < 0.6 * u.size:
         return ""
     usual = np.median(counts)
     if usual >= FEWEST_STILL:

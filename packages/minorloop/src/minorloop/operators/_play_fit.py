@@ -12,8 +12,6 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_pair, frozen
 from minorloop.errors import ParameterError, SignalError
 
-_FLATTEST, _STEEPEST = 1e-3, 1e2
-"""Bounds of the slopes of the dead zones: far beyond those of loops that saturate."""
 _STILL = 1e-9
 """A play that moves by a smaller share of half the input range does not move: rounding."""
 _MOST_STEPS = 100
@@ -140,8 +138,9 @@ class _Bent(NamedTuple):
 
         plays, mean = self.columns.shape[1], float(self.y.mean())
         theta = _bounded(self.columns, self.y - mean, self.least)
-        low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 1 / _STEEPEST)])
-        high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1 / _FLATTEST)])
+        # Bounds of the slopes of the dead zones: far beyond those of loops that saturate
+        low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 1 / 1e2)])
+        high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1 / 1e-3)])
         found = least_squares(
             self._residual,
             np.concatenate([np.maximum(theta, self.least), [mean], np.ones(self.knots.size)]),

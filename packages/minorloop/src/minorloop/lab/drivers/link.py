@@ -21,9 +21,6 @@ _SHOWN = 40
 """Bytes of an answer without an end that a message shows."""
 _LONGEST_MESSAGE = 400
 """Most characters of an error message of a library."""
-_QUIET, _AT_ONCE = 20, 1
-"""Milliseconds without a character after which nothing more is expected; the same for characters
-that have arrived already."""
 _PARTING = 1.0
 """Seconds for the other end to receive what was sent, before a connection is closed."""
 
@@ -294,7 +291,9 @@ class VisaLink:
         if not self._streams:
             return
         try:
-            self._drain(_QUIET if self._stale else _AT_ONCE)
+            # Milliseconds without a character after which nothing more is expected; the same for
+            # characters that have arrived already
+            self._drain(20 if self._stale else 1)
         except Exception as error:
             self._doubtful = True
             raise InstrumentError(f"{self.name} cannot be asked: {_short(error)}") from None
