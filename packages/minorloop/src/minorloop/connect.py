@@ -153,11 +153,8 @@ def open_module(name: str) -> Actuator:
     Raises a `ParameterError` if there is no such function, or what it returns is no actuator; an
     `InstrumentError` if it fails.
 
-    Parameters
-    ----------
-    name : str
-        ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument. The
-        package is installed, or in the current folder.
+    ``name``: ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument.
+    The package is installed, or in the current folder.
     """
     path, colon, argument = name.partition(":")
     made = _made(factory(path), path, [argument] if colon else [])

@@ -235,14 +235,8 @@ class TargetDrive(Chooser):
 
         Raises a `ParameterError` if the hold is not a positive number, or as in `Plan`.
 
-        Parameters
-        ----------
-        hold : float
-            Longest hold, in seconds.
-        input : str
-            Name and unit of the input.
-        **settings
-            As in `Plan`.
+        ``hold``: longest hold, in seconds; ``input``: name and unit of the input; ``**settings``:
+        as in `Plan`.
         """
         if not (np.isfinite(hold) and hold > 0):
             raise ParameterError(f"hold is {hold:g} s (--hold); give a positive number of seconds")

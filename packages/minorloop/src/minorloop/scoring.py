@@ -657,16 +657,10 @@ def read_inputs(
     Raises a `RecordError` if the file or a column cannot be used, the unit is another one, or times
     run backwards.
 
-    Parameters
-    ----------
-    known : ModelFile
-        The model; its input is the column if none is named.
-    path : str or path
-        The table.
-    input, time, curves : str, optional
-        Columns, as of `minorloop.read`.
-    start_of_curve : {"negative", "positive", "demagnetised", "as-left"}, optional
-        Memory before each curve, as of `Record`; that of the model if not given.
+    ``known``: the model; its input is the column if none is named; ``path``: the table; ``input``,
+    ``time`` and ``curves``: columns, as of `minorloop.read`; ``start_of_curve`` {"negative",
+    "positive", "demagnetised", "as-left"}: memory before each curve, as of `Record`; that of the
+    model if not given.
     """
     column = known.input.name if input is None else input
     u = read_column(path, column, known.input.unit)

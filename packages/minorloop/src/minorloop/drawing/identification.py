@@ -48,14 +48,9 @@ def draw_identification(
 ) -> Any:
     """Draw loop, plane and record, and the residual in time, by amplitude and by rate.
 
-    Parameters
-    ----------
-    result : Identification
-        The identification.
-    input_label, output_label : str
-        Name and unit of input and output.
-    part : {"all", "curves", "talk"}
-        All of this, the errors of each curve, or loop and plane in letters for a screen.
+    ``result``: the identification; ``input_label`` and ``output_label``: name and unit of input and
+    output; ``part`` {"all", "curves", "talk"}: all of this, the errors of each curve, or loop and
+    plane in letters for a screen.
     """
     labels = {"input_label": input_label, "output_label": output_label}
     if part == "curves":

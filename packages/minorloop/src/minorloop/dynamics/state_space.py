@@ -33,20 +33,10 @@ def propagate(
 ) -> FloatArray:
     """Return the outputs (T,) of a continuous system from state x.
 
-    Parameters
-    ----------
-    system : tuple
-        A, B, C, D.
-    x : (n,) array
-        State at the first sample, or for a held input one interval before it.
-    t, u : (T,) arrays
-        Times and inputs.
-    delay : float
-        Dead time at the input, in seconds.
-    before : float
-        Input before the first sample.
-    between : {"held", "straight"}
-        See `Between`.
+    ``system``: A, B, C, D; ``x`` (n,): state at the first sample, or for a held input one interval
+    before it; ``t`` and ``u`` (T,): times and inputs; ``delay``: dead time at the input, in
+    seconds; ``before``: input before the first sample; ``between`` {"held", "straight"}: see
+    `Between`.
     """
     knots = t if between == "straight" else np.concatenate([[2 * t[0] - t[1]], t])
     points = np.union1d(knots, (knots + delay)[knots + delay < t[-1]]) if delay else knots

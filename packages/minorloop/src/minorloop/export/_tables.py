@@ -86,18 +86,9 @@ class Numbers:
 
         Raises a `ParameterError` if it is too large a share of a range.
 
-        Parameters
-        ----------
-        largest : float
-            The number.
-        effect : float
-            Effect of its last digit, as a share of a range.
-        of : str
-            What it changes, with the effect in percent as ``{:.2g} %``.
-        advice : str
-            What to do, apart from exporting doubles.
-        digits : int
-            Last digits that are allowed.
+        ``largest``: the number; ``effect``: effect of its last digit, as a share of a range;
+        ``of``: what it changes, with the effect in percent as ``{:.2g} %``; ``advice``: what to do,
+        apart from exporting doubles; ``digits``: last digits that are allowed.
         """
         if digits * effect > _COARSEST:
             raise ParameterError(

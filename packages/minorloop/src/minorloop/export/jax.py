@@ -269,16 +269,9 @@ def _primitive(
     `jax.pure_callback` is no alternative: its arrays are copied by the thread pool in which the
     callback runs, which is a deadlock on one core.
 
-    Parameters
-    ----------
-    name : str
-        Name in JAX.
-    function : callable
-        Gives one array, or several, for arrays without axes of `jax.vmap`.
-    cores : sequence of int
-        Number of axes of each argument; axes before them are those of `jax.vmap`.
-    like : callable
-        Selects the arguments whose shapes and types the results have.
+    ``name``: name in JAX; ``function``: gives one array, or several, for arrays without axes of
+    `jax.vmap`; ``cores``: number of axes of each argument; axes before them are those of
+    `jax.vmap`; ``like``: selects the arguments whose shapes and types the results have.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True

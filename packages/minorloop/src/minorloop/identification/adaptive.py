@@ -415,14 +415,8 @@ def design_holds(holds: int | None, hours: float | None, hold: float) -> int:
     Raises a `ParameterError` if both or neither are given, or they allow less than 3 holds or more
     than 1000.
 
-    Parameters
-    ----------
-    holds : int, optional
-        Holds to choose; those of validation and repetitions come on top.
-    hours : float, optional
-        All there is, validation and repetitions included.
-    hold : float
-        Longest hold, in seconds.
+    ``holds``: holds to choose; those of validation and repetitions come on top; ``hours``: all
+    there is, validation and repetitions included; ``hold``: longest hold, in seconds.
     """
     if holds is not None and hours is None:
         return as_whole("holds", holds, _FEWEST, MOST_HOLDS)

@@ -74,18 +74,9 @@ def alternate(
     The parameters are extrapolated from the last rounds (Anderson, J. ACM 12, 1965), because
     operator and dynamics explain part of the record alike, and plain alternation would be slow.
 
-    Parameters
-    ----------
-    record : DynamicRecord
-        The record.
-    dynamics : DynamicParts
-        Where to begin; they have the structure of what is found.
-    static : callable
-        Identification of an operator from inputs and outputs.
-    operator : Preisach, optional
-        Operator to begin with.
-    creeping : bool
-        Whether to fit creep.
+    ``record``: the record; ``dynamics``: where to begin; they have the structure of what is found;
+    ``static``: identification of an operator from inputs and outputs; ``operator``: operator to
+    begin with; ``creeping``: whether to fit creep.
     """
     best, waited = None, 0
     begun: list[FloatArray] = []

@@ -47,15 +47,10 @@ def arx(
     changes, or no stable equation fits; a `ParameterError` if the second record has another
     interval.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Evenly spaced times in seconds.
-    u, y : (T,) array_like
-        Input and output; y[k] is read at the end of the interval with input u[k]. The record begins
-        with a hold at whose end the plant is at rest.
-    second : tuple of t, u, y, optional
-        Another record to choose by. Its gain is fitted again, because hysteresis changes it.
+    ``t`` (T,): evenly spaced times in seconds; ``u`` and ``y`` (T,): input and output; y[k] is read
+    at the end of the interval with input u[k]. The record begins with a hold at whose end the plant
+    is at rest. ``second``: another record to choose by. Its gain is fitted again, because
+    hysteresis changes it.
 
     References
     ----------
@@ -82,12 +77,8 @@ def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepR
 
     Raises a `SignalError` as `arx`; also if no step moves the output.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Evenly spaced times in seconds.
-    u, y : (T,) array_like
-        Input in holds, and output. At the end of each hold the plant is at rest.
+    ``t`` (T,): evenly spaced times in seconds; ``u`` and ``y`` (T,): input in holds, and output. At
+    the end of each hold the plant is at rest.
     """
     record = as_sampled((t, u, y))
     steps = steps_in(record)

@@ -92,20 +92,9 @@ class BandModel:
 
         Also says which of them go where the record does not show how far the model is off.
 
-        Parameters
-        ----------
-        model : Preisach
-            The model.
-        u : (T,) array
-            Inputs.
-        curves : Curves
-            Where the memory is reset.
-        samples : (M,) array of int
-            Which samples.
-        probability : float
-            Probability of the bands.
-        lag : int
-            Rows by which the output follows the input.
+        ``model``: the model; ``u`` (T,): inputs; ``curves``: where the memory is reset; ``samples``
+        (M,) of int: which samples; ``probability``: probability of the bands; ``lag``: rows by
+        which the output follows the input.
         """
         inputs, places = curves.driven(u, model.levels, lag)
         places = places[samples]

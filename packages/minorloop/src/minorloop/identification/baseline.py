@@ -32,16 +32,10 @@ def polynomial_nrmse(
 
     It is the root-mean-square error over the range of the scored output.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Input and output; outputs are read only where ``train`` or ``scored``.
-    train : (T,) array of bool
-        Samples that the polynomial is fitted to, and the degree and the delay chosen on.
-    scored : (T,) array of bool
-        Samples that it is scored on.
-    curves : Curves, optional
-        Parts of the record within which the input is delayed.
+    ``u`` and ``y`` (T,): input and output; outputs are read only where ``train`` or ``scored``;
+    ``train`` (T,) of bool: samples that the polynomial is fitted to, and the degree and the delay
+    chosen on; ``scored`` (T,) of bool: samples that it is scored on; ``curves``: parts of the
+    record within which the input is delayed.
     """
     centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
     x = (u - centre) / half

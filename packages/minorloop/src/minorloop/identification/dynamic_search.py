@@ -28,18 +28,9 @@ def search(
     Each begins from one with a pole less. With three poles only the neighbours of the best two are
     tried, and none if two poles are no better than one.
 
-    Parameters
-    ----------
-    record : DynamicRecord
-        The record with left-out pieces.
-    first : {"operator", "linear"}, optional
-        On which side of the poles the operator is; on either if not given.
-    poles : int, optional
-        Number of poles; chosen if not given.
-    most : int
-        Most poles.
-    static : callable
-        Identification of a coarse operator.
+    ``record``: the record with left-out pieces; ``first`` {"operator", "linear"}: on which side of
+    the poles the operator is; on either if not given; ``poles``: number of poles; chosen if not
+    given; ``most``: most poles; ``static``: identification of a coarse operator.
     """
     begin = DynamicParts(record.interval, float(_delay(record, static)))
     levels = [[alternate(record, begin, static)]]

@@ -182,16 +182,9 @@ def _rail(
 ) -> float | None:
     """Width of a rail above, in the unit of the output; None without one.
 
-    Parameters
-    ----------
-    u, y : (N,) arrays
-        Inputs and outputs.
-    size : (N,) array
-        Changes that led to the inputs.
-    span, noise : float
-        Range of the output, and standard deviation of its noise.
-    live : bool
-        Whether the readings elsewhere have noise, so that equal ones are a rail.
+    ``u`` and ``y`` (N,): inputs and outputs; ``size`` (N,): changes that led to the inputs;
+    ``span`` and ``noise``: range of the output, and standard deviation of its noise; ``live``:
+    whether the readings elsewhere have noise, so that equal ones are a rail.
     """
     up = size > 0
     step = float(np.median(size[up])) if up.any() else 1.0

@@ -52,17 +52,10 @@ def find_jumps(
     the last sample counts. A threshold is where it jumped at least three times. More than eight
     thresholds count as none.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Inputs, delayed as the output is, and outputs.
-    fitted : (T,) array of bool
-        Samples that are fitted; the others are not used.
-    curves : Curves
-        Parts of the record.
-    levels : (L + 1,) array
-        Thresholds without jumps; inputs that change by more than half of their mean distance do
-        not show where the output jumps.
+    ``u`` and ``y`` (T,): inputs, delayed as the output is, and outputs; ``fitted`` (T,) of bool:
+    samples that are fitted; the others are not used; ``curves``: parts of the record; ``levels``
+    (L + 1,): thresholds without jumps; inputs that change by more than half of their mean distance
+    do not show where the output jumps.
     """
     span = float(np.ptp(y[fitted]))
     # Rows that are searched, the first ones

@@ -21,14 +21,8 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     of the input or of fewer than 8 samples are left out, and so are those with samples that are not
     scored.
 
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs.
-    scored : (T,) array of bool
-        Samples with an output.
-    curves : Curves
-        Parts of the record, each with its own loops.
+    ``u`` (T,): inputs; ``scored`` (T,) of bool: samples with an output; ``curves``: parts of the
+    record, each with its own loops.
     """
     low, high = float(u.min()), float(u.max())
     # Width of a loop over the range of the input below which it is not counted

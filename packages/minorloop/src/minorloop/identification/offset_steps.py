@@ -29,15 +29,9 @@ def find_offset_step(
 ) -> tuple[int, float] | None:
     """Return the first row behind a step and its size, in the unit of the outputs; None without.
 
-    Parameters
-    ----------
-    basis : (M, Q) array
-        Regressors of each row: a constant and functions of the memory.
-    prediction : (M,) array
-        Outputs of the fit, another regressor. It may contain a part of the step, so that the size
-        is estimated without it.
-    y : (M,) array
-        Outputs.
+    ``basis`` (M, Q): regressors of each row: a constant and functions of the memory; ``prediction``
+    (M,): outputs of the fit, another regressor. It may contain a part of the step, so that the size
+    is estimated without it. ``y`` (M,): outputs.
     """
     size, columns = basis.shape
     if size < 2 * columns or size < 4 * _LEAST_SIDE:

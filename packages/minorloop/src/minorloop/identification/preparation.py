@@ -69,14 +69,8 @@ def fit_prepared(
 
     Raises a `ParameterError` if there is a lag in seconds without times.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    lag : int or str
-        Of `Plane`.
-    fit : callable
-        Identifies rows with a lag, as `Plane.fit`.
+    ``record``: the record; ``lag``: of `Plane`; ``fit``: identifies rows with a lag, as
+    `Plane.fit`.
     """
     u, y, _ = record.checked
     delay = parse_lag(lag) if isinstance(lag, str) else None
@@ -149,14 +143,8 @@ def samples_in_time(record: Record) -> tuple[Record, RecordAdvice]:
 def _advice(record: Record, *, uneven: bool, dynamics: bool = False) -> RecordAdvice:
     """Return what was found in the file and its times.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    uneven : bool
-        Whether the model depends on even times.
-    dynamics : bool
-        Whether dynamics are identified.
+    ``record``: the record; ``uneven``: whether the model depends on even times; ``dynamics``:
+    whether dynamics are identified.
     """
     lost = () if record.check is None else record.left_out(dynamics=dynamics)
     of_times: tuple[str, ...] = ()

@@ -119,16 +119,8 @@ class Recursive:
 
         Raises a `ParameterError` if the input is not finite, or the output is infinite.
 
-        Parameters
-        ----------
-        state : RecursiveState
-            Before the sample.
-        u : float
-            Input that was applied.
-        y : float
-            Output that was measured; NaN if it was not.
-        settled : bool
-            Whether the output has settled.
+        ``state``: before the sample; ``u``: input that was applied; ``y``: output that was
+        measured; NaN if it was not; ``settled``: whether the output has settled.
         """
         value, output = as_finite("u", u), float(y)
         if np.isinf(output):
@@ -155,14 +147,8 @@ class Recursive:
     def run(self, state: RecursiveState, u: npt.ArrayLike, y: npt.ArrayLike) -> RecursiveState:
         """Return the state after a sequence of settled samples.
 
-        Parameters
-        ----------
-        state : RecursiveState
-            State before the sequence.
-        u : (n,) array_like
-            Inputs.
-        y : (n,) array_like
-            Settled outputs; NaN where none was read.
+        ``state``: state before the sequence; ``u`` (n,): inputs; ``y`` (n,): settled outputs; NaN
+        where none was read.
         """
         for value, output in zip(np.asarray(u).ravel(), np.asarray(y).ravel(), strict=True):
             state = self.update(state, float(value), float(output))

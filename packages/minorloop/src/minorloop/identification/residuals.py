@@ -106,20 +106,10 @@ def summary(
 ) -> ResidualSummary:
     """Summarise the residual of a fit.
 
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs, delayed as the output is.
-    error : (T,) array
-        Model less measured, in ranges of the output.
-    used : (T,) array of bool
-        Fitted samples without outliers.
-    y : (T,) array
-        Measured outputs, in ranges.
-    basis : callable
-        Functions of the memory, (M, Q), at some samples (M,), such as those of a rough model.
-    groups : (T,) array of int, optional
-        Number of the group of each row.
+    ``u`` (T,): inputs, delayed as the output is; ``error`` (T,): model less measured, in ranges of
+    the output; ``used`` (T,) of bool: fitted samples without outliers; ``y`` (T,): measured
+    outputs, in ranges; ``basis``: functions of the memory, (M, Q), at some samples (M,), such as
+    those of a rough model; ``groups`` (T,) of int: number of the group of each row.
     """
     rows = np.flatnonzero(used)
     left = error[rows]

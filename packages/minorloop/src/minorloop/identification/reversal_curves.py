@@ -22,15 +22,9 @@ def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.Arr
 
     Raises a `SignalError` if lengths differ, or a reversal value was not measured.
 
-    Parameters
-    ----------
-    u : (T,) array_like
-        Inputs applied, from negative saturation, in any order of curves, such as those of
-        `minorloop.excitation.reversal_curves`; those that count are level values.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    levels : (L + 1,) array_like
-        Thresholds.
+    ``u`` (T,): inputs applied, from negative saturation, in any order of curves, such as those of
+    `minorloop.excitation.reversal_curves`; those that count are level values; ``y`` (T,): outputs;
+    NaN where nothing was measured; ``levels`` (L + 1,): thresholds.
 
     References
     ----------

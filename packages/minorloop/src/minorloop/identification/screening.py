@@ -21,16 +21,9 @@ def record_faults(
 ) -> tuple[Fault, ...]:
     """Find the faults of a record, most important first.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        The record, without codes; y is NaN where nothing was measured.
-    curves : Curves
-        Where the memory is reset.
-    lag : int
-        Lag of the model in samples.
-    searched : bool
-        Whether that lag was searched; then what is left is no lag alone.
+    ``u`` and ``y`` (T,): the record, without codes; y is NaN where nothing was measured;
+    ``curves``: where the memory is reset; ``lag``: lag of the model in samples; ``searched``:
+    whether that lag was searched; then what is left is no lag alone.
     """
     known = np.isfinite(y)
     known[curves.positions(u.size) < lag] = False

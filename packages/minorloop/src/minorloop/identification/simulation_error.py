@@ -189,14 +189,8 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
 
     None if even the tied start is unstable.
 
-    Parameters
-    ----------
-    record : OscillatorRecord
-        What to fit.
-    start : Oscillator
-        Where to begin.
-    free : (P,) array of bool
-        Parameters that may change.
+    ``record``: what to fit; ``start``: where to begin; ``free`` (P,) of bool: parameters that may
+    change.
     """
     coarse, model = record.coarse(), start
     stiffness = abs(start.stiffness[0]) + abs(start.operator.step("relaxed", _SMALL)[0] / _SMALL)
@@ -221,14 +215,8 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
 def softened(model: Oscillator, free: BoolArray, reach: float) -> Oscillator:
     """Return the model with the law of a soft loop, as far as it is free to change.
 
-    Parameters
-    ----------
-    model : Oscillator
-        The model.
-    free : (P,) array of bool
-        Parameters that may change.
-    reach : float
-        Largest displacement.
+    ``model``: the model; ``free`` (P,) of bool: parameters that may change; ``reach``: largest
+    displacement.
     """
     parameters, operator = parameters_of(model), model.operator
     first = 2 + model.stiffness.size
@@ -256,16 +244,9 @@ def fit(
 
     Steps to where the model is unstable, or a parameter out of its range, are refused.
 
-    Parameters
-    ----------
-    record, start, free
-        As of `fit_tied`.
-    tie : (float, float), optional
-        As for `OscillatorRecord.residuals`.
-    steps : int
-        Most simulations.
-    gain : float
-        Relative decrease of the sum of squares below which the search ends.
+    ``record``, ``start`` and ``free``: as of `fit_tied`; ``tie`` (float, float): as for
+    `OscillatorRecord.residuals`; ``steps``: most simulations; ``gain``: relative decrease of the
+    sum of squares below which the search ends.
     """
     from scipy.optimize import least_squares
 

@@ -29,14 +29,8 @@ def opened(
     Raises a `RecordError` if the file cannot be read, is not such a table, or is larger than the
     bounds.
 
-    Parameters
-    ----------
-    path : str or path
-        The file, 4 GiB at most.
-    progress : callable, optional
-        Called with the share that has been read, as text.
-    bounds : Bounds, optional
-        Of the table.
+    ``path``: the file, 4 GiB at most; ``progress``: called with the share that has been read, as
+    text; ``bounds``: of the table.
     """
     file = Path(path)
     if is_sheet(file):

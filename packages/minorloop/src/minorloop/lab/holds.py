@@ -57,14 +57,8 @@ def find_holds(
     Raises a `SignalError` if the input is not one row of finite numbers up to 1e150; a
     `ParameterError` if the tolerance is negative.
 
-    Parameters
-    ----------
-    u : (T,) array_like
-        The input as recorded, with or without noise.
-    tolerance : float, optional
-        Changes of the input up to this size are noise, which is estimated if not given.
-    fewest : int
-        Least samples of a hold.
+    ``u`` (T,): the input as recorded, with or without noise; ``tolerance``: changes of the input up
+    to this size are noise, which is estimated if not given; ``fewest``: least samples of a hold.
     """
     values = as_samples(u, name="u")
     check_magnitude("input", values)

@@ -239,16 +239,9 @@ def with_times(
 
     Raises a `RecordError` if the column of time that is named cannot be used.
 
-    Parameters
-    ----------
-    record : Record
-        The inputs, without times.
-    path, input, time
-        The file, the column of its input, and that of its time, as of `read_log`.
-    strictly : bool
-        Whether no time may repeat.
-    reset : bool
-        Whether the memory is reset before each curve, where times may begin anew.
+    ``record``: the inputs, without times; ``path``, ``input`` and ``time``: the file, the column of
+    its input, and that of its time, as of `read_log`; ``strictly``: whether no time may repeat;
+    ``reset``: whether the memory is reset before each curve, where times may begin anew.
     """
     with opened(path) as table:
         found, why = _sought(table, time, (input,))

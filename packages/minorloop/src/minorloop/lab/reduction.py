@@ -128,11 +128,8 @@ class Reduction(Drawn):
     def record(self, *, unsettled: bool = False) -> Record:
         """Return the points as a record that can be identified.
 
-        Parameters
-        ----------
-        unsettled : bool
-            Whether to give the outputs of holds that have not settled. They are NaN otherwise: such
-            a hold drives the memory and is not fitted.
+        ``unsettled``: whether to give the outputs of holds that have not settled. They are NaN
+        otherwise: such a hold drives the memory and is not fitted.
         """
         t, u = (np.array([getattr(p, name) for p in self.points]) for name in ("t", "input"))
         y = np.array([self._output(point, unsettled) for point in self.points])

@@ -20,16 +20,8 @@ def hold_each(
 ) -> tuple[Record, FloatArray]:
     """Apply inputs one after the other, and return the settled outputs.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        What to drive.
-    inputs : (n,) array_like
-        In order, each within the actuator's limits.
-    hold : float
-        Seconds for each.
-    sample_interval : float
-        Seconds between samples.
+    ``actuator``: what to drive; ``inputs`` (n,): in order, each within the actuator's limits;
+    ``hold``: seconds for each; ``sample_interval``: seconds between samples.
 
     Returns
     -------

@@ -142,14 +142,8 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
 
     It is None if there are fewer than four samples.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Times in seconds, increasing.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    window : float
-        How far to look back from the last sample, in seconds.
+    ``t`` (T,): times in seconds, increasing; ``y`` (T,): outputs; NaN where nothing was measured;
+    ``window``: how far to look back from the last sample, in seconds.
     """
     times, values = _trailing(*_measured(t, y), window)
     if times.size < _FEWEST or times[-1] == times[0]:
@@ -244,16 +238,9 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
 def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float) -> Settling:
     """Judge a finished hold.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Times of the hold in seconds, increasing, from its beginning.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    tolerance : float
-        Slope of a settled output, in the unit of the output per second.
-    window : float
-        Trailing time over which the slope is taken, in seconds.
+    ``t`` (T,): times of the hold in seconds, increasing, from its beginning; ``y`` (T,): outputs;
+    NaN where nothing was measured; ``tolerance``: slope of a settled output, in the unit of the
+    output per second; ``window``: trailing time over which the slope is taken, in seconds.
     """
     line = trend(t, y, window)
     if line is None:

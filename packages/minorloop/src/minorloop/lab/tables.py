@@ -84,14 +84,8 @@ class Bounds:
 
         Raises a `RecordError` if one of them is beyond its bound.
 
-        Parameters
-        ----------
-        file : Path
-            The file that it is in.
-        rows, columns : int
-            Those that are known so far.
-        held : int
-            Bytes that its cells take, or will take.
+        ``file``: the file that it is in; ``rows`` and ``columns``: those that are known so far;
+        ``held``: bytes that its cells take, or will take.
         """
         if self is not LARGEST:  # what no bounds allow gets no advice to try others
             LARGEST.check(file, rows=rows, columns=columns, held=held)

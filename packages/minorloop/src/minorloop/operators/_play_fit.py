@@ -82,14 +82,8 @@ def fit_bent_plays(
 
     Raises a `SignalError` if there are fewer measured samples than unknowns.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Record; NaN in y is left out.
-    positions : (T, n) array
-        Positions of the plays.
-    knots : (K,) array
-        Outputs at which the slope of S changes, increasing.
+    ``u`` and ``y`` (T,): record; NaN in y is left out; ``positions`` (T, n): positions of the
+    plays; ``knots`` (K,): outputs at which the slope of S changes, increasing.
     """
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]

@@ -64,14 +64,8 @@ class Stage:
         Before the first sample, the stage was moved to the greatest voltage and back to 0, and
         rested there for long.
 
-        Parameters
-        ----------
-        u : (T,) array
-            Voltages, each held for a sample.
-        noise : float
-            Standard deviation of a reading in um.
-        experiment : int
-            Number of the experiment, which draws the noise.
+        ``u`` (T,): voltages, each held for a sample; ``noise``: standard deviation of a reading in
+        um; ``experiment``: number of the experiment, which draws the noise.
         """
         drawn = self._drawn
         up = np.linspace(0.0, VOLTAGE, _SWEEP + 1)

@@ -72,17 +72,9 @@ class LimitedSource:
     One command changes an input by at most its rate limit times the time since the last command,
     and a tick at most. After a command that failed, nothing is set until `safe` has succeeded.
 
-    Parameters
-    ----------
-    source : Source
-        Sets all inputs at once: a number for one, an array for several.
-    channels : tuple of Channel
-        The inputs.
-    rest : (channels,) array
-        The inputs that are on when the source is safe.
-    tick : float
-        In seconds.
-    clock : Clock
+    ``source``: sets all inputs at once: a number for one, an array for several; ``channels``: the
+    inputs; ``rest`` (channels,): the inputs that are on when the source is safe; ``tick``: in
+    seconds.
     """
 
     def __init__(

@@ -65,16 +65,9 @@ class VisaLink:
     Raises a `MissingExtraError` if PyVISA is not installed; an `InstrumentError` if there is no
     such instrument.
 
-    Parameters
-    ----------
-    resource : str
-        VISA address, such as ``GPIB0::5::INSTR`` or ``ASRL/dev/ttyACM0::INSTR``.
-    library : str
-        VISA library, ``@py`` for PyVISA-py; ``bench.yaml@sim`` for a simulation.
-    timeout : float
-        Seconds to wait for an answer.
-    baud : int, optional
-        Baud rate of a serial port.
+    ``resource``: VISA address, such as ``GPIB0::5::INSTR`` or ``ASRL/dev/ttyACM0::INSTR``;
+    ``library``: VISA library, ``@py`` for PyVISA-py; ``bench.yaml@sim`` for a simulation;
+    ``timeout``: seconds to wait for an answer; ``baud``: baud rate of a serial port.
 
     Attributes
     ----------
