@@ -34,6 +34,10 @@ def connect(
 ) -> Actuator:
     """Connect to the actuator at an address.
 
+    Raises a `ParameterError` if there is nothing at the address, its driver cannot be loaded, or an
+    option is unknown there or out of its range; a `MissingExtraError` if the actuator needs an
+    extra that is not installed; an `InstrumentError` if an instrument does not answer.
+
     Parameters
     ----------
     address : str
@@ -54,16 +58,6 @@ def connect(
     **options
         Further options of the actuator. Strip and fibre have ``tick``, ``substeps`` and
         ``drift``.
-
-    Raises
-    ------
-    ParameterError
-        If there is nothing at the address, its driver cannot be loaded, or an option is unknown
-        there or out of its range.
-    MissingExtraError
-        If the actuator needs an extra that is not installed.
-    InstrumentError
-        If an instrument does not answer.
 
     Examples
     --------

@@ -17,6 +17,8 @@ _GROUP = "minorloop.drawing"
 def plot(x: object, **options: Any) -> Any:
     """Draw a model or a result.
 
+    Raises a `ParameterError` if nothing draws this class.
+
     Parameters
     ----------
     x : model or result
@@ -27,11 +29,6 @@ def plot(x: object, **options: Any) -> Any:
     Returns
     -------
     matplotlib.figure.Figure
-
-    Raises
-    ------
-    ParameterError
-        If nothing draws this class.
 
     Examples
     --------

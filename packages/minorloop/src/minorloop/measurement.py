@@ -269,6 +269,9 @@ def measure(
 ) -> RunResult:
     """Carry out a plan on an actuator, and keep every settled point in a new store.
 
+    Raises a `StoreError` if the store exists; a `MinorloopError` as of `minorloop.connect`, `Plan`
+    and `minorloop.run`.
+
     Parameters
     ----------
     apparatus : Apparatus
@@ -286,13 +289,6 @@ def measure(
     -------
     RunResult
         What was measured.
-
-    Raises
-    ------
-    StoreError
-        If the store exists.
-    MinorloopError
-        As of `minorloop.connect`, `Plan` and `minorloop.run`.
 
     Examples
     --------
@@ -342,6 +338,9 @@ def drive_to(
 ) -> RunResult:
     """Saturate an actuator, then bring it to each target, and keep every point in a new store.
 
+    Raises a `StoreError` if the store exists; a `ParameterError` if units differ; a
+    `MinorloopError` as of `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
+
     Parameters
     ----------
     known : ModelFile
@@ -357,15 +356,6 @@ def drive_to(
     -------
     RunResult
         What was achieved.
-
-    Raises
-    ------
-    StoreError
-        If the store exists.
-    ParameterError
-        If units differ.
-    MinorloopError
-        As of `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
 
     Examples
     --------

@@ -431,6 +431,9 @@ def save(
 ) -> None:
     """Write a model to a file, completely or not at all.
 
+    Raises an `OutputError` if the file cannot be written, or exists and ``force`` is false; a
+    `ParameterError` if a file cannot contain the model, the provenance or the warnings.
+
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
@@ -451,13 +454,6 @@ def save(
         At most 20 are kept.
     force : bool
         Whether a file that exists may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written, or exists and ``force`` is false.
-    ParameterError
-        If a file cannot contain the model, the provenance or the warnings.
 
     Examples
     --------
@@ -532,6 +528,9 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
 def load(path: PathLike) -> Model:
     """Read a model from a file that `save` wrote, without its lag and bands, which `read` gives.
 
+    Raises a `ModelFileError` if there is no such file, or it is damaged, inconsistent, too large,
+    not a model file, or of a newer version.
+
     Parameters
     ----------
     path : str or path
@@ -542,12 +541,6 @@ def load(path: PathLike) -> Model:
     Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial, Cascade,
     Linear, AfterEffect or Oscillator
         Equal to what was saved, to the last bit.
-
-    Raises
-    ------
-    ModelFileError
-        If there is no such file, or it is damaged, inconsistent, too large, not a model file, or of
-        a newer version.
 
     Warns
     -----

@@ -579,17 +579,14 @@ def score(
 ) -> ModelScore:
     """Score a model on a record that it was not identified from.
 
+    Raises a `ParameterError` or `RecordError` as of `simulate`, or if no row is left to be scored.
+
     Parameters
     ----------
     model, record, between
         As of `simulate`; outputs that are NaN were not measured. Where rows have labels of groups,
         such as specimens, each group has its errors. Rows to skip set the memory and are not
         scored.
-
-    Raises
-    ------
-    ParameterError, RecordError
-        As of `simulate`, or if no row is left to be scored.
 
     Examples
     --------

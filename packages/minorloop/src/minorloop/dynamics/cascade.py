@@ -95,11 +95,8 @@ class CascadeInversion(Drawn):
 class Cascade:
     """A hysteresis operator and a linear system in series, and creep of the output.
 
-    Raises
-    ------
-    ParameterError
-        If ``first`` is neither, ``noise`` is not from 0 to 1, or ``ahead`` is given although
-        ``linear`` comes first.
+    Raises a `ParameterError` if ``first`` is neither, ``noise`` is not from 0 to 1, or ``ahead`` is
+    given although ``linear`` comes first.
 
     References
     ----------

@@ -34,10 +34,8 @@ rounded to the microsecond."""
 class Linear(ByValue, Drawn):
     """A rational transfer function with dead time, continuous or sampled.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite, the system is not causal, or a time is out of its range.
+    Raises a `ParameterError` if a number is not finite, the system is not causal, or a time is out
+    of its range.
 
     Examples
     --------
@@ -194,6 +192,10 @@ class Linear(ByValue, Drawn):
     ) -> FloatArray:
         """Return the outputs for a sampled input, as `TimedModel.simulate`; exact between samples.
 
+        Raises a `SignalError` also if the times are not those of a sampled system; a
+        `ParameterError` if the system integrates and ``before`` is not 0, or ``between`` does not
+        suit it.
+
         Parameters
         ----------
         before : float
@@ -203,12 +205,6 @@ class Linear(ByValue, Drawn):
             actuators record holds in this way. ``"straight"``: the input jumps to u[0] at t[0]
             and is linear between samples; for continuous systems only.
 
-        Raises
-        ------
-        SignalError
-            Also if the times are not those of a sampled system.
-        ParameterError
-            If the system integrates and ``before`` is not 0, or ``between`` does not suit it.
         """
         times, inputs = as_waveform(t, u)
         check_option("between", between, ("held", "straight"))
@@ -273,12 +269,9 @@ class Linear(ByValue, Drawn):
 
         It is computed by the principal logarithm of the transition matrix.
 
-        Raises
-        ------
-        ParameterError
-            If it is continuous already, or has a pole at 0 or on the negative real axis, where
-            this logarithm does not exist. Such a mode ends within one sample or changes its sign
-            at every sample, which no continuous system of the same order does.
+        Raises a `ParameterError` if it is continuous already, or has a pole at 0 or on the negative
+        real axis, where this logarithm does not exist. Such a mode ends within one sample or
+        changes its sign at every sample, which no continuous system of the same order does.
         """
         if self.interval is None:
             raise ParameterError("the system is continuous already")

@@ -32,10 +32,8 @@ from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 class Oscillator:
     """``mass y'' + damping y' + stiffness y + z = u``, where z is hysteretic.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite, the mass is not positive, or the operator is another one.
+    Raises a `ParameterError` if a number is not finite, the mass is not positive, or the operator
+    is another one.
 
     References
     ----------

@@ -65,6 +65,9 @@ def as_function(
     ``model``: levels or radii, and the initial parameters; ``start``: memory before the first
     sample; a constant.
 
+    Raises a `ParameterError` if the model is of another kind. The function raises it where shapes
+    are wrong, or the input is empty.
+
     Returns
     -------
     function : callable
@@ -75,11 +78,6 @@ def as_function(
         ``weights`` and ``offset`` of the model, and ``slope`` of a Preisach operator. Weights above
         the diagonal are ignored.
 
-    Raises
-    ------
-    ParameterError
-        If the model is of another kind. The function raises it where shapes are wrong, or the
-        input is empty.
     """
     operator = _operator(model, start)
     call = _differentiable(operator)

@@ -94,10 +94,7 @@ class Adaptive:
     first reading, both are fitted, the point is one of the ``changes``, and the bands are widened
     by the contradiction. A hold that later ones show to be an outlier is left out and replaced.
 
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
+    Raises a `ParameterError` if an option is out of its range.
 
     Examples
     --------

@@ -67,6 +67,9 @@ def next_input(
 ) -> NextInput:
     """Find the best input to measure next.
 
+    Raises a `ParameterError` if the model was identified without the prior or has more than 64
+    levels, or ``step`` is not positive.
+
     Parameters
     ----------
     identification : Identification
@@ -75,12 +78,6 @@ def next_input(
         Memory of the actuator now; its last entry is the present input.
     step : float
         Largest allowed change from the present input.
-
-    Raises
-    ------
-    ParameterError
-        If the model was identified without the prior or has more than 64 levels, or ``step`` is not
-        positive.
 
     Examples
     --------
@@ -114,6 +111,8 @@ def next_input(
 def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatArray:
     """Design inputs before anything is measured, the most informative first.
 
+    Raises a `ParameterError` if an option is out of its range.
+
     Parameters
     ----------
     levels : (L + 1,) array_like
@@ -126,11 +125,6 @@ def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatA
     Returns
     -------
     (n,) array
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
 
     Examples
     --------

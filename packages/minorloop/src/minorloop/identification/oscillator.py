@@ -89,14 +89,10 @@ class Vibration:
     ) -> OscillatorIdentification:
         """Identify mass, damping, stiffness and hysteretic force by the error of the simulation.
 
-        Raises
-        ------
-        SignalError
-            If the record is too short, not even, or without motion, or the start is unstable.
-        RecordError
-            If a unit is not of the SI: mass and damping would not be either.
-        ParameterError
-            If an option is out of its range, or a name of ``fixed`` is unknown.
+        Raises a `SignalError` if the record is too short, not even, or without motion, or the start
+        is unstable; a `RecordError` if a unit is not of the SI: mass and damping would not be
+        either; a `ParameterError` if an option is out of its range, or a name of ``fixed`` is
+        unknown.
         """
         if prior != "auto" or holdout:
             raise ParameterError(

@@ -46,10 +46,7 @@ _MESH_BANDS = 20
 class Gaussian:
     """A Gaussian prior, under which weights of neighbouring cells are correlated.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such mean.
+    Raises a `ParameterError` if there is no such mean.
 
     Examples
     --------

@@ -346,6 +346,9 @@ def response_of_file(
 ) -> FrequencyResponse:
     """Return gain and phase of the sines in an experiment store or a log.
 
+    Raises a `RecordError` if the file or a column cannot be used; a `ParameterError` if columns are
+    missing, or belong to no store, or units differ; a `SignalError` as of `sine_response`.
+
     Parameters
     ----------
     path : str or path
@@ -362,14 +365,6 @@ def response_of_file(
     progress : callable, optional
         Called with the share that has been read, as text.
 
-    Raises
-    ------
-    RecordError
-        If the file or a column cannot be used.
-    ParameterError
-        If columns are missing, or belong to no store, or units differ.
-    SignalError
-        As of `sine_response`.
     """
     operator: Any = None if model is None else model.operator
     measured: list[MeasuredSine] = []

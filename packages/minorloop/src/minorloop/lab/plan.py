@@ -46,6 +46,9 @@ class Plan:
     A level is held for ``shortest`` at least and ``longest`` at most. Between these the hold ends
     as soon as the slope of the output over the last ``window`` is known to be below ``tolerance``.
 
+    Raises a `ParameterError` if the plan is empty, a number is out of range, or the times
+    contradict each other.
+
     Parameters
     ----------
     inputs : (N,) array_like
@@ -68,11 +71,6 @@ class Plan:
     sines : sequence of Sine
         One for each level, which is its offset, and each hold its duration; see `of_sines`. None in
         a plan of holds.
-
-    Raises
-    ------
-    ParameterError
-        If the plan is empty, a number is out of range, or the times contradict each other.
 
     Examples
     --------

@@ -106,6 +106,9 @@ class Origin:
 class Record(Drawn):
     """Inputs and outputs of an actuator, with what each row has beside them.
 
+    Raises a `RecordError` if the shapes do not match, a number cannot be used, or the clock often
+    runs backwards; a `ParameterError` if there are no rows from ``first`` to ``last``.
+
     Parameters
     ----------
     u : (T,) or (channels, T) array_like
@@ -146,13 +149,6 @@ class Record(Drawn):
         Samples that are used: from ``first`` up to but not ``last``; None for all the others.
     origin : Origin
         What the file of the record says.
-
-    Raises
-    ------
-    RecordError
-        If the shapes do not match, a number cannot be used, or the clock often runs backwards.
-    ParameterError
-        If there are no rows from ``first`` to ``last``.
 
     Examples
     --------

@@ -185,6 +185,10 @@ def reduce(
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
 
+    Raises a `RecordError` if holds are fewer than three or less than a tenth of the log, or none
+    has a usable output; a `SignalError` if a number is beyond 1e150; a `ParameterError` if the
+    record is no `Record`, or an option is out of range.
+
     Parameters
     ----------
     record : Record
@@ -203,15 +207,6 @@ def reduce(
         Changes of the input up to this size are noise; estimated if not given.
     shortest : float
         Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
-
-    Raises
-    ------
-    RecordError
-        If holds are fewer than three or less than a tenth of the log, or none has a usable output.
-    SignalError
-        If a number is beyond 1e150.
-    ParameterError
-        If the record is no `Record`, or an option is out of range.
 
     Examples
     --------

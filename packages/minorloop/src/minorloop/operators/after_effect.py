@@ -79,10 +79,7 @@ class AfterEffect(ByValue, Drawn):
 
     Without field and creep the operator is the plane.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range, or shapes disagree.
+    Raises a `ParameterError` if a number is out of its range, or shapes disagree.
 
     References
     ----------

@@ -171,10 +171,7 @@ class BoucWen(Differential):
     With the usual ``beta``, give the products: only they can be seen in a loop. For an exponent
     of 1 steps are exact; for others they are integrated to about seven digits.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite or out of its range.
+    Raises a `ParameterError` if a number is not finite or out of its range.
 
     References
     ----------

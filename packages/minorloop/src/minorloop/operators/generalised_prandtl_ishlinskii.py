@@ -129,10 +129,7 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
     H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. Memory and start states are
     those of H.
 
-    Raises
-    ------
-    ParameterError
-        If the offset is not finite, or plays or zones are of another class.
+    Raises a `ParameterError` if the offset is not finite, or plays or zones are of another class.
 
     References
     ----------

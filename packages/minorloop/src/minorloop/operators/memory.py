@@ -34,17 +34,14 @@ input; 10,000 extrema take 400 kB, more than a history needs."""
 class Memory:
     """Remembered extrema, oldest first, ending with the present input.
 
+    Raises a `ParameterError` if there is none, one is not finite, or they do not nest.
+
     Parameters
     ----------
     extrema : sequence of float
         Minimum, maximum, minimum, ... in the unit of the input. Minima strictly increase,
         maxima strictly decrease, every maximum lies above every minimum. The first is the
         lower end of the plane: negative saturation.
-
-    Raises
-    ------
-    ParameterError
-        If there is none, one is not finite, or they do not nest.
 
     References
     ----------

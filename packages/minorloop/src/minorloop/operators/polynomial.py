@@ -39,10 +39,8 @@ class Polynomial(ByValue, Drawn):
     Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``, which they
     have in common with those of operators.
 
-    Raises
-    ------
-    ParameterError
-        If there is no coefficient, a number is not finite, or ``low`` is not below ``high``.
+    Raises a `ParameterError` if there is no coefficient, a number is not finite, or ``low`` is not
+    below ``high``.
 
     References
     ----------

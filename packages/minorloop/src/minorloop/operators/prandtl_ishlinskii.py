@@ -49,11 +49,8 @@ class PrandtlIshlinskii(ByValue, Drawn):
     - ``"negative"`` or ``"positive"``: the input came from far below, or from far above,
     - ``"demagnetised"`` or ``"relaxed"``: every play at zero.
 
-    Raises
-    ------
-    ParameterError
-        If there is no play, radii do not increase or are negative, lengths differ, or a
-        number is not finite.
+    Raises a `ParameterError` if there is no play, radii do not increase or are negative, lengths
+    differ, or a number is not finite.
 
     References
     ----------

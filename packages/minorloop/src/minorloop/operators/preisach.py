@@ -44,10 +44,7 @@ differences of outputs."""
 class Preisach(ByValue, Drawn):
     """A weighted continuum of relays; the output depends on remembered extrema of the input.
 
-    Raises
-    ------
-    ParameterError
-        If levels do not increase, shapes disagree, or a number is not finite.
+    Raises a `ParameterError` if levels do not increase, shapes disagree, or a number is not finite.
 
     References
     ----------

@@ -45,10 +45,7 @@ class RelayModel(ByValue, Drawn):
     row alpha = levels[k], and one that falls below level k switches off the column
     beta = levels[k].
 
-    Raises
-    ------
-    ParameterError
-        If levels do not increase, shapes disagree, or a number is not finite.
+    Raises a `ParameterError` if levels do not increase, shapes disagree, or a number is not finite.
 
     References
     ----------
