@@ -13,25 +13,13 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    BoolArray,
-    FloatArray,
-    as_finite,
-    as_seconds,
-    as_waveform,
-    check_option,
-)
+from minorloop.arrays import BoolArray, FloatArray, as_finite, as_seconds, as_waveform, check_option
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.state_space import Between
 from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
 from minorloop.figures import Drawn
-from minorloop.operators.inversion import (
-    Inversion,
-    Unreachable,
-    refuse_unreachable,
-    within_reach,
-)
+from minorloop.operators.inversion import Inversion, Unreachable, refuse_unreachable, within_reach
 from minorloop.operators.operator import Operator
 
 First: TypeAlias = Literal["operator", "linear"]

@@ -5,15 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    LARGEST,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Levels,
-    as_finite,
-    as_levels,
-)
+from minorloop.arrays import LARGEST, BoolArray, FloatArray, IntArray, Levels, as_finite, as_levels
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for

@@ -15,14 +15,7 @@ from minorloop.lab.gaps import with_lost_rows
 from minorloop.lab.headers import deviation_column, split_header, with_unit
 from minorloop.lab.records import SAMPLE, Origin, Quantity, Record
 from minorloop.lab.tables import OpenTable, SparseColumnError
-from minorloop.lab.timebase import (
-    GAP,
-    SECONDS,
-    TimeCheck,
-    check_times,
-    split_time,
-    time_column,
-)
+from minorloop.lab.timebase import GAP, SECONDS, TimeCheck, check_times, split_time, time_column
 
 AUTO: Literal["auto"] = "auto"
 Named: TypeAlias = str | None

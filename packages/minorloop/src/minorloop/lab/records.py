@@ -26,15 +26,7 @@ from minorloop.files import PathLike, check_name, check_writable, table_text, wr
 from minorloop.lab.faults import FEWEST, Fault, usable, without_codes
 from minorloop.lab.gaps import Bridges, bridged, known_memory, with_lost_rows
 from minorloop.lab.headers import split_header
-from minorloop.lab.timebase import (
-    GAP,
-    SECONDS,
-    UNEVEN,
-    TimeCheck,
-    check_times,
-    delayed,
-    resample,
-)
+from minorloop.lab.timebase import GAP, SECONDS, UNEVEN, TimeCheck, check_times, delayed, resample
 from minorloop.operators.memory import Start, StartOfCurve
 
 

@@ -27,13 +27,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import (
-    MinorloopError,
-    ParameterError,
-    RecordError,
-    StoreError,
-    counted,
-)
+from minorloop.errors import MinorloopError, ParameterError, RecordError, StoreError, counted
 from minorloop.files import PathLike, first_difference, lock_path
 from minorloop.lab._store_file import (
     LOCK_WAIT,

@@ -8,13 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    ByValue,
-    FloatArray,
-    Samples,
-    as_finite,
-    frozen,
-)
+from minorloop.arrays import ByValue, FloatArray, Samples, as_finite, frozen
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators._play_fit import as_record, choose_knots, choose_radii, fit_bent_plays

@@ -21,11 +21,7 @@ from minorloop.arrays import (
 )
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import Drawn
-from minorloop.operators.inversion import (
-    Inversion,
-    Unreachable,
-    as_targets,
-)
+from minorloop.operators.inversion import Inversion, Unreachable, as_targets
 from minorloop.operators.tracker import StepTracker
 
 _LARGEST = 1e300

@@ -12,14 +12,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    ByValue,
-    FloatArray,
-    Samples,
-    as_finite,
-    check_option,
-    frozen,
-)
+from minorloop.arrays import ByValue, FloatArray, Samples, as_finite, check_option, frozen
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators import _play_kernels

@@ -24,11 +24,7 @@ from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators import _kernels, plane
 from minorloop.operators._parallel import filled
-from minorloop.operators.inversion import (
-    Inversion,
-    Unreachable,
-    as_targets,
-)
+from minorloop.operators.inversion import Inversion, Unreachable, as_targets
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.tracker import Tracker
