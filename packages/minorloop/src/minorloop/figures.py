@@ -4,8 +4,6 @@ The entry points of the group `minorloop.drawing` are functions by the name of t
 draw; other packages may add theirs. ``html`` is what shows a drawn object in a notebook.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from minorloop.errors import ParameterError

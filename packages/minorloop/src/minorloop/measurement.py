@@ -4,8 +4,6 @@ What is measured by `measure` or `drive_to` and was stopped, whatever stopped it
 `resume`, which needs the store alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

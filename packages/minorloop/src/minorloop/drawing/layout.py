@@ -1,7 +1,5 @@
 """New figures with axes, in one layout."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

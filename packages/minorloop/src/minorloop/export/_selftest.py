@@ -1,7 +1,5 @@
 """The generated self-test: inputs, their outputs in Python, and the tolerance for the C."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

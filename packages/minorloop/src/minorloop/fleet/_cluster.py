@@ -1,7 +1,5 @@
 """Identification on the workers of a Dask cluster."""
 
-from __future__ import annotations
-
 import atexit
 import logging
 import socket

@@ -1,7 +1,5 @@
 """Rules of advice on a plane: what is weak about a fit, and what to do about it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, TypeAlias
 

@@ -11,8 +11,6 @@ Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
 Tobin, Estimation of relationships for limited dependent variables, Econometrica 26, 1958.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

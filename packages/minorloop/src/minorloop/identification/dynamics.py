@@ -7,8 +7,6 @@ three poles without zeros, so that their inverse is stable. Options of the opera
 noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 

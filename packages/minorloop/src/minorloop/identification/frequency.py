@@ -5,8 +5,6 @@ plant is a rate-independent operator followed by linear dynamics, the gain from 
 operator to the output of the plant does not depend on the amplitude.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

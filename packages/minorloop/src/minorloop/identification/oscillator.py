@@ -4,8 +4,6 @@ Either the law of the hysteresis is known, and its parameters are found from a r
 not, and any slopes of the hysteretic force are found from the record alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -4,8 +4,6 @@ Command line, Python, lab page and fleet identify through these functions, so th
 one model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -5,8 +5,6 @@ four times over and may make some negative. `minorloop.identify` on the same rec
 from that.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -6,8 +6,6 @@ operator followed by linear dynamics, the latter do not depend on the amplitude 
 Shahinpoor 2005, section V).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

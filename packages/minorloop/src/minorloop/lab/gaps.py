@@ -4,8 +4,6 @@ An input that goes one way across a gap leaves nothing open. One that steps by e
 to row shows where it turned if one row is lost.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

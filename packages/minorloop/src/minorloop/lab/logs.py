@@ -1,7 +1,5 @@
 """Read a log from a file: one input, one output, and time that is checked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeAlias
 

@@ -3,8 +3,6 @@
 Its loops are symmetric and do not saturate; those of `GeneralisedPrandtlIshlinskii` can do both.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias

@@ -4,8 +4,6 @@ A task is a generator whose reports are sent to the page. Each file has a folder
 worker changes into it, so that messages contain the name of the file only.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import suppress
