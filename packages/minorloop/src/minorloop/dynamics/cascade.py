@@ -158,10 +158,7 @@ class Cascade:
         Raises a `ParameterError` if the linear part is sampled at another interval, or the interval
         is not positive.
 
-        Parameters
-        ----------
-        interval : float
-            Seconds between samples.
+        ``interval``: seconds between samples.
         """
         step = as_seconds("interval", interval)
         ahead = None if self.ahead is None else _sampled(self.ahead, step)

@@ -106,12 +106,7 @@ class Linear(ByValue, Drawn):
     def lags(cls, *times: float, delay: float = 0.0) -> Linear:
         """Return first-order lags in series, with DC gain 1.
 
-        Parameters
-        ----------
-        *times : float
-            Time constants, in seconds.
-        delay : float
-            Dead time, in seconds.
+        ``*times``: time constants, in seconds; ``delay``: dead time, in seconds.
         """
         each = [-1 / as_seconds("time constant", time) for time in times]
         return cls.from_poles(each, delay=delay)
@@ -172,10 +167,7 @@ class Linear(ByValue, Drawn):
     def response(self, frequency: npt.ArrayLike) -> npt.NDArray[np.complex128]:
         """Return the complex gain at each frequency.
 
-        Parameters
-        ----------
-        frequency : array_like
-            Frequencies, in Hz.
+        ``frequency``: frequencies, in Hz.
         """
         s = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
         at = s if self.interval is None else np.exp(s * self.interval)
@@ -233,10 +225,7 @@ class Linear(ByValue, Drawn):
 
         Raises a `SignalError` if the times do not increase.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Times, in seconds.
+        ``t`` (T,): times, in seconds.
         """
         times = as_times(t, fewest=1)
         y = np.zeros(times.size)
@@ -253,10 +242,7 @@ class Linear(ByValue, Drawn):
         Raises a `ParameterError` if it is sampled already, or the dead time is not a whole number
         of intervals.
 
-        Parameters
-        ----------
-        interval : float
-            Seconds between samples.
+        ``interval``: seconds between samples.
         """
         if self.interval is not None:
             raise ParameterError(f"the system is sampled already, every {self.interval:g} s")
@@ -283,10 +269,7 @@ class Linear(ByValue, Drawn):
 
         Raises a `ParameterError` if the system is continuous, or does not settle.
 
-        Parameters
-        ----------
-        u : float
-            The input at which it has settled.
+        ``u``: the input at which it has settled.
         """
         value = as_finite("u", u)
         return np.concatenate([self._settled(value), np.full(self.lag, value)])
@@ -343,10 +326,7 @@ class Linear(ByValue, Drawn):
     def at_rest(self, coefficients: FloatArray) -> float:
         """Return the value of a polynomial of the system at s = 0, or z = 1 if it is sampled.
 
-        Parameters
-        ----------
-        coefficients : (n,) array
-            Numerator or denominator, highest power first.
+        ``coefficients`` (n,): numerator or denominator, highest power first.
         """
         return float(coefficients[-1] if self.interval is None else coefficients.sum())
 

@@ -126,12 +126,8 @@ class Plan:
 
         Raises a `ParameterError` if there are none, or too many.
 
-        Parameters
-        ----------
-        sines : sequence of Sine
-            In order, such as those of `minorloop.lab.sines.grid`.
-        input : str or Quantity
-            Name and unit of the input, such as ``voltage [V]``.
+        ``sines``: in order, such as those of `minorloop.lab.sines.grid`; ``input``: name and unit
+        of the input, such as ``voltage [V]``.
         """
         durations = [sine.duration for sine in sines]
         brief = min(durations, default=1.0)
@@ -237,10 +233,7 @@ class Plan:
 
         Raises a `ParameterError` if the text is not a plan.
 
-        Parameters
-        ----------
-        text : str
-            The JSON text.
+        ``text``: the JSON text.
         """
         try:
             fields = json.loads(text)
@@ -253,10 +246,7 @@ class Plan:
     def difference(self, other: Plan) -> str:
         """Return the first difference from another plan, in words; empty if there is none.
 
-        Parameters
-        ----------
-        other : Plan
-            To compare with.
+        ``other``: to compare with.
         """
         return first_difference(json.loads(self.to_json()), json.loads(other.to_json()))
 
@@ -265,10 +255,7 @@ class Plan:
 
         It is this plan if the meter is fast enough, or too slow for any interval.
 
-        Parameters
-        ----------
-        seconds : float
-            How long the meter takes for one reading.
+        ``seconds``: how long the meter takes for one reading.
         """
         brief = float(self.longest.min())
         if self.sines or not self.sample_interval < seconds <= brief / (1.1 * _ENOUGH):
@@ -291,10 +278,7 @@ class Plan:
         Raises a `ParameterError` if a hold or the window is too short for the readings that a
         verdict needs.
 
-        Parameters
-        ----------
-        seconds : float
-            How long the meter takes for one reading.
+        ``seconds``: how long the meter takes for one reading.
         """
         hold = float(self.longest.min())
         if min(self.window / FEWEST, hold / _ENOUGH) >= seconds * (1 - 1e-9):

@@ -150,10 +150,8 @@ class Preisach(ByValue, Drawn):
 
         Raises a `ParameterError` if an alpha is below its beta.
 
-        Parameters
-        ----------
-        alpha, beta : array_like
-            Corners, broadcast against each other; inputs beyond the levels are clamped.
+        ``alpha`` and ``beta``: corners, broadcast against each other; inputs beyond the levels are
+        clamped.
 
         Returns
         -------
@@ -247,10 +245,7 @@ class Preisach(ByValue, Drawn):
     def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
         """Return the state of the compiled loops for a start state as of `simulate`.
 
-        Parameters
-        ----------
-        room : int
-            Number of further reversals that the state has room for.
+        ``room``: number of further reversals that the state has room for.
 
         Returns
         -------
