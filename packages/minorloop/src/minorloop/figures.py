@@ -13,7 +13,7 @@ _GROUP = "minorloop.drawing"
 
 
 def plot(x: object, **options: Any) -> Any:
-    """Draw a model or a result.
+    """Draw a model or a result as a matplotlib figure.
 
     Raises a `ParameterError` if nothing draws this class.
 
@@ -23,10 +23,6 @@ def plot(x: object, **options: Any) -> Any:
     **options
         Options of the function that draws its class, in `minorloop.drawing`: ``input_label`` and
         ``output_label``, names and units for the axes, of most of them.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Examples
     --------

@@ -279,11 +279,6 @@ def measure(
     carry, say : callable
         Shows the progress, and takes sentences.
 
-    Returns
-    -------
-    RunResult
-        What was measured.
-
     Examples
     --------
     >>> ml.Plan([0.0, 0.5], longest=20.0, input="voltage [V]").to_csv("plan.csv")
@@ -345,11 +340,6 @@ def drive_to(
         As of `measure`.
     approach : Approach
         How it is brought there.
-
-    Returns
-    -------
-    RunResult
-        What was achieved.
 
     Examples
     --------

@@ -109,7 +109,7 @@ def next_input(
 
 
 def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatArray:
-    """Design inputs before anything is measured, the most informative first.
+    """Design inputs (n,) before anything is measured, the most informative first.
 
     Raises a `ParameterError` if an option is out of its range.
 
@@ -121,10 +121,6 @@ def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatA
         Number of inputs, 3 to 1000.
     step : float
         As in `next_input`; the first input is the lowest level.
-
-    Returns
-    -------
-    (n,) array
 
     Examples
     --------

@@ -55,11 +55,6 @@ def read(
     progress : callable, optional
         Called with the share that has been read, as text.
 
-    Returns
-    -------
-    Record
-        What `identify` takes.
-
     Examples
     --------
     >>> ml.Record([0.0, 1.0], [0.1, 0.9], None, "u [V]", "y [um]").to_csv("run.csv")

@@ -18,17 +18,10 @@ def hold_each(
     hold: float,
     sample_interval: float = 1.0,
 ) -> tuple[Record, FloatArray]:
-    """Apply inputs one after the other, and return the settled outputs.
+    """Apply inputs one after the other; return every sample, and the settled outputs (n,).
 
     ``actuator``: what to drive; ``inputs`` (n,): in order, each within the actuator's limits;
     ``hold``: seconds for each; ``sample_interval``: seconds between samples.
-
-    Returns
-    -------
-    record : Record
-        Every sample.
-    settled : (n,) array
-        The settled value of each hold, from all its samples.
     """
     values = np.asarray(inputs, dtype=np.float64)
     holds = [actuator.apply(float(u), hold, sample_interval) for u in values]
