@@ -25,12 +25,7 @@ _SCHEMES, _TWINS = "minorloop.actuators", "minorloop.twins"
 
 
 def connect(
-    address: str,
-    *,
-    specimen: int | None = None,
-    noise: float = 0.0,
-    seed: int = 0,
-    **options: Any,
+    address: str, *, specimen: int | None = None, noise: float = 0.0, seed: int = 0, **options: Any
 ) -> Actuator:
     """Connect to the actuator at an address.
 

@@ -153,10 +153,7 @@ class DriveResult:
         errors = self.errors[np.isfinite(self.errors)]
         if not errors.size:
             return {"rms": None, "worst": None}
-        return {
-            "rms": float(np.sqrt(np.mean(errors**2))),
-            "worst": float(np.abs(errors).max()),
-        }
+        return {"rms": float(np.sqrt(np.mean(errors**2))), "worst": float(np.abs(errors).max())}
 
     def to_dict(self) -> dict[str, Any]:
         """Return offset, errors and every target with what was achieved, ready for JSON."""

@@ -102,10 +102,7 @@ class Simulation:
 
 
 def simulate(
-    model: AnyModel,
-    record: Record,
-    *,
-    between: Interpolation | None = None,
+    model: AnyModel, record: Record, *, between: Interpolation | None = None
 ) -> Simulation:
     """Return the outputs of a model for the inputs of a record, lag and dynamics included.
 
@@ -571,12 +568,7 @@ class ModelScore(Scored):
         return report
 
 
-def score(
-    model: AnyModel,
-    record: Record,
-    *,
-    between: Interpolation | None = None,
-) -> ModelScore:
+def score(model: AnyModel, record: Record, *, between: Interpolation | None = None) -> ModelScore:
     """Score a model on a record that it was not identified from.
 
     Raises a `ParameterError` or `RecordError` as of `simulate`, or if no row is left to be scored.

@@ -77,10 +77,7 @@ ModelFile = Annotated[
     Path, typer.Argument(help="Model file, as identify --save writes it.", show_default=False)
 ]
 Start = Annotated[
-    str,
-    typer.Option(
-        help="Memory before the first row: negative, positive or demagnetised.",
-    ),
+    str, typer.Option(help="Memory before the first row: negative, positive or demagnetised.")
 ]
 Address = Annotated[
     str,
@@ -105,8 +102,7 @@ Time = Annotated[
     ),
 ]
 Holdout = Annotated[
-    float,
-    number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3."),
+    float, number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3.")
 ]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]

@@ -23,10 +23,7 @@ if TYPE_CHECKING:
 
 
 def carry_out_levels(
-    plant: Actuator,
-    store: Store,
-    choose: Choose | None,
-    again: str | None = None,
+    plant: Actuator, store: Store, choose: Choose | None, again: str | None = None
 ) -> tuple[ResumeMode, list[str]]:
     """Carry out the rest of a run and show its progress; if it ends, it says how to continue.
 

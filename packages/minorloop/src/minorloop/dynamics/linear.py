@@ -175,12 +175,7 @@ class Linear(ByValue, Drawn):
         return np.asarray(ratio * np.exp(-s * self.delay))
 
     def simulate(
-        self,
-        t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        *,
-        before: float = 0.0,
-        between: Between = "held",
+        self, t: npt.ArrayLike, u: npt.ArrayLike, *, before: float = 0.0, between: Between = "held"
     ) -> FloatArray:
         """Return the outputs for a sampled input, as `TimedModel.simulate`; exact between samples.
 
@@ -203,13 +198,7 @@ class Linear(ByValue, Drawn):
         x = self._settled(as_finite("before", before))
         if self.interval is None:
             return propagate(
-                self.state_space,
-                x,
-                times,
-                inputs,
-                delay=self.delay,
-                before=before,
-                between=between,
+                self.state_space, x, times, inputs, delay=self.delay, before=before, between=between
             )
         if between != "held":
             raise ParameterError(

@@ -146,9 +146,7 @@ def sampled(
 
 
 def continuous(
-    numerator: FloatArray,
-    denominator: FloatArray,
-    interval: float,
+    numerator: FloatArray, denominator: FloatArray, interval: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return numerator and denominator in s, by the principal matrix logarithm.
 

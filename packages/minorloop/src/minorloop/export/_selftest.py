@@ -67,12 +67,7 @@ class Parts:
 
 
 def examples(
-    model: Preisach,
-    count: int,
-    numbers: Numbers,
-    memory: int,
-    linear: Linear | None,
-    first: First,
+    model: Preisach, count: int, numbers: Numbers, memory: int, linear: Linear | None, first: First
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return inputs rounded to the type of the C, their outputs, and the effect of a last digit.
 

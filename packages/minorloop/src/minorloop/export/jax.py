@@ -185,14 +185,7 @@ class _PlaysLoops:
         for_weights, for_inputs = np.zeros(weights.size), np.zeros(u.size)
         movers = np.full(weights.size, -1)
         _gradient_kernels.pull_plays(
-            u,
-            self._radii,
-            weights,
-            self._start.copy(),
-            cotangent,
-            for_weights,
-            for_inputs,
-            movers,
+            u, self._radii, weights, self._start.copy(), cotangent, for_weights, for_inputs, movers
         )
         return for_weights, cotangent.sum(), for_inputs
 

@@ -77,11 +77,7 @@ class FleetState:
 
 
 def simulate_fleet(
-    model: Preisach,
-    u: npt.ArrayLike,
-    state: FleetState | None = None,
-    *,
-    in_place: bool = False,
+    model: Preisach, u: npt.ArrayLike, state: FleetState | None = None, *, in_place: bool = False
 ) -> tuple[FloatArray, FleetState]:
     """Simulate many independent operators with the same weights.
 

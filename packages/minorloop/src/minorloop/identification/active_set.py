@@ -299,11 +299,7 @@ def _alternate(
 
 
 def _interior_point(
-    system: EverettSystem,
-    y: FloatArray,
-    bounded: BoolArray,
-    searched: BoolArray,
-    scale: float,
+    system: EverettSystem, y: FloatArray, bounded: BoolArray, searched: BoolArray, scale: float
 ) -> FloatArray:
     """Unknowns near the optimum; those that are probably at their bounds are zero."""
     places = np.flatnonzero(searched)
@@ -343,10 +339,7 @@ def _interior_point(
 
 
 def _start(
-    system: EverettSystem,
-    y: FloatArray,
-    places: IntArray,
-    ridge: FloatArray,
+    system: EverettSystem, y: FloatArray, places: IntArray, ridge: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Unknowns and slacks inside the bounds, from a solution with a ridge; Mehrotra, section 7."""
     ridge = ridge.copy()

@@ -308,11 +308,7 @@ class _Progress:
         return None if found.gain < self.of.least_gain else found.u
 
     def fit(
-        self,
-        count: int,
-        law: Plane | None = None,
-        prior: Prior = "auto",
-        start: Start = "negative",
+        self, count: int, law: Plane | None = None, prior: Prior = "auto", start: Start = "negative"
     ) -> Identification:
         """Identify the model from the first points, whose roles are known; results are cached."""
         kept = [k for k in range(count) if self.roles[k] in _FITTED]

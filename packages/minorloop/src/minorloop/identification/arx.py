@@ -27,11 +27,7 @@ positive. Rounding splits a double pole into two that are 1e-8 apart."""
 
 
 def arx(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    *,
-    second: Arrays | None = None,
+    t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike, *, second: Arrays | None = None
 ) -> LinearFit:
     """Identify linear dynamics from a record that begins at rest.
 

@@ -22,11 +22,7 @@ def delayed(values: FloatArray, lag: int) -> FloatArray:
 
 
 def polynomial_nrmse(
-    u: FloatArray,
-    y: FloatArray,
-    train: BoolArray,
-    scored: BoolArray,
-    curves: Curves | None = None,
+    u: FloatArray, y: FloatArray, train: BoolArray, scored: BoolArray, curves: Curves | None = None
 ) -> float:
     """Error of the best polynomial of degree 1 to 7 of the input delayed by 0 to 20 samples.
 

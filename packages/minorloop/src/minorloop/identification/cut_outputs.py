@@ -45,8 +45,7 @@ def cut_depth(record: RoughRecord, way: int, *, rail: bool = False) -> float | N
     y -= np.median(y)
     fits = [_CutFit(rows, y) for rows in _bases(record, places)]
     noise = min(
-        noise_of(np.diff(record.values, 2), 2) / record.span,
-        min(spread(fit.error) for fit in fits),
+        noise_of(np.diff(record.values, 2), 2) / record.span, min(spread(fit.error) for fit in fits)
     )
     top = float(y.max())
     # Distances of a level below the highest reading, in standard deviations of the noise

@@ -60,10 +60,7 @@ class NextInput:
 
 
 def next_input(
-    identification: Identification,
-    memory: Memory,
-    *,
-    step: float = np.inf,
+    identification: Identification, memory: Memory, *, step: float = np.inf
 ) -> NextInput:
     """Find the best input to measure next.
 

@@ -355,10 +355,7 @@ class Identification(Fit[Preisach]):
         return Prediction(inputs, y, sd, probability, self._noise, share)
 
     def invert(
-        self,
-        targets: npt.ArrayLike,
-        start: Start | None = None,
-        unreachable: Unreachable = "raise",
+        self, targets: npt.ArrayLike, start: Start | None = None, unreachable: Unreachable = "raise"
     ) -> Inversion:
         """Invert targets, and predict the standard deviation of readings, as `Result.invert`."""
         begin = self.start if start is None else start

@@ -54,11 +54,7 @@ NOTHING = RecordAdvice()
 """Of a record that was given as arrays."""
 
 
-def fit_prepared(
-    record: Record,
-    lag: int | str,
-    fit: Callable[[Record, Any], Any],
-) -> Any:
+def fit_prepared(record: Record, lag: int | str, fit: Callable[[Record, Any], Any]) -> Any:
     """Prepare a record, fit it, and say what was found in it.
 
     A lag in rows needs even times: where it is searched or given, a record with uneven ones is

@@ -489,10 +489,7 @@ def _with_open_cells(system: PriorSystem, x: FloatArray, switched: BoolArray) ->
 
 
 def _leave_one_out(
-    plane: PlanePrior,
-    dense: tuple[FloatArray, FloatArray],
-    y: FloatArray,
-    h: Hyperparameters,
+    plane: PlanePrior, dense: tuple[FloatArray, FloatArray], y: FloatArray, h: Hyperparameters
 ) -> tuple[FloatArray, float]:
     """(M,) leave-one-out residuals over their standard deviations, and the trace of the hat matrix.
 

@@ -14,9 +14,7 @@ from minorloop.lab.text_tables import opened_text
 
 @contextmanager
 def opened(
-    path: PathLike,
-    progress: Callable[[str], None] = lambda share: None,
-    bounds: Bounds = LARGEST,
+    path: PathLike, progress: Callable[[str], None] = lambda share: None, bounds: Bounds = LARGEST
 ) -> Iterator[OpenTable]:
     """Open a table.
 
@@ -41,11 +39,7 @@ def opened(
 
 
 def read_columns(
-    path: PathLike,
-    names: Sequence[str],
-    *,
-    gaps: Collection[str] = (),
-    dates: Collection[str] = (),
+    path: PathLike, names: Sequence[str], *, gaps: Collection[str] = (), dates: Collection[str] = ()
 ) -> dict[str, FloatArray]:
     """Read columns of numbers from a file, as `opened` and `OpenTable.read` say."""
     with opened(path) as table:

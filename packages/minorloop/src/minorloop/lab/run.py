@@ -398,11 +398,7 @@ def _warning(
 
 
 def _measure_sine(
-    actuator: Actuator,
-    store: Store,
-    sine: Sine,
-    index: int,
-    watch: Callable[[RunProgress], None],
+    actuator: Actuator, store: Store, sine: Sine, index: int, watch: Callable[[RunProgress], None]
 ) -> None:
     """Measure one sine and write it to the store."""
     total, last, driven = len(store.plan), store.last(), isinstance(actuator, Driven)

@@ -13,10 +13,7 @@ FURTHER = 1_000_003
 
 
 def hold_each(
-    actuator: Actuator,
-    inputs: npt.ArrayLike,
-    hold: float,
-    sample_interval: float = 1.0,
+    actuator: Actuator, inputs: npt.ArrayLike, hold: float, sample_interval: float = 1.0
 ) -> tuple[Record, FloatArray]:
     """Apply inputs one after the other; return every sample, and the settled outputs (n,).
 

@@ -264,12 +264,7 @@ def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.i
 
 
 def resample(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    interval: float,
-    *,
-    gap: float = np.inf,
+    t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike, interval: float, *, gap: float = np.inf
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times, inputs and outputs with an even interval, on straight lines between samples.
 

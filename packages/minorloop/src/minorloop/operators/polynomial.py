@@ -159,10 +159,7 @@ class Polynomial(ByValue, Drawn):
         return self._at(np.clip(as_samples(u, name="u"), self.low, self.high))
 
     def invert(
-        self,
-        targets: npt.ArrayLike,
-        start: object = None,
-        unreachable: Unreachable = "raise",
+        self, targets: npt.ArrayLike, start: object = None, unreachable: Unreachable = "raise"
     ) -> Inversion:
         """Return inputs in [low, high] that bring the output to each target; the start is ignored.
 

@@ -180,10 +180,7 @@ class Preisach(ByValue, Drawn):
         return filled(u, run)
 
     def invert(
-        self,
-        targets: npt.ArrayLike,
-        start: Start = "negative",
-        unreachable: Unreachable = "raise",
+        self, targets: npt.ArrayLike, start: Start = "negative", unreachable: Unreachable = "raise"
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, by the exact right inverse.
 

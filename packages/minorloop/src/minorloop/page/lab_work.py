@@ -43,9 +43,7 @@ _SHOWN, _PREVIEWED = 2500, 400
 _MOST_LEVELS, _MOST_TARGETS = 100, 10_000
 _COLUMNS = ("input", "output", "time", "curves", "groups")
 _BOUNDS = Bounds(
-    rows=500_000,
-    columns=100,
-    advice=" here, or use 'minorloop identify' on the command line",
+    rows=500_000, columns=100, advice=" here, or use 'minorloop identify' on the command line"
 )
 """The largest table that the page reads."""
 
