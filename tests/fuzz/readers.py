@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from board_process import OneChannelBoard
 from fuzz.mutate import TOKENS, damaged, odd_json, odd_table
 from minorloop import PrandtlIshlinskii, Preisach, modelfile
 from minorloop.errors import InstrumentError, LimitError, MinorloopError
 from minorloop.fleet.manifest import read_manifest
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
-from minorloop.lab.drivers.serial_line import Board
 from minorloop.lab.logs import read_log
 from minorloop.lab.plan import Plan
 from minorloop.operators.polynomial import Polynomial
@@ -228,7 +228,7 @@ def _make_lines(random: Random) -> list[str]:
 def _converse(lines: list[str]) -> bool:
     wire = Wire(lines)
     try:
-        board = Board(wire)
+        board = OneChannelBoard(wire)
         channels = Channel("voltage", "V", -1.0, 1.0), Channel("tip", "mm", -5.0, 5.0)
         y = Bench(board, board, *channels, clock=Still()).exchange(0.25)
     except (InstrumentError, LimitError):

@@ -5,7 +5,24 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
+from minorloop.lab.drivers.serial_board import SerialBoard
+
 EXAMPLES = Path(__file__).parents[3] / "examples"
+_VOLTAGE, _TIP = DeviceChannel("voltage", {}, low=-0.5, high=0.5), DeviceChannel("tip", {})
+
+
+class OneChannelBoard(SerialBoard):
+    """A board of protocol 2 as a source and a meter of a bench."""
+
+    def __init__(self, link):
+        super().__init__(link, DevicePlan("board", {}, (_VOLTAGE,), (_TIP,)))
+
+    def set(self, value):
+        super().set([value])
+
+    def read(self):
+        return float(super().read()[0])
 
 
 @contextmanager

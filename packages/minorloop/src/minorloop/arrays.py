@@ -45,14 +45,8 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
 
     Raises a `SignalError` if the values are not numbers, have another shape, or are not finite.
 
-    Parameters
-    ----------
-    values : (T,) or (S, T) array_like
-        The samples.
-    name : str
-        Name of the signal in an error message.
-    gaps : bool
-        Whether NaN is allowed; it marks a sample that was not measured.
+    ``values`` (T,) or (S, T): the samples; ``name``: name of the signal in an error message;
+    ``gaps``: whether NaN is allowed; it marks a sample that was not measured.
     """
     if isinstance(values, np.ma.MaskedArray):  # masked samples were not measured
         values = np.ma.filled(values.astype(np.float64), np.nan)

@@ -25,14 +25,13 @@ _SCHEMES, _TWINS = "minorloop.actuators", "minorloop.twins"
 
 
 def connect(
-    address: str,
-    *,
-    specimen: int | None = None,
-    noise: float = 0.0,
-    seed: int = 0,
-    **options: Any,
+    address: str, *, specimen: int | None = None, noise: float = 0.0, seed: int = 0, **options: Any
 ) -> Actuator:
     """Connect to the actuator at an address.
+
+    Raises a `ParameterError` if there is nothing at the address, its driver cannot be loaded, or an
+    option is unknown there or out of its range; a `MissingExtraError` if the actuator needs an
+    extra that is not installed; an `InstrumentError` if an instrument does not answer.
 
     Parameters
     ----------
@@ -54,16 +53,6 @@ def connect(
     **options
         Further options of the actuator. Strip and fibre have ``tick``, ``substeps`` and
         ``drift``.
-
-    Raises
-    ------
-    ParameterError
-        If there is nothing at the address, its driver cannot be loaded, or an option is unknown
-        there or out of its range.
-    MissingExtraError
-        If the actuator needs an extra that is not installed.
-    InstrumentError
-        If an instrument does not answer.
 
     Examples
     --------
@@ -153,11 +142,8 @@ def open_module(name: str) -> Actuator:
     Raises a `ParameterError` if there is no such function, or what it returns is no actuator; an
     `InstrumentError` if it fails.
 
-    Parameters
-    ----------
-    name : str
-        ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument. The
-        package is installed, or in the current folder.
+    ``name``: ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument.
+    The package is installed, or in the current folder.
     """
     path, colon, argument = name.partition(":")
     made = _made(factory(path), path, [argument] if colon else [])

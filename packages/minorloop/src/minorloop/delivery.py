@@ -6,8 +6,6 @@ the interval, whatever still creeps. So a target is reached within one interval 
 reading is used; what the sensor reads is compared with the targets afterwards.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What can be measured and driven here, and whether it answers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec

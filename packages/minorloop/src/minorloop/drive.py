@@ -35,9 +35,6 @@ from minorloop.operators.relays import RelayModel
 _SURE = 2.0
 """An error below this many standard deviations of the measured value is not corrected."""
 
-_SLOWEST, _STEEPEST = 0.5, 10.0
-"""The actuator moves by at least and at most so many times what the model predicts. Less would
-make corrections explode; more than ten times is not seen on reversals of a reversible actuator."""
 
 _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
 """Gain of the measured over the predicted outputs, from saturation on, below and above which the
@@ -156,10 +153,7 @@ class DriveResult:
         errors = self.errors[np.isfinite(self.errors)]
         if not errors.size:
             return {"rms": None, "worst": None}
-        return {
-            "rms": float(np.sqrt(np.mean(errors**2))),
-            "worst": float(np.abs(errors).max()),
-        }
+        return {"rms": float(np.sqrt(np.mean(errors**2))), "worst": float(np.abs(errors).max())}
 
     def to_dict(self) -> dict[str, Any]:
         """Return offset, errors and every target with what was achieved, ready for JSON."""
@@ -238,14 +232,8 @@ class TargetDrive(Chooser):
 
         Raises a `ParameterError` if the hold is not a positive number, or as in `Plan`.
 
-        Parameters
-        ----------
-        hold : float
-            Longest hold, in seconds.
-        input : str
-            Name and unit of the input.
-        **settings
-            As in `Plan`.
+        ``hold``: longest hold, in seconds; ``input``: name and unit of the input; ``**settings``:
+        as in `Plan`.
         """
         if not (np.isfinite(hold) and hold > 0):
             raise ParameterError(f"hold is {hold:g} s (--hold); give a positive number of seconds")
@@ -421,7 +409,10 @@ class _DriveState:
         if self.before is not None and predicted != self.before[1]:
             gain = (achieved - self.before[0]) / (predicted - self.before[1])
         self.before = achieved, predicted
-        self.correction -= error / min(max(gain, _SLOWEST), _STEEPEST)
+        # The actuator moves by at least and at most so many times what the model predicts. Less
+        # would make corrections explode; more than ten times is not seen on reversals of a
+        # reversible actuator.
+        self.correction -= error / min(max(gain, 0.5), 10.0)
 
 
 def saturation_of(model: StaticModel, channel: Channel) -> float:

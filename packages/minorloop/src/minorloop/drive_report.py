@@ -16,14 +16,8 @@ def drive_report(
 ) -> Report:
     """Return a drive as a page: the targets, what was achieved, and the errors.
 
-    Parameters
-    ----------
-    result : DriveResult
-        What the points show.
-    run : mapping
-        Actuator, input and output of the run by name, as the command line prints them.
-    warnings : sequence of str
-        What the user must know.
+    ``result``: what the points show; ``run``: actuator, input and output of the run by name, as the
+    command line prints them; ``warnings``: what the user must know.
     """
     score, output = result.summary(), run["output"]
     rms = "nothing was measured" if score["rms"] is None else f"{score['rms']:.3g} rms"

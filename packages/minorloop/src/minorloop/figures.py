@@ -4,8 +4,6 @@ The entry points of the group `minorloop.drawing` are functions by the name of t
 draw; other packages may add theirs. ``html`` is what shows a drawn object in a notebook.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from minorloop.errors import ParameterError
@@ -15,7 +13,9 @@ _GROUP = "minorloop.drawing"
 
 
 def plot(x: object, **options: Any) -> Any:
-    """Draw a model or a result.
+    """Draw a model or a result as a matplotlib figure.
+
+    Raises a `ParameterError` if nothing draws this class.
 
     Parameters
     ----------
@@ -23,15 +23,6 @@ def plot(x: object, **options: Any) -> Any:
     **options
         Options of the function that draws its class, in `minorloop.drawing`: ``input_label`` and
         ``output_label``, names and units for the axes, of most of them.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    ParameterError
-        If nothing draws this class.
 
     Examples
     --------

@@ -29,12 +29,7 @@ _BEGIN = 4096
 """Bytes at the begin of a file that tell what it is."""
 _OBJECT = re.compile(rb'\s*\{\s*["}]')
 _FORMAT = re.compile(rb'"format"\s*:\s*"minorloop ([a-z]+)"')
-_ENDINGS = {
-    ".csv": "a table",
-    ".mat": "a table",
-    ".xlsx": "a table",
-    ".toml": "a TOML file",
-}
+_ENDINGS = {".csv": "a table", ".mat": "a table", ".xlsx": "a table", ".toml": "a TOML file"}
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 """Errors of a disk that is full, or of which this user may have no more."""

@@ -4,8 +4,6 @@ What is measured by `measure` or `drive_to` and was stopped, whatever stopped it
 `resume`, which needs the store alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,8 +35,6 @@ from minorloop.modelfile import ModelFile
 
 _HOLD = 200.0
 """Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
-_SLOW = 1.2
-"""A warning is given from this ratio of the sample interval of a hold to that of the plan."""
 
 
 class Carry(Protocol):
@@ -90,12 +86,8 @@ class Apparatus:
     ) -> Iterator[tuple[Actuator, Setup]]:
         """Yield the channel and what a store keeps of it; close the instruments at the end.
 
-        Parameters
-        ----------
-        choose : callable
-            Returns the name of the input where none is given.
-        say : callable
-            Called with each warning of the actuator.
+        ``choose``: returns the name of the input where none is given; ``say``: called with each
+        warning of the actuator.
         """
         address, options = split_address(self.address)
         with opened(address, say=say, **options) as whole:
@@ -271,6 +263,9 @@ def measure(
 ) -> RunResult:
     """Carry out a plan on an actuator, and keep every settled point in a new store.
 
+    Raises a `StoreError` if the store exists; a `MinorloopError` as of `minorloop.connect`, `Plan`
+    and `minorloop.run`.
+
     Parameters
     ----------
     apparatus : Apparatus
@@ -283,18 +278,6 @@ def measure(
         When a hold ends.
     carry, say : callable
         Shows the progress, and takes sentences.
-
-    Returns
-    -------
-    RunResult
-        What was measured.
-
-    Raises
-    ------
-    StoreError
-        If the store exists.
-    MinorloopError
-        As of `minorloop.connect`, `Plan` and `minorloop.run`.
 
     Examples
     --------
@@ -344,6 +327,9 @@ def drive_to(
 ) -> RunResult:
     """Saturate an actuator, then bring it to each target, and keep every point in a new store.
 
+    Raises a `StoreError` if the store exists; a `ParameterError` if units differ; a
+    `MinorloopError` as of `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
+
     Parameters
     ----------
     known : ModelFile
@@ -354,20 +340,6 @@ def drive_to(
         As of `measure`.
     approach : Approach
         How it is brought there.
-
-    Returns
-    -------
-    RunResult
-        What was achieved.
-
-    Raises
-    ------
-    StoreError
-        If the store exists.
-    ParameterError
-        If units differ.
-    MinorloopError
-        As of `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
 
     Examples
     --------
@@ -528,7 +500,8 @@ def _doubts(figures: Mapping[str, Any]) -> Iterator[str]:
             "longer"
         )
     planned, most = figures["sample_interval_s"], figures["longest_interval_s"]
-    if most is not None and most > _SLOW * planned:
+    # A warning is given from this ratio of the sample interval of a hold to that of the plan
+    if most is not None and most > 1.2 * planned:
         yield (
             f"the meter was slow at times: samples were up to {most:.3g} s apart, not {planned:g} "
             "s; their times are the true ones"

@@ -120,10 +120,6 @@ _MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
 full of marks takes minutes."""
 
 
-_TIME_CONSTANTS = 5.0
-"""Time constants after which less than 1 % is left."""
-
-
 class ModelWarning(UserWarning):
     """The model of a file is not to be trusted."""
 
@@ -374,7 +370,8 @@ class ModelFile:
         slowest = max([creeps.settling, *creeps.times], default=0.0) if creeps else 0.0
         plan = {name: ["", *cells] for name, cells in self.inverse_columns(targets, found).items()}
         plan[str(self.input)][0] = self._ends[start == "positive"]
-        first = max(2 * hold, _TIME_CONSTANTS * slowest)
+        # Time constants after which less than 1 % is left
+        first = max(2 * hold, 5.0 * slowest)
         plan |= {"hold [s]": [first, *[hold] * targets.size]}
         return TargetInversion(targets, found, plan, _ahead(found))
 
@@ -434,6 +431,9 @@ def save(
 ) -> None:
     """Write a model to a file, completely or not at all.
 
+    Raises an `OutputError` if the file cannot be written, or exists and ``force`` is false; a
+    `ParameterError` if a file cannot contain the model, the provenance or the warnings.
+
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
@@ -454,13 +454,6 @@ def save(
         At most 20 are kept.
     force : bool
         Whether a file that exists may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written, or exists and ``force`` is false.
-    ParameterError
-        If a file cannot contain the model, the provenance or the warnings.
 
     Examples
     --------
@@ -535,6 +528,9 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
 def load(path: PathLike) -> Model:
     """Read a model from a file that `save` wrote, without its lag and bands, which `read` gives.
 
+    Raises a `ModelFileError` if there is no such file, or it is damaged, inconsistent, too large,
+    not a model file, or of a newer version.
+
     Parameters
     ----------
     path : str or path
@@ -545,12 +541,6 @@ def load(path: PathLike) -> Model:
     Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial, Cascade,
     Linear, AfterEffect or Oscillator
         Equal to what was saved, to the last bit.
-
-    Raises
-    ------
-    ModelFileError
-        If there is no such file, or it is damaged, inconsistent, too large, not a model file, or of
-        a newer version.
 
     Warns
     -----

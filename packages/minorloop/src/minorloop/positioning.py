@@ -179,16 +179,9 @@ def run_positioning(
     Raises a `ParameterError` if the seed is not a whole number of at least 0, or the noise is
     negative or too large for a fit.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the specimen, its noise, and the targets.
-    noise : float
-        Standard deviation of the sensor: in 1/m, with a laser in mm.
-    protocol : ExperimentProtocol, optional
-        Parameters of the paper if not given.
-    progress : callable
-        Called with the name of each stage when it begins.
+    ``seed``: seed of the specimen, its noise, and the targets; ``noise``: standard deviation of the
+    sensor: in 1/m, with a laser in mm; ``protocol``: parameters of the paper if not given;
+    ``progress``: called with the name of each stage when it begins.
     """
     if isinstance(seed, bool) or int(seed) != seed or seed < 0:
         raise ParameterError(f"seed is {seed!r}; give a whole number of at least 0")

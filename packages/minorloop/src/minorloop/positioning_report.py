@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 COLOURS = {"Preisach": "C0", "quadratic": "C3", "plays": "C2", "polynomial": "C3"}
 MINUTE, HOUR = 60.0, 3600.0
 """In seconds."""
-_BETWEEN = 12
-"""Points from one voltage of the staircase to the next, to draw a line."""
 
 
 def positioning_report(result: Positioning) -> Report:
@@ -106,7 +104,8 @@ def draw_model(result: Positioning) -> Any:
     """Measured points with the model's loops and the quadratic, and the density."""
     figure, (left, right) = new_figure(1, 2, height=4.2)
     model, voltages = result.identification.model, result.voltages
-    places = np.linspace(0, voltages.size - 1, (voltages.size - 1) * _BETWEEN + 1)
+    # Points from one voltage of the staircase to the next, to draw a line
+    places = np.linspace(0, voltages.size - 1, (voltages.size - 1) * 12 + 1)
     fine = np.interp(places, np.arange(voltages.size), voltages)
     left.plot(fine, model.simulate(fine), color=COLOURS["Preisach"], lw=0.9, label="model")
     left.plot(voltages, result.settled, "o", ms=3, color="C1", label="measured")

@@ -15,9 +15,6 @@ from minorloop.version import __version__
 if TYPE_CHECKING:
     from minorloop.lab.reduction import Reduction
 
-_RESOLUTION = 110
-"""Dots per inch of the raster parts of a figure: sharp on a screen, and small."""
-
 
 @dataclass(frozen=True)
 class Table:
@@ -56,7 +53,8 @@ class Picture:
             warnings.catch_warnings(),
         ):
             warnings.filterwarnings("ignore", message="Glyph")
-            self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata=no_metadata)
+            # Dots per inch of the raster parts of a figure: sharp on a screen, and small
+            self.figure.savefig(text, format="svg", dpi=110, metadata=no_metadata)
         return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode()
 
 
@@ -81,18 +79,8 @@ class Report:
     ) -> None:
         """Add a section.
 
-        Parameters
-        ----------
-        heading : str
-            Its title.
-        text : str or iterable of str
-            Paragraphs.
-        table : Table, optional
-            Shown after the text.
-        pictures : sequence of Picture
-            Shown after the table.
-        notes : sequence of str
-            Shown last, each set off as advice.
+        ``heading``: its title; ``text``: paragraphs; ``table``: shown after the text; ``pictures``:
+        shown after the table; ``notes``: shown last, each set off as advice.
         """
         paragraphs = [text] if isinstance(text, str) else list(text)
         self.sections.append(
@@ -127,14 +115,8 @@ def reduction_report(
 ) -> Report:
     """Return a report on the settled points of a raw log.
 
-    Parameters
-    ----------
-    reduction : Reduction
-        The points.
-    source : str
-        Name of the log.
-    notes : sequence of str, optional
-        Advice; that of the reduction if not given.
+    ``reduction``: the points; ``source``: name of the log; ``notes``: advice; that of the reduction
+    if not given.
     """
     log = reduction.log
     report = Report(

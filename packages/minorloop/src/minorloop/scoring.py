@@ -60,12 +60,6 @@ _LEAST = 0.005
 """Error over the range of the output below which no cause is looked for; as in advice on fits."""
 _BETTER = 0.5
 """Share of the error from which another start, or an offset and a gain, count as its cause."""
-_MOST_BANDS = 2000
-"""Rows whose bands are computed: the share of 90 % within them is then known to 0.7 %."""
-_FEW_COVERED = 0.75
-"""Share of readings in 90 % bands below which this is said."""
-_WORSE = 2.0
-"""Error over the one that the model file promises from which this is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +102,7 @@ class Simulation:
 
 
 def simulate(
-    model: AnyModel,
-    record: Record,
-    *,
-    between: Interpolation | None = None,
+    model: AnyModel, record: Record, *, between: Interpolation | None = None
 ) -> Simulation:
     """Return the outputs of a model for the inputs of a record, lag and dynamics included.
 
@@ -282,13 +273,15 @@ def _causes(score: ModelScore) -> Iterator[str]:
     found, error = score.residual, score.nrmse
     if error < _LEAST:
         return
-    if score.coverage is not None and score.coverage < _FEW_COVERED:
+    # Share of readings in 90 % bands below which this is said
+    if score.coverage is not None and score.coverage < 0.75:
         yield (
             f"{score.coverage:.0%} of the readings lie within the 90 % bands of the model: this "
             "record differs from its own by more than parts of that differ from one another"
         )
     promised = score.promised
-    if promised is not None and error > _WORSE * promised:
+    # Error over the one that the model file promises from which this is said
+    if promised is not None and error > 2.0 * promised:
         yield (
             f"the error is {error / promised:.1f} times the {percent(promised)} that the model "
             "had on left-out data of its own record"
@@ -514,7 +507,8 @@ class ModelScore(Scored):
     def band_rows(self) -> IntArray:
         """(M,) rows of `bands`."""
         rows = np.flatnonzero(self.scored)
-        return np.asarray(rows[one_of_each(rows.size, _MOST_BANDS)])
+        # Rows whose bands are computed: the share of 90 % within them is then known to 0.7 %
+        return np.asarray(rows[one_of_each(rows.size, 2000)])
 
     @property
     def coverage(self) -> float | None:
@@ -574,13 +568,10 @@ class ModelScore(Scored):
         return report
 
 
-def score(
-    model: AnyModel,
-    record: Record,
-    *,
-    between: Interpolation | None = None,
-) -> ModelScore:
+def score(model: AnyModel, record: Record, *, between: Interpolation | None = None) -> ModelScore:
     """Score a model on a record that it was not identified from.
+
+    Raises a `ParameterError` or `RecordError` as of `simulate`, or if no row is left to be scored.
 
     Parameters
     ----------
@@ -588,11 +579,6 @@ def score(
         As of `simulate`; outputs that are NaN were not measured. Where rows have labels of groups,
         such as specimens, each group has its errors. Rows to skip set the memory and are not
         scored.
-
-    Raises
-    ------
-    ParameterError, RecordError
-        As of `simulate`, or if no row is left to be scored.
 
     Examples
     --------
@@ -660,16 +646,10 @@ def read_inputs(
     Raises a `RecordError` if the file or a column cannot be used, the unit is another one, or times
     run backwards.
 
-    Parameters
-    ----------
-    known : ModelFile
-        The model; its input is the column if none is named.
-    path : str or path
-        The table.
-    input, time, curves : str, optional
-        Columns, as of `minorloop.read`.
-    start_of_curve : {"negative", "positive", "demagnetised", "as-left"}, optional
-        Memory before each curve, as of `Record`; that of the model if not given.
+    ``known``: the model; its input is the column if none is named; ``path``: the table; ``input``,
+    ``time`` and ``curves``: columns, as of `minorloop.read`; ``start_of_curve`` {"negative",
+    "positive", "demagnetised", "as-left"}: memory before each curve, as of `Record`; that of the
+    model if not given.
     """
     column = known.input.name if input is None else input
     u = read_column(path, column, known.input.unit)

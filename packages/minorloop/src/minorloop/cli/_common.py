@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 NONE = "none"
 """Takes the place of the name of a column that is not to be used."""
-_EVERY = 10.0
-"""Seconds between lines of a log."""
 
 
 def _parser(kind: type[Any], what: str) -> Callable[[str], Any]:
@@ -79,10 +77,7 @@ ModelFile = Annotated[
     Path, typer.Argument(help="Model file, as identify --save writes it.", show_default=False)
 ]
 Start = Annotated[
-    str,
-    typer.Option(
-        help="Memory before the first row: negative, positive or demagnetised.",
-    ),
+    str, typer.Option(help="Memory before the first row: negative, positive or demagnetised.")
 ]
 Address = Annotated[
     str,
@@ -107,8 +102,7 @@ Time = Annotated[
     ),
 ]
 Holdout = Annotated[
-    float,
-    number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3."),
+    float, number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3.")
 ]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
@@ -275,7 +269,8 @@ def _logger(begins: float) -> Progress:
         nonlocal due, last
         if stage != last and (kept or time.monotonic() >= due):
             typer.echo(stage, err=True)
-            due, last = max(due, time.monotonic() + _EVERY), stage
+            # Seconds between lines of a log
+            due, last = max(due, time.monotonic() + 10.0), stage
 
     return log
 

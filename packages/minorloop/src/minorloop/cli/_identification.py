@@ -243,20 +243,10 @@ def show_scored(
 ) -> None:
     """Write files, print what was found, and exit with 1 if it is not to be trusted.
 
-    Parameters
-    ----------
-    found : Scored
-        What was found.
-    title : str
-        Of the table.
-    as_json, verbose : bool
-        Whether to print JSON, or all scores and advice.
-    *files : Written
-        What is written.
-    figures : mapping, optional
-        What ``--json`` has beside the scores; ``seconds`` is in the table too.
-    notes : sequence of str
-        What is printed behind the advice.
+    ``found``: what was found; ``title``: of the table; ``as_json`` and ``verbose``: whether to
+    print JSON, or all scores and advice; ``*files``: what is written; ``figures``: what ``--json``
+    has beside the scores; ``seconds`` is in the table too; ``notes``: what is printed behind the
+    advice.
     """
     beside = figures or {}
 

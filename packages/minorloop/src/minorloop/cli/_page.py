@@ -13,17 +13,12 @@ if TYPE_CHECKING:
     from minorloop.page.auth import Serving
 
 Host = Annotated[
-    str,
-    typer.Option(help="Address to listen on; 0.0.0.0 accepts other machines with the key."),
+    str, typer.Option(help="Address to listen on; 0.0.0.0 accepts other machines with the key.")
 ]
 Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
-Certificate = Annotated[
-    Path | None,
-    typer.Option(help="Certificate (PEM), for https."),
-]
+Certificate = Annotated[Path | None, typer.Option(help="Certificate (PEM), for https.")]
 Name = Annotated[
-    str | None,
-    typer.Option(help="Host name of an https proxy in front of the server."),
+    str | None, typer.Option(help="Host name of an https proxy in front of the server.")
 ]
 Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 

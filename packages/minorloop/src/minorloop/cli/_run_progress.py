@@ -23,10 +23,7 @@ if TYPE_CHECKING:
 
 
 def carry_out_levels(
-    plant: Actuator,
-    store: Store,
-    choose: Choose | None,
-    again: str | None = None,
+    plant: Actuator, store: Store, choose: Choose | None, again: str | None = None
 ) -> tuple[ResumeMode, list[str]]:
     """Carry out the rest of a run and show its progress; if it ends, it says how to continue.
 
@@ -116,14 +113,8 @@ def time_left(plan: Plan, first: int, count: int, seconds: float) -> float:
 
     Holds to come are expected to take as large a share of the longest as those so far.
 
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    first, count : int
-        How many levels were measured when the time began to count, and are now.
-    seconds : float
-        How long the levels from ``first`` to ``count`` took.
+    ``plan``: the plan; ``first`` and ``count``: how many levels were measured when the time began
+    to count, and are now; ``seconds``: how long the levels from ``first`` to ``count`` took.
     """
     so_far = float(plan.longest[first:count].sum())
     return seconds * float(plan.longest[count:].sum()) / so_far if so_far else math.nan

@@ -14,8 +14,7 @@ EXAMPLE = "minorloop demo --out demo --seed 3"
 
 def run(
     out: Annotated[
-        Path | None,
-        typer.Option(help="New or empty folder for report, data and model."),
+        Path | None, typer.Option(help="New or empty folder for report, data and model.")
     ] = None,
     seed: Annotated[int, _common.whole_option("Seed of specimen and targets, 0 or more.")] = 0,
     noise: Annotated[

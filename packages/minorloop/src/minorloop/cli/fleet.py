@@ -60,10 +60,7 @@ _Limit = Annotated[float, _common.number_option("Time limit of a specimen in sec
 _Retry = Annotated[
     bool, typer.Option("--retry-failed", help="Try specimens that failed before again.")
 ]
-_Patience = Annotated[
-    float,
-    _common.seconds_option("Seconds to wait for a worker of the cluster."),
-]
+_Patience = Annotated[float, _common.seconds_option("Seconds to wait for a worker of the cluster.")]
 
 
 def run(

@@ -25,8 +25,7 @@ _Model = Annotated[
 _Input = Annotated[str | None, typer.Option(help="CSV file: column of the input.")]
 _Output = Annotated[str | None, typer.Option(help="CSV file: column of the output.")]
 _Frequency = Annotated[
-    str,
-    typer.Option(help="CSV file: column of the frequency in Hz, 0 in rows that are no sine."),
+    str, typer.Option(help="CSV file: column of the frequency in Hz, 0 in rows that are no sine.")
 ]
 _Periods = Annotated[
     int, _common.whole_option("CSV file: periods to evaluate at the end of each sine.")

@@ -1,7 +1,5 @@
 """``minorloop lab``: the lab page, in a browser."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated

@@ -20,10 +20,7 @@ _Log = Annotated[Path, typer.Argument(help="Raw log: samples of input and sensor
 _Input = Annotated[str, typer.Option(help="Column of the input, such as 'voltage [V]'.")]
 _Output = Annotated[str, typer.Option(help="Column of the sensor; an empty cell: not measured.")]
 _Flip = Annotated[
-    str | None,
-    typer.Option(
-        help="Change the sign of the output, the input or both.",
-    ),
+    str | None, typer.Option(help="Change the sign of the output, the input or both.")
 ]
 _Holds = Annotated[
     str,

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 _POINTS = 200
 """Points of a curve, by trial."""
-_SHARES = (0.25, 0.5, 0.75)
-"""Inputs of the holds that are drawn, as shares of the way down from the highest level."""
 
 
 def draw_after_effect(
@@ -30,7 +28,8 @@ def draw_after_effect(
     loop.set(xlabel=input_label, ylabel=output_label, title="Settled")
     slowest = max([model.settling, *model.times]) or 1.0
     t = np.geomspace(1e-3 * slowest, 10 * slowest, _POINTS)
-    for share in _SHARES:
+    # Inputs of the holds that are drawn, as shares of the way down from the highest level
+    for share in (0.25, 0.5, 0.75):
         value = high - share * (high - low)
         y = model.simulate(t, np.full(t.size, value), "positive")
         holds.semilogx(t, y - y[-1], label=f"held at {value:.3g}")

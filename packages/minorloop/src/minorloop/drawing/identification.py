@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from minorloop.scoring import ModelScore
 
 
-_MOST_BANDS = 1000
-"""Samples whose bands are computed for the residual: more cost time and show no more."""
 _MOST_DRAWN = 20_000
 """Samples of the loop in a notebook, and of the residual: more take seconds to draw."""
 _FEW = 400
@@ -34,8 +32,6 @@ _PARTS, _FEWEST_OF_PART, _FEWEST = 12, 5, 30
 """Parts of equal width for which the residual is averaged, and least samples of one and of all."""
 _SAID, _EQUAL = 0.9, 0.02
 """Share of the samples, and how little their amplitudes or rates differ, to count as equal."""
-_LEAP, _LEAP_SHARE = 20, 0.05
-"""An input leaps if it changes by more than so many usual steps and this share of its range."""
 _DOTS: dict[str, Any] = {"ms": 3.5, "color": "C1"}
 _VEIL = 0.7
 """Opacity of the grey over cells that a prior determines."""
@@ -52,14 +48,9 @@ def draw_identification(
 ) -> Any:
     """Draw loop, plane and record, and the residual in time, by amplitude and by rate.
 
-    Parameters
-    ----------
-    result : Identification
-        The identification.
-    input_label, output_label : str
-        Name and unit of input and output.
-    part : {"all", "curves", "talk"}
-        All of this, the errors of each curve, or loop and plane in letters for a screen.
+    ``result``: the identification; ``input_label`` and ``output_label``: name and unit of input and
+    output; ``part`` {"all", "curves", "talk"}: all of this, the errors of each curve, or loop and
+    plane in letters for a screen.
     """
     labels = {"input_label": input_label, "output_label": output_label}
     if part == "curves":
@@ -195,7 +186,8 @@ def _jumps(u: FloatArray) -> IntArray:
     """Return the samples before which the input leaps, as between curves with few labels."""
     steps = np.abs(np.diff(u))
     usual = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    return np.flatnonzero(steps > max(_LEAP * usual, _LEAP_SHARE * float(np.ptp(u)))) + 1
+    # An input leaps if it changes by more than so many usual steps and this share of its range
+    return np.flatnonzero(steps > max(20 * usual, 0.05 * float(np.ptp(u)))) + 1
 
 
 def _interpolated(u: FloatArray, points: int = 12) -> FloatArray:
@@ -248,7 +240,8 @@ def _residual(result: Identification) -> tuple[FloatArray, float]:
 def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> None:
     residual, unit = _residual(result)
     _plot_dots(axes, clock, residual, ms=_size(clock), color="C0")
-    shown = np.unique(np.linspace(0, clock.size - 1, _MOST_BANDS).astype(np.int64))
+    # Samples whose bands are computed for the residual: more cost time and show no more
+    shown = np.unique(np.linspace(0, clock.size - 1, 1000).astype(np.int64))
     reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
     axes.fill_between(clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
     axes.legend(framealpha=0.9, loc="upper right")

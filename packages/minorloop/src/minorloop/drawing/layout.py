@@ -1,7 +1,5 @@
 """New figures with axes, in one layout."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -18,16 +16,8 @@ def new_figure(
 ) -> tuple[Any, Any]:
     """Return a matplotlib figure, by default as wide as a page of a report, and its axes.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Number of axes in each direction.
-    height, width : float
-        Size in inches.
-    grid : bool
-        Whether the axes have a grid.
-    **options
-        Options of ``Figure.subplots``.
+    ``rows`` and ``columns``: number of axes in each direction; ``height`` and ``width``: size in
+    inches; ``grid``: whether the axes have a grid; ``**options``: options of ``Figure.subplots``.
     """
     from minorloop.drawing._shown import ShownFigure
 

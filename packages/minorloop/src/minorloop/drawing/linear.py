@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from minorloop.identification.linear_fit import LinearFit, StepResponse
     from minorloop.identification.rational import RationalFit
 
-_BAND = 2.0
-"""Half width of a band in standard deviations, as its title says."""
 _POINTS = 300
 """Points of a curve: about one for each pixel of an axis."""
 
@@ -54,7 +52,8 @@ def _draw_unit_step(axes: Axes, fit: LinearFit, colour: str, label: str) -> None
     interval = fit.model.interval or 1.0
     end = interval * max(np.count_nonzero(one.u) for one in fit.stretches)
     t = np.linspace(0.0, end, _POINTS)
-    y, spread = fit.model.step_response(t), _BAND * fit.step_deviation(t)
+    # Half width of a band in standard deviations, as its title says
+    y, spread = fit.model.step_response(t), 2.0 * fit.step_deviation(t)
     axes.plot(t, y, color=colour, label=label)
     axes.fill_between(t, y - spread, y + spread, color=colour, alpha=0.2, lw=0)
 

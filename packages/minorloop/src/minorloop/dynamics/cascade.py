@@ -13,34 +13,16 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    BoolArray,
-    FloatArray,
-    as_finite,
-    as_seconds,
-    as_waveform,
-    check_option,
-)
+from minorloop.arrays import BoolArray, FloatArray, as_finite, as_seconds, as_waveform, check_option
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.state_space import Between
 from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
 from minorloop.figures import Drawn
-from minorloop.operators.inversion import (
-    Inversion,
-    Unreachable,
-    refuse_unreachable,
-    within_reach,
-)
+from minorloop.operators.inversion import Inversion, Unreachable, refuse_unreachable, within_reach
 from minorloop.operators.operator import Operator
 
 First: TypeAlias = Literal["operator", "linear"]
-
-_FILTER_SHARE = 0.2
-_INTERVALS = 2.0
-"""The default time constant of the filter of an inverse is at least this share of the fastest time
-constant, and this many sampling intervals. A choice: the input stays smooth from sample to
-sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +83,8 @@ class CascadeInversion(Drawn):
 class Cascade:
     """A hysteresis operator and a linear system in series, and creep of the output.
 
-    Raises
-    ------
-    ParameterError
-        If ``first`` is neither, ``noise`` is not from 0 to 1, or ``ahead`` is given although
-        ``linear`` comes first.
+    Raises a `ParameterError` if ``first`` is neither, ``noise`` is not from 0 to 1, or ``ahead`` is
+    given although ``linear`` comes first.
 
     References
     ----------
@@ -179,10 +158,7 @@ class Cascade:
         Raises a `ParameterError` if the linear part is sampled at another interval, or the interval
         is not positive.
 
-        Parameters
-        ----------
-        interval : float
-            Seconds between samples.
+        ``interval``: seconds between samples.
         """
         step = as_seconds("interval", interval)
         ahead = None if self.ahead is None else _sampled(self.ahead, step)
@@ -350,8 +326,11 @@ def _filter_time(linear: Linear, t: FloatArray, noise: float, wanted: float | No
     if wanted is None:
         # Of a resonance it is the period over 2 pi, not the longer time in which it decays.
         fastest = 1 / float(np.abs(linear.poles).max())
-        smooth = _INTERVALS * float(np.median(np.diff(t)))
-        return max(_FILTER_SHARE * fastest, smooth, _time_of_gain(linear, noise))
+        # The default time constant of the filter of an inverse is at least this share of the
+        # fastest time constant, and this many sampling intervals. A choice: the input stays smooth
+        # from sample to sample.
+        smooth = 2.0 * float(np.median(np.diff(t)))
+        return max(0.2 * fastest, smooth, _time_of_gain(linear, noise))
     seconds = as_finite("filter_time", wanted)
     if seconds <= 0:
         raise ParameterError(

@@ -7,14 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    FloatArray,
-    as_finite,
-    as_samples,
-    as_times,
-    as_waveform,
-    frozen,
-)
+from minorloop.arrays import FloatArray, as_finite, as_samples, as_times, as_waveform, frozen
 from minorloop.dynamics import _kernels
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 

@@ -34,10 +34,8 @@ rounded to the microsecond."""
 class Linear(ByValue, Drawn):
     """A rational transfer function with dead time, continuous or sampled.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite, the system is not causal, or a time is out of its range.
+    Raises a `ParameterError` if a number is not finite, the system is not causal, or a time is out
+    of its range.
 
     Examples
     --------
@@ -88,16 +86,8 @@ class Linear(ByValue, Drawn):
     ) -> Linear:
         """Return a continuous system with these poles and zeros.
 
-        Parameters
-        ----------
-        poles : sequence of complex
-            In 1/s.
-        zeros : sequence of complex
-            In 1/s.
-        dc_gain : float
-            Settled output per input.
-        delay : float
-            Dead time, in seconds.
+        ``poles``: in 1/s; ``zeros``: in 1/s; ``dc_gain``: settled output per input; ``delay``: dead
+        time, in seconds.
         """
         poles, zeros = np.atleast_1d(poles), np.atleast_1d(zeros)
         numerator, denominator = _polynomial("zeros", zeros), _polynomial("poles", poles)
@@ -108,12 +98,7 @@ class Linear(ByValue, Drawn):
     def lags(cls, *times: float, delay: float = 0.0) -> Linear:
         """Return first-order lags in series, with DC gain 1.
 
-        Parameters
-        ----------
-        *times : float
-            Time constants, in seconds.
-        delay : float
-            Dead time, in seconds.
+        ``*times``: time constants, in seconds; ``delay``: dead time, in seconds.
         """
         each = [-1 / as_seconds("time constant", time) for time in times]
         return cls.from_poles(each, delay=delay)
@@ -174,10 +159,7 @@ class Linear(ByValue, Drawn):
     def response(self, frequency: npt.ArrayLike) -> npt.NDArray[np.complex128]:
         """Return the complex gain at each frequency.
 
-        Parameters
-        ----------
-        frequency : array_like
-            Frequencies, in Hz.
+        ``frequency``: frequencies, in Hz.
         """
         s = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
         at = s if self.interval is None else np.exp(s * self.interval)
@@ -185,14 +167,13 @@ class Linear(ByValue, Drawn):
         return np.asarray(ratio * np.exp(-s * self.delay))
 
     def simulate(
-        self,
-        t: npt.ArrayLike,
-        u: npt.ArrayLike,
-        *,
-        before: float = 0.0,
-        between: Between = "held",
+        self, t: npt.ArrayLike, u: npt.ArrayLike, *, before: float = 0.0, between: Between = "held"
     ) -> FloatArray:
         """Return the outputs for a sampled input, as `TimedModel.simulate`; exact between samples.
+
+        Raises a `SignalError` also if the times are not those of a sampled system; a
+        `ParameterError` if the system integrates and ``before`` is not 0, or ``between`` does not
+        suit it.
 
         Parameters
         ----------
@@ -203,25 +184,13 @@ class Linear(ByValue, Drawn):
             actuators record holds in this way. ``"straight"``: the input jumps to u[0] at t[0]
             and is linear between samples; for continuous systems only.
 
-        Raises
-        ------
-        SignalError
-            Also if the times are not those of a sampled system.
-        ParameterError
-            If the system integrates and ``before`` is not 0, or ``between`` does not suit it.
         """
         times, inputs = as_waveform(t, u)
         check_option("between", between, ("held", "straight"))
         x = self._settled(as_finite("before", before))
         if self.interval is None:
             return propagate(
-                self.state_space,
-                x,
-                times,
-                inputs,
-                delay=self.delay,
-                before=before,
-                between=between,
+                self.state_space, x, times, inputs, delay=self.delay, before=before, between=between
             )
         if between != "held":
             raise ParameterError(
@@ -237,10 +206,7 @@ class Linear(ByValue, Drawn):
 
         Raises a `SignalError` if the times do not increase.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Times, in seconds.
+        ``t`` (T,): times, in seconds.
         """
         times = as_times(t, fewest=1)
         y = np.zeros(times.size)
@@ -257,10 +223,7 @@ class Linear(ByValue, Drawn):
         Raises a `ParameterError` if it is sampled already, or the dead time is not a whole number
         of intervals.
 
-        Parameters
-        ----------
-        interval : float
-            Seconds between samples.
+        ``interval``: seconds between samples.
         """
         if self.interval is not None:
             raise ParameterError(f"the system is sampled already, every {self.interval:g} s")
@@ -273,12 +236,9 @@ class Linear(ByValue, Drawn):
 
         It is computed by the principal logarithm of the transition matrix.
 
-        Raises
-        ------
-        ParameterError
-            If it is continuous already, or has a pole at 0 or on the negative real axis, where
-            this logarithm does not exist. Such a mode ends within one sample or changes its sign
-            at every sample, which no continuous system of the same order does.
+        Raises a `ParameterError` if it is continuous already, or has a pole at 0 or on the negative
+        real axis, where this logarithm does not exist. Such a mode ends within one sample or
+        changes its sign at every sample, which no continuous system of the same order does.
         """
         if self.interval is None:
             raise ParameterError("the system is continuous already")
@@ -290,10 +250,7 @@ class Linear(ByValue, Drawn):
 
         Raises a `ParameterError` if the system is continuous, or does not settle.
 
-        Parameters
-        ----------
-        u : float
-            The input at which it has settled.
+        ``u``: the input at which it has settled.
         """
         value = as_finite("u", u)
         return np.concatenate([self._settled(value), np.full(self.lag, value)])
@@ -350,10 +307,7 @@ class Linear(ByValue, Drawn):
     def at_rest(self, coefficients: FloatArray) -> float:
         """Return the value of a polynomial of the system at s = 0, or z = 1 if it is sampled.
 
-        Parameters
-        ----------
-        coefficients : (n,) array
-            Numerator or denominator, highest power first.
+        ``coefficients`` (n,): numerator or denominator, highest power first.
         """
         return float(coefficients[-1] if self.interval is None else coefficients.sum())
 

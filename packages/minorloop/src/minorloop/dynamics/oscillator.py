@@ -27,20 +27,13 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.operators.differential import Differential
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 
-_MOST_TURNS = 50
-"""Periods after which a response counts as settled anyway."""
-_SETTLED = 1e-9
-"""Relative change of the state from period to period of a response that has settled."""
-
 
 @dataclass(frozen=True, eq=False)
 class Oscillator:
     """``mass y'' + damping y' + stiffness y + z = u``, where z is hysteretic.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite, the mass is not positive, or the operator is another one.
+    Raises a `ParameterError` if a number is not finite, the mass is not positive, or the operator
+    is another one.
 
     References
     ----------
@@ -121,8 +114,10 @@ class Oscillator:
         count = as_whole("substeps", substeps, 1)
         filters = checked_stages(stages, count)
         force = pulses(forces, count, between, periodic=periodic)
-        turns = _MOST_TURNS if periodic else 1
-        found = respond(self, force, interval / count, turns=turns, settled=_SETTLED)
+        # Periods after which a response counts as settled anyway
+        turns = 50 if periodic else 1
+        # Relative change of the state from period to period of a response that has settled
+        found = respond(self, force, interval / count, turns=turns, settled=1e-9)
         if found is None:
             raise SignalError(
                 "the displacement grows without bound for this force; check the units, make the "

@@ -41,16 +41,9 @@ def refined(
 ) -> FloatArray:
     """Return a signal at ``factor`` times the rate.
 
-    Parameters
-    ----------
-    u : (T,) array
-        Samples.
-    factor : int
-        Values for each interval.
-    between : {"held", "straight", "band"}
-        As `Interpolation`. A held signal is shown at the end of each of its pieces.
-    periodic : bool
-        Whether the first sample follows the last one.
+    ``u`` (T,): samples; ``factor``: values for each interval; ``between`` {"held", "straight",
+    "band"}: as `Interpolation`. A held signal is shown at the end of each of its pieces.
+    ``periodic``: whether the first sample follows the last one.
 
     Returns
     -------
@@ -76,14 +69,8 @@ def refined(
 def pulses(u: FloatArray, factor: int, between: Interpolation, *, periodic: bool) -> FloatArray:
     """Return beginning, middle and end of a signal in each of ``factor`` steps an interval, (K, 3).
 
-    Parameters
-    ----------
-    u : (T,) array
-        Samples.
-    factor : int
-        Steps for each interval.
-    between, periodic
-        As for `refined`.
+    ``u`` (T,): samples; ``factor``: steps for each interval; ``between`` and ``periodic``: as for
+    `refined`.
     """
     if between == "held":
         ends = refined(u, factor, between, periodic=periodic)[1:]
@@ -122,17 +109,10 @@ def sampled(
 ) -> FloatArray:
     """Return the samples of a motion behind the stages of a decimation, without their delay.
 
-    Parameters
-    ----------
-    y : (K + 1,) or (K + 1, P) array
-        The motion at the beginning, and after each of K steps.
-    stages : sequence of (int, array)
-        From `checked_stages`.
-    substeps : int
-        Steps in an interval.
-    periodic : bool
-        Whether the last value is the first one again; otherwise the signal is continued by its
-        mirror image through the first and the last point.
+    ``y`` (K + 1,) or (K + 1, P): the motion at the beginning, and after each of K steps;
+    ``stages``: from `checked_stages`; ``substeps``: steps in an interval; ``periodic``: whether the
+    last value is the first one again; otherwise the signal is continued by its mirror image through
+    the first and the last point.
     """
     if periodic:
         y = y[:-1]

@@ -19,11 +19,6 @@ StateSpace: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, float]
 
 _REAL = 1e-9
 """Relative imaginary part up to which a pole counts as real: well above the rounding of roots."""
-_NEGLIGIBLE = 1e-10
-"""A coefficient adds less than this share of the largest term at the fastest pole: rounding."""
-_DIGITS = 8
-"""Time steps that agree to so many digits share a matrix exponential: the differences of sampled
-times have rounding errors of this order."""
 
 
 def propagate(
@@ -38,20 +33,10 @@ def propagate(
 ) -> FloatArray:
     """Return the outputs (T,) of a continuous system from state x.
 
-    Parameters
-    ----------
-    system : tuple
-        A, B, C, D.
-    x : (n,) array
-        State at the first sample, or for a held input one interval before it.
-    t, u : (T,) arrays
-        Times and inputs.
-    delay : float
-        Dead time at the input, in seconds.
-    before : float
-        Input before the first sample.
-    between : {"held", "straight"}
-        See `Between`.
+    ``system``: A, B, C, D; ``x`` (n,): state at the first sample, or for a held input one interval
+    before it; ``t`` and ``u`` (T,): times and inputs; ``delay``: dead time at the input, in
+    seconds; ``before``: input before the first sample; ``between`` {"held", "straight"}: see
+    `Between`.
     """
     knots = t if between == "straight" else np.concatenate([[2 * t[0] - t[1]], t])
     points = np.union1d(knots, (knots + delay)[knots + delay < t[-1]]) if delay else knots
@@ -89,7 +74,9 @@ def transitions(
     """
     from scipy.linalg import expm
 
-    unit = 10.0 ** (np.floor(np.log10(steps)) - _DIGITS + 1)
+    # Time steps that agree to so many digits share a matrix exponential: the differences of sampled
+    # times have rounding errors of this order
+    unit = 10.0 ** (np.floor(np.log10(steps)) - 8 + 1)
     unit = np.maximum(unit, np.finfo(float).tiny)  # a step may be as short as that
     lengths, which = np.unique(np.round(steps / unit) * unit, return_inverse=True)
     n = b.size
@@ -159,9 +146,7 @@ def sampled(
 
 
 def continuous(
-    numerator: FloatArray,
-    denominator: FloatArray,
-    interval: float,
+    numerator: FloatArray, denominator: FloatArray, interval: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return numerator and denominator in s, by the principal matrix logarithm.
 
@@ -214,6 +199,7 @@ def _without_rounding(numerator: FloatArray, denominator: FloatArray) -> FloatAr
     """Set leading coefficients to zero that are only rounding errors."""
     fastest = float(np.abs(np.roots(denominator)).max(initial=0.0)) or 1.0
     terms = np.abs(numerator) * fastest ** -np.arange(numerator.size, dtype=np.float64)
-    keep = np.flatnonzero(terms > _NEGLIGIBLE * terms.max(initial=0.0))
+    # A coefficient adds less than this share of the largest term at the fastest pole: rounding
+    keep = np.flatnonzero(terms > 1e-10 * terms.max(initial=0.0))
     first = int(keep[0]) if keep.size else numerator.size - 1
     return np.concatenate([np.zeros(first), numerator[first:]])

@@ -12,9 +12,6 @@ from minorloop.errors import ParameterError
 from minorloop.operators.operator import Operator
 from minorloop.operators.relays import RelayModel
 
-_UNIT = 1e-6
-"""Largest difference of a DC gain from 1: far below what a record can show, above rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -40,7 +37,9 @@ class Trajectory:
             response = getattr(self, name)
             if response is None:
                 continue
-            if not response.stable or abs(response.dc_gain - 1) > _UNIT:
+            # Largest difference of a DC gain from 1: far below what a record can show, above
+            # rounding
+            if not response.stable or abs(response.dc_gain - 1) > 1e-6:
                 raise ParameterError(
                     f"the {name} response has DC gain {response.dc_gain:.9g} and is "
                     f"{'stable' if response.stable else 'unstable'}; give a stable one with DC "

@@ -1,7 +1,5 @@
 """What the templates of C and the self-test need of each kind of model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The generated self-test: inputs, their outputs in Python, and the tolerance for the C."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -69,12 +67,7 @@ class Parts:
 
 
 def examples(
-    model: Preisach,
-    count: int,
-    numbers: Numbers,
-    memory: int,
-    linear: Linear | None,
-    first: First,
+    model: Preisach, count: int, numbers: Numbers, memory: int, linear: Linear | None, first: First
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return inputs rounded to the type of the C, their outputs, and the effect of a last digit.
 

@@ -10,11 +10,6 @@ import numpy.typing as npt
 
 from minorloop.errors import ParameterError
 
-_COLUMNS = 100
-"""Longest line of a table."""
-_MOST_SINGLE, _MOST_DOUBLE = 1e15, 1e150
-"""Largest range of a signal, and inverse of the least, by the type of the C: their squares are
-within 1e38 and 1e308, the largest numbers of these types."""
 _COARSEST = 0.01
 """Largest effect of rounding, as a share of a range. A choice: more than this would be a large part
 of the error of a good model."""
@@ -62,7 +57,9 @@ class Numbers:
         Raises a `ParameterError` if the range is too large or too small.
         """
         low, high = float(np.min(values)), float(np.max(values))
-        most = _MOST_SINGLE if self.single else _MOST_DOUBLE
+        # Largest range of a signal, and inverse of the least, by the type of the C: their squares
+        # are within 1e38 and 1e308, the largest numbers of these types
+        most = 1e15 if self.single else 1e150
         if high / 2 - low / 2 > most / 2 or 0 < high - low < 1 / most:
             raise ParameterError(
                 f"the {what} goes from {low:g} to {high:g}, and C with a {self.type} can have "
@@ -89,18 +86,9 @@ class Numbers:
 
         Raises a `ParameterError` if it is too large a share of a range.
 
-        Parameters
-        ----------
-        largest : float
-            The number.
-        effect : float
-            Effect of its last digit, as a share of a range.
-        of : str
-            What it changes, with the effect in percent as ``{:.2g} %``.
-        advice : str
-            What to do, apart from exporting doubles.
-        digits : int
-            Last digits that are allowed.
+        ``largest``: the number; ``effect``: effect of its last digit, as a share of a range;
+        ``of``: what it changes, with the effect in percent as ``{:.2g} %``; ``advice``: what to do,
+        apart from exporting doubles; ``digits``: last digits that are allowed.
         """
         if digits * effect > _COARSEST:
             raise ParameterError(
@@ -127,7 +115,8 @@ def wrapped(words: Iterable[str]) -> str:
     """Return words with commas, in lines of bounded length."""
     lines, line = [], ""
     for word in words:
-        if line and len(line) + len(word) + 2 > _COLUMNS - 4:
+        # Longest line of a table
+        if line and len(line) + len(word) + 2 > 96:
             lines.append(line)
             line = ""
         line += f"{word}, " if line else f"    {word}, "

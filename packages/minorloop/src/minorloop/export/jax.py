@@ -65,6 +65,9 @@ def as_function(
     ``model``: levels or radii, and the initial parameters; ``start``: memory before the first
     sample; a constant.
 
+    Raises a `ParameterError` if the model is of another kind. The function raises it where shapes
+    are wrong, or the input is empty.
+
     Returns
     -------
     function : callable
@@ -75,11 +78,6 @@ def as_function(
         ``weights`` and ``offset`` of the model, and ``slope`` of a Preisach operator. Weights above
         the diagonal are ignored.
 
-    Raises
-    ------
-    ParameterError
-        If the model is of another kind. The function raises it where shapes are wrong, or the
-        input is empty.
     """
     operator = _operator(model, start)
     call = _differentiable(operator)
@@ -187,14 +185,7 @@ class _PlaysLoops:
         for_weights, for_inputs = np.zeros(weights.size), np.zeros(u.size)
         movers = np.full(weights.size, -1)
         _gradient_kernels.pull_plays(
-            u,
-            self._radii,
-            weights,
-            self._start.copy(),
-            cotangent,
-            for_weights,
-            for_inputs,
-            movers,
+            u, self._radii, weights, self._start.copy(), cotangent, for_weights, for_inputs, movers
         )
         return for_weights, cotangent.sum(), for_inputs
 
@@ -269,16 +260,9 @@ def _primitive(
     `jax.pure_callback` is no alternative: its arrays are copied by the thread pool in which the
     callback runs, which is a deadlock on one core.
 
-    Parameters
-    ----------
-    name : str
-        Name in JAX.
-    function : callable
-        Gives one array, or several, for arrays without axes of `jax.vmap`.
-    cores : sequence of int
-        Number of axes of each argument; axes before them are those of `jax.vmap`.
-    like : callable
-        Selects the arguments whose shapes and types the results have.
+    ``name``: name in JAX; ``function``: gives one array, or several, for arrays without axes of
+    `jax.vmap`; ``cores``: number of axes of each argument; axes before them are those of
+    `jax.vmap`; ``like``: selects the arguments whose shapes and types the results have.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True

@@ -239,14 +239,9 @@ def _rest(model: Preisach | PrandtlIshlinskii, x: FloatArray) -> float:
 def bounded(model: Preisach, memory: Memory, room: int) -> Memory:
     """Drop the smallest loops of a memory until it has fewer than ``room`` past extrema.
 
-    Parameters
-    ----------
-    model : Preisach
-        The operator; the smallest loop is that with the least sum of absolute weights.
-    memory : Memory
-        The memory.
-    room : int
-        One more than the number of extrema to keep, without the present input; at least 4.
+    ``model``: the operator; the smallest loop is that with the least sum of absolute weights;
+    ``memory``: the memory; ``room``: one more than the number of extrema to keep, without the
+    present input; at least 4.
     """
     extrema = list(memory.extrema)
     if len(extrema) <= room:

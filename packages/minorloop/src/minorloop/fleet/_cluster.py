@@ -1,7 +1,5 @@
 """Identification on the workers of a Dask cluster."""
 
-from __future__ import annotations
-
 import atexit
 import logging
 import socket
@@ -19,8 +17,6 @@ _CONNECT = 10.0
 """Seconds to wait for the first answer of a scheduler."""
 _EVERY = 0.5
 """Seconds between two looks at the cluster."""
-_AHEAD = 3
-"""Specimens that are read or queued for each thread of the workers."""
 
 _workers = FitProcesses()
 """On a worker of the cluster: its processes, idle ones for the next specimens."""
@@ -54,7 +50,8 @@ class Cluster:
             self.close()
             raise self._no_worker() from None
         threads = self._client.nthreads()
-        self.ahead = _AHEAD * max(1, sum(threads.values()))
+        # Specimens that are read or queued for each thread of the workers
+        self.ahead = 3 * max(1, sum(threads.values()))
 
     def fit(self, task: Task) -> Found:
         """Return the result of a task.

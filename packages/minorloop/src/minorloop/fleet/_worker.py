@@ -30,8 +30,6 @@ from minorloop.fleet._fitting import Found, Task, load_kernels
 Work: TypeAlias = Callable[[Task, Path], Found]
 """Function that a worker applies to a task; it must belong to a module, because it is pickled."""
 
-_LOADING = 300.0
-"""Seconds that a worker may take to load what it needs; compiling it takes less than a minute."""
 _ATTEMPTS = 2
 """Workers that may end during the fit of the same specimen."""
 STARTS = 3
@@ -96,7 +94,9 @@ class FitProcesses:
             self._all.add(worker)
             self._check_open()
             try:
-                worker.ready.result(_LOADING)
+                # Seconds that a worker may take to load what it needs; compiling it takes less than
+                # a minute
+                worker.ready.result(300.0)
             except Exception:
                 why = self._end(worker)
             else:

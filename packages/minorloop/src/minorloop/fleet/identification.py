@@ -1,7 +1,5 @@
 """Identify every specimen of a manifest; failures do not stop the others."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Generator, Mapping, Sequence

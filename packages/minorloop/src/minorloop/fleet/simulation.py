@@ -46,17 +46,10 @@ class FleetState:
 
         Raises a `ParameterError` if there is no operator, or too little room for the memory.
 
-        Parameters
-        ----------
-        model : Preisach
-            The operator.
-        operators : int
-            Number of operators.
-        start : {"negative", "positive", "demagnetised"} or Memory
-            Memory of each operator.
-        room : int
-            Extrema that each operator has room for, the present input included, at least 6.
-            When a history has more, the smallest loop is dropped. Each takes 32 bytes.
+        ``model``: the operator; ``operators``: number of operators; ``start`` {"negative",
+        "positive", "demagnetised"} or Memory: memory of each operator; ``room``: extrema that each
+        operator has room for, the present input included, at least 6. When a history has more, the
+        smallest loop is dropped. Each takes 32 bytes.
         """
         check_kind("model", model, Preisach)
         count = as_whole("operators", operators, 1, _MOST_OPERATORS)
@@ -84,11 +77,7 @@ class FleetState:
 
 
 def simulate_fleet(
-    model: Preisach,
-    u: npt.ArrayLike,
-    state: FleetState | None = None,
-    *,
-    in_place: bool = False,
+    model: Preisach, u: npt.ArrayLike, state: FleetState | None = None, *, in_place: bool = False
 ) -> tuple[FloatArray, FleetState]:
     """Simulate many independent operators with the same weights.
 
@@ -96,16 +85,9 @@ def simulate_fleet(
     state has; a `ParameterError` if the model is of another class, or the state is of another
     model, damaged, or may not be overwritten.
 
-    Parameters
-    ----------
-    model : Preisach
-        The operator.
-    u : (S,) or (S, T) array_like
-        The next input of each of S operators, or the next T of them.
-    state : FleetState, optional
-        Memories before; negative saturation if not given.
-    in_place : bool
-        Whether ``state`` may be overwritten, which saves a copy of its memory.
+    ``model``: the operator; ``u`` (S,) or (S, T): the next input of each of S operators, or the
+    next T of them; ``state``: memories before; negative saturation if not given; ``in_place``:
+    whether ``state`` may be overwritten, which saves a copy of its memory.
 
     Returns
     -------

@@ -11,10 +11,6 @@ _JUDGED = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening")
 WORDS = ("min", "quarter", "median", "three_quarters", "max")
 FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
-_FEWEST = 8
-"""Specimens below which none is an outlier: a median deviation of fewer is too uncertain."""
-_LEAST_SPREAD = 1e-9
-"""Relative spread below which values count as equal: rounding is no outlier."""
 LONGEST = 400
 """Characters of a reason, a warning or advice, which are on one line."""
 
@@ -124,12 +120,14 @@ class Summary:
         found = []
         for figure in _JUDGED:
             values = self._values(figure)
-            if values.size < _FEWEST:
+            # Specimens below which none is an outlier: a median deviation of fewer is too uncertain
+            if values.size < 8:
                 continue
             median = float(np.median(values))
             # Standard deviation over median absolute deviation of a normal distribution
             spread = 1.4826 * float(np.median(np.abs(values - median)))
-            spread = max(spread, _LEAST_SPREAD * max(1.0, abs(median)))
+            # Relative spread below which values count as equal: rounding is no outlier
+            spread = max(spread, 1e-9 * max(1.0, abs(median)))
             with_it = [one for one in self.identified if getattr(one, figure) is not None]
             for outcome, value in zip(with_it, values, strict=True):
                 deviations = abs(float(value) - median) / spread

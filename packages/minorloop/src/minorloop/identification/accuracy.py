@@ -67,16 +67,9 @@ def accuracy(
 ) -> Accuracy:
     """Return the errors of predicted outputs.
 
-    Parameters
-    ----------
-    u, y, predicted : (T,) arrays
-        Inputs, measured and predicted outputs.
-    scored : (T,) array of bool
-        Samples that are scored, at least one; others may be NaN.
-    curves : Curves
-        Parts of the record.
-    span : float, optional
-        Range of the output; that of the scored samples if not given.
+    ``u``, ``y`` and ``predicted`` (T,): inputs, measured and predicted outputs; ``scored`` (T,) of
+    bool: samples that are scored, at least one; others may be NaN; ``curves``: parts of the record;
+    ``span``: range of the output; that of the scored samples if not given.
     """
     measured = y[scored]
     error = predicted[scored] - measured

@@ -39,11 +39,6 @@ once, most of which leave again, make dense factors large."""
 _QUICK = 0.01
 """Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
 used again."""
-_FARTHEST = 1e6
-"""Longest search along a change, over that change; bounds usually end it before."""
-_FIRST_SPARSE_RIDGE = 1e-6
-"""Ridge of the first pivoting on a sparse system, to a diagonal of one, by trial. It is smaller, as
-the unknowns are near the optimum."""
 _LEAST_SPARSE_RIDGE = 1e-9
 """The accuracy of the factor: below it, conjugate gradients are many."""
 _SPLITTING, _ALTERNATIONS, _RELAXATION = 0.1, 15, 1.6
@@ -173,7 +168,8 @@ class Pivoting(ABC):
     ) -> tuple[FloatArray, FloatArray]:
         """Minimum along a change within the bounds, and the gradient there."""
         falling = self.bounded & (change < 0)
-        length = float(np.min(-z[falling] / change[falling], initial=_FARTHEST))
+        # Longest search along a change, over that change; bounds usually end it before
+        length = float(np.min(-z[falling] / change[falling], initial=1e6))
         end = self.gradient(z + length * change)
         slope, last = float(gradient @ change), float(end @ change)
         share = slope / (slope - last) if slope < 0 < last else float(slope < 0)
@@ -255,7 +251,9 @@ def solve_sparse(
 
     pivoting = _SparsePivoting(gradient, bounded, scale, searched)
     pivoting.system = system
-    return pivoting.run(z, _FIRST_SPARSE_RIDGE)
+    # Ridge of the first pivoting on a sparse system, to a diagonal of one, by trial. It is smaller,
+    # as the unknowns are near the optimum.
+    return pivoting.run(z, 1e-6)
 
 
 def solve_with_prior(
@@ -301,11 +299,7 @@ def _alternate(
 
 
 def _interior_point(
-    system: EverettSystem,
-    y: FloatArray,
-    bounded: BoolArray,
-    searched: BoolArray,
-    scale: float,
+    system: EverettSystem, y: FloatArray, bounded: BoolArray, searched: BoolArray, scale: float
 ) -> FloatArray:
     """Unknowns near the optimum; those that are probably at their bounds are zero."""
     places = np.flatnonzero(searched)
@@ -345,10 +339,7 @@ def _interior_point(
 
 
 def _start(
-    system: EverettSystem,
-    y: FloatArray,
-    places: IntArray,
-    ridge: FloatArray,
+    system: EverettSystem, y: FloatArray, places: IntArray, ridge: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Unknowns and slacks inside the bounds, from a solution with a ridge; Mehrotra, section 7."""
     ridge = ridge.copy()

@@ -31,15 +31,10 @@ PROBABILITY = 0.9
 """Probability of the bands that validation holds are checked against."""
 _FIXED = 4
 """First holds, which are designed before anything is measured."""
-_LEAST_INSIDE = 0.75
-_MOST_RMS = 3.0
-"""Validation passes with this share inside the bands, and this rms error in deviations."""
 _FITTED = ("design", "repeat")
 """Roles of points that are fitted."""
 _FEWEST = 3
 """Least holds of a design."""
-_PART_ORDER = (2, 0, 3, 1)
-"""Order in which validation visits the quarters of the range, so that it reverses every time."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +62,9 @@ class Validation:
     def trusted(self) -> bool:
         """Whether three quarters lie inside their bands and the rms error is below 3 deviations."""
         away = (self.prediction.y - self.measured) / self.prediction.sd
-        inside = self.covered >= _LEAST_INSIDE * self.measured.size
-        return inside and bool(np.sqrt(np.mean(away**2)) <= _MOST_RMS)
+        # Validation passes with this share inside the bands, and this rms error in deviations
+        inside = self.covered >= 0.75 * self.measured.size
+        return inside and bool(np.sqrt(np.mean(away**2)) <= 3.0)
 
 
 @dataclass(frozen=True)
@@ -98,10 +94,7 @@ class Adaptive:
     first reading, both are fitted, the point is one of the ``changes``, and the bands are widened
     by the contradiction. A hold that later ones show to be an outlier is left out and replaced.
 
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
+    Raises a `ParameterError` if an option is out of its range.
 
     Examples
     --------
@@ -156,12 +149,8 @@ class Adaptive:
     def choose(self, u: Sequence[float], y: Sequence[float]) -> float | None:
         """Return the next input; None when the experiment is complete.
 
-        Parameters
-        ----------
-        u : (n,) array_like
-            Inputs applied so far, in their unit.
-        y : (n,) array_like
-            Settled outputs; NaN where none was read.
+        ``u`` (n,): inputs applied so far, in their unit; ``y`` (n,): settled outputs; NaN where
+        none was read.
         """
         progress = _Progress(self, u, y)
         if progress.repeat_next:
@@ -189,10 +178,7 @@ class Adaptive:
     def learn_noise(self, sd: Sequence[float]) -> None:
         """Estimate the noise from the standard deviations of the first settled outputs.
 
-        Parameters
-        ----------
-        sd : (n,) array_like
-            Standard deviations of settled outputs, in the unit of the output.
+        ``sd`` (n,): standard deviations of settled outputs, in the unit of the output.
         """
         known = [value for value in sd[:_FIXED] if np.isfinite(value)]
         if known:
@@ -208,16 +194,9 @@ class Adaptive:
     ) -> Identification:
         """Identify the model from the points to be fitted; validation points are held out.
 
-        Parameters
-        ----------
-        u, y
-            As of `choose`.
-        law : Plane, optional
-            What is not "auto" in it is used instead of what the experiment was designed for.
-        prior : "auto", Gaussian or Smooth
-            `Gaussian` if "auto".
-        start : {"negative", "positive", "demagnetised"} or Memory
-            Memory before the first point.
+        ``u`` and ``y``: as of `choose`; ``law``: what is not "auto" in it is used instead of what
+        the experiment was designed for; ``prior``: `Gaussian` if "auto"; ``start`` {"negative",
+        "positive", "demagnetised"} or Memory: memory before the first point.
         """
         progress = _Progress(self, u, y)
         fit = progress.fit(len(u), law, prior, start)
@@ -278,7 +257,8 @@ class Adaptive:
     def _validation_level(self, index: int, now: float) -> float:
         """Random level in one quarter of the range, at most a step from the present one."""
         shares = np.random.default_rng(self.seed).uniform(size=VALIDATION)
-        part = (_PART_ORDER[index] + shares[index]) / VALIDATION
+        # Order in which validation visits the quarters of the range, so that it reverses every time
+        part = ((2, 0, 3, 1)[index] + shares[index]) / VALIDATION
         level = self.low + part * (self.high - self.low)
         return float(np.clip(level, now - self.step, now + self.step))
 
@@ -321,11 +301,7 @@ class _Progress:
         return None if found.gain < self.of.least_gain else found.u
 
     def fit(
-        self,
-        count: int,
-        law: Plane | None = None,
-        prior: Prior = "auto",
-        start: Start = "negative",
+        self, count: int, law: Plane | None = None, prior: Prior = "auto", start: Start = "negative"
     ) -> Identification:
         """Identify the model from the first points, whose roles are known; results are cached."""
         kept = [k for k in range(count) if self.roles[k] in _FITTED]
@@ -418,14 +394,8 @@ def design_holds(holds: int | None, hours: float | None, hold: float) -> int:
     Raises a `ParameterError` if both or neither are given, or they allow less than 3 holds or more
     than 1000.
 
-    Parameters
-    ----------
-    holds : int, optional
-        Holds to choose; those of validation and repetitions come on top.
-    hours : float, optional
-        All there is, validation and repetitions included.
-    hold : float
-        Longest hold, in seconds.
+    ``holds``: holds to choose; those of validation and repetitions come on top; ``hours``: all
+    there is, validation and repetitions included; ``hold``: longest hold, in seconds.
     """
     if holds is not None and hours is None:
         return as_whole("holds", holds, _FEWEST, MOST_HOLDS)

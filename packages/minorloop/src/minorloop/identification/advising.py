@@ -1,7 +1,5 @@
 """Rules of advice on a plane: what is weak about a fit, and what to do about it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, TypeAlias
 
@@ -23,17 +21,9 @@ _WELL_EXCITED = 0.5
 """Share of excited cells below which a record does not identify the plane."""
 _OVERFIT = 2.0
 """Error on held-out over error on fitted data from which a model is called overfitted."""
-_LATE = 4.0
-"""Error on other inputs over that on fitted data where a lag was found, at most: filters are no
-pure lag, and their error grows with the rate."""
-_UNLIKE = 2.0
-"""Error on the worst group over that on the median one from which groups are not alike."""
 _NEARLY_AS_GOOD = 0.8
 _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
-_CLOCKWISE, _SURE = -0.5, -4.0
-"""Lateness of the output, and the same in its standard deviations, from which it comes before the
-input."""
 _ROUNDING = 1e-9
 _RARE = 10
 """Samples for each input that may be a sentinel; more of them are inputs."""
@@ -44,13 +34,6 @@ _LEAST_DRIFT = 0.005
 """Least drift or step that is reported, in ranges."""
 _ALIKE, _LEAST_ERROR = 0.8, 0.005
 """Autocorrelation of a residual that is no noise; and its least size in ranges."""
-_UNEVEN = 2.5
-"""Ratio of the errors of parts that is reported."""
-_BEGIN, _TOGETHER = 10, 0.6
-"""The first rows of a curve are one in so many; and their mean error, over that of all rows, from
-which they are off together: without noise or misfit in common it is far below."""
-_CONSTANT = 1.5
-"""Ratio of amplitudes or rates below which they are all alike."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
     "reverse the sign of the output (reduce --flip output), or allow negative weights with "
@@ -116,11 +99,13 @@ def _starts(fit: Fit) -> Iterator[str]:
     rows = np.flatnonzero(fit.fitted)
     position = curves.positions(fit.u.size)
     length = np.diff(np.append(curves.begins, fit.u.size))
-    first = rows[position[rows] * _BEGIN < np.repeat(length, length)[rows]]
+    # The first rows of a curve are one in so many; and their mean error, over that of all rows,
+    # from which they are off together: without noise or misfit in common it is far below
+    first = rows[position[rows] * 10 < np.repeat(length, length)[rows]]
     if not first.size:
         return
     off = float((fit.prediction - fit.y)[first].mean()) / fit.span(fit.fitted)
-    if abs(off) >= max(_TOGETHER * fit.nrmse, _LEAST_ERROR):
+    if abs(off) >= max(0.6 * fit.nrmse, _LEAST_ERROR):
         others = [name for name in ("negative", "positive", "demagnetised") if name != start]
         yield (
             f"the first rows of the curves are off together, by {-off:+.2%} of range in the mean: "
@@ -157,10 +142,12 @@ def _uneven(fit: Fit) -> Iterator[str]:
             + ", or add linear dynamics",
         ),
     ):
-        if len(parts) < PARTS or parts[-1][0] <= _CONSTANT * parts[0][1]:
+        # Ratio of amplitudes or rates below which they are all alike
+        if len(parts) < PARTS or parts[-1][0] <= 1.5 * parts[0][1]:
             continue
         first, last = parts[0][2], parts[-1][2]
-        if max(first, last) >= _UNEVEN * min(first, last):
+        # Ratio of the errors of parts that is reported
+        if max(first, last) >= 2.5 * min(first, last):
             where = large if last > first else small
             yield (
                 f"the error is {max(first, last):.2%} of range at {where} and "
@@ -283,7 +270,8 @@ def _accuracy(fit: Fit) -> Iterator[str]:
 def _of_another_group(fit: Fit) -> str:
     """Say what the errors on left-out groups promise, which groups that are not alike do not."""
     usual, worst = np.quantile(fit.each_group_nrmse, [0.5, 1.0])
-    if worst <= _UNLIKE * usual:
+    # Error on the worst group over that on the median one from which groups are not alike
+    if worst <= 2.0 * usual:
         return "Expect that error for another group"
     return (
         f"They are not alike: it is {percent(usual)} for the median group and {percent(worst)} for "
@@ -382,7 +370,9 @@ def _expected(fit: Fit) -> float:
     fitted, held_out = square.get("fitted", 0.0), square.get("held-out", 0.0)
     noise = noise_in(error[parts["fitted"]], fit.y[parts["fitted"]]) ** 2 if fitted else 0.0
     own = fit.span(parts["held-out"]) if held_out else 1.0
-    more = _LATE if fit.lag else _OVERFIT
+    # Error on other inputs over that on fitted data where a lag was found, at most: filters are no
+    # pure lag, and their error grows with the rate
+    more = 4.0 if fit.lag else _OVERFIT
     beyond = (
         (more**2 * (fitted - noise), fit.span(fit.fitted)),
         (held_out - noise, _whole(fit)),
@@ -404,8 +394,10 @@ def _clockwise(fit: Fit) -> bool:
     """Whether the output comes before the input, but no weight is negative."""
     known = fit.fitted & _known(fit)
     late = lateness(fit.u, fit.y, known, fit.curves)
-    sure = late * np.sqrt(np.count_nonzero(known)) < _SURE
-    return late < _CLOCKWISE and bool(sure and (fit.model.weights >= 0).all())
+    # Lateness of the output, and the same in its standard deviations, from which it comes before
+    # the input
+    sure = late * np.sqrt(np.count_nonzero(known)) < -4.0
+    return late < -0.5 and bool(sure and (fit.model.weights >= 0).all())
 
 
 def _numerics(fit: Fit) -> Iterator[str]:

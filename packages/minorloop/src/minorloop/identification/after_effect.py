@@ -61,26 +61,16 @@ PER_DECADE = 2
 almost collinear, so that a record cannot separate more."""
 _MOST_UNKNOWNS = 6000
 """Unknowns of the dense normal equations: 300 MB."""
-_BETTER = 0.98
-"""Ratio of the left-out errors below which a law with more constants is worth them, as in
-`minorloop.identification.dynamics`."""
 _BLOCK = 512
 """Rows of the design matrix at a time: with 6000 unknowns 25 MB."""
 _FOLDS = 5
 """One of so many curves is left out."""
-_LINEAR = 10.0
-"""Fluctuation field of viscous relays over the range of the input: sinh is then linear to 0.2 %."""
 _STRENGTHS = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
 """Strengths of smoothing that are compared, as in `minorloop.identification.least_squares`; never
 none, because neighbouring time constants are almost collinear."""
-_FIRST_FIELDS = (0.0025, 0.005, 0.01, 0.02)
-"""Fluctuation fields with which a search may begin, over the range of the input: loops widen by one
-to several percent per decade of rate."""
 _FIRST_SETTLINGS = (0.1, 1.0, 10.0, 100.0)
 """Settling times with which a search may begin, over the longest hold. The error may have several
 minima, because what settles late looks like a field that is smaller."""
-_STEP = 0.7
-"""First step of the search in the logarithm of a constant: a factor of two."""
 _TRIALS = 25
 """Fits of the search for each constant; the error then changes in the fourth digit."""
 _FACTOR = 10**0.5
@@ -88,8 +78,6 @@ _FACTOR = 10**0.5
 _FARTHEST = 1e3
 """Ratio of the greatest of them to the longest hold: the law is then the logarithm of time for all
 predictions that are a hundred times as long as what was seen."""
-_LEAST_LIKELY = 0.01
-"""Likelihood over that of the best below which no more extreme settling times are compared."""
 _APART = 0.6
 _REFITS = 8
 """Distance of the logarithm of the field within which it is searched for another settling time, and
@@ -196,7 +184,9 @@ class Viscosity:
                 tried.append(search.tried(law, say, search.guess(law, tried)))
             best = tried[0]
             for one in tried[1:]:
-                if one.error < _BETTER * best.error:
+                # Ratio of the left-out errors below which a law with more constants is worth them,
+                # as in `minorloop.identification.dynamics`
+                if one.error < 0.98 * best.error:
                     best = one
             say(f"fitting all rows with the law {best.law!r}")
             return replace(search.result(best, tried), told=told, record=record)
@@ -361,7 +351,9 @@ class _Search:
             return Constants(none, 0.0, none)
         settling, bands = float(np.exp(numbers[0])), self.spec.bands
         if law == "viscous":
-            return Constants(np.full(bands, _LINEAR * self.span), settling, none)
+            # Fluctuation field of viscous relays over the range of the input: sinh is then linear
+            # to 0.2 %
+            return Constants(np.full(bands, 10.0 * self.span), settling, none)
         field = np.full(bands, float(np.exp(numbers[1])))
         if law == "wide":
             levels = self.spec.levels
@@ -379,10 +371,12 @@ class _Search:
         if law != "thermal":
             return np.empty(0)
         longest = longest_hold(self.record.t, self.record.u, self.record.curves)
+        # Fluctuation fields with which a search may begin, over the range of the input: loops widen
+        # by one to several percent per decade of rate
         begins = [
             np.log([settling * longest, field * self.span])
             for settling in _FIRST_SETTLINGS
-            for field in _FIRST_FIELDS
+            for field in (0.0025, 0.005, 0.01, 0.02)
         ]
         cost = self.cost(law)
         return min(begins, key=cost)
@@ -449,7 +443,8 @@ class _Search:
 
         say(f"comparing the law {law!r}")
         if numbers.size:
-            simplex = np.vstack([numbers, numbers + _STEP * np.eye(numbers.size)])
+            # First step of the search in the logarithm of a constant: a factor of two
+            simplex = np.vstack([numbers, numbers + 0.7 * np.eye(numbers.size)])
             found = minimize(
                 self.cost(law),
                 numbers,
@@ -553,7 +548,9 @@ class _Search:
 
         for factor in (1 / _FACTOR, _FACTOR):
             numbers, likely = best.numbers.copy(), 1.0
-            while likely > _LEAST_LIKELY:
+            # Likelihood over that of the best below which no more extreme settling times are
+            # compared
+            while likely > 0.01:
                 numbers[0] += np.log(factor)
                 if not least < np.exp(numbers[0]) < longest:
                     break

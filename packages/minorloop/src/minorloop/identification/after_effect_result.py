@@ -21,13 +21,9 @@ from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
 from minorloop.report import Picture, Report
 
-_LIKELY = 0.1
-"""Likelihood, over that of the best fit, from which a settling time is named."""
 _NEAR = 3
 """Intervals on either side that an interval is compared with: of so many the median ignores one
 that is long too, and four slow rows in a row are a rate of their own."""
-_LONGER = 5.0
-"""Ratio to those on both sides from which an interval is a gap, as in the times of a log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +78,8 @@ def _next_holds(fit: AfterEffectIdentification) -> Iterator[str]:
         )
         return
     longest, model = longest_hold(fit.t, fit.u, fit.curves), fit.model
-    likely = [one.settling for one, share in fit.settlings if share > _LIKELY]
+    # Likelihood, over that of the best fit, from which a settling time is named
+    likely = [one.settling for one, share in fit.settlings if share > 0.1]
     least, most = (pick([model.settling, *likely]) for pick in (min, max))
     if most > longest and fit.law != "viscous":
         seconds = f"{least:.3g} to {most:.3g}" if likely else f"{most:.3g}"
@@ -299,4 +296,5 @@ def isolated_long(steps: FloatArray) -> BoolArray:
     # At an end of the record the intervals on the other side count.
     before[0], after[-1] = after[0], before[-1]
     usual = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
-    return np.asarray(steps > _LONGER * usual)
+    # Ratio to those on both sides from which an interval is a gap, as in the times of a log
+    return np.asarray(steps > 5.0 * usual)

@@ -27,13 +27,9 @@ _ROUNDS, _SETTLED = 25, 2e-3
 """Most alternations; they end when one with either filter gains less than this share."""
 _DEPTH = 4
 """Alternations that the next one is extrapolated from."""
-_EVALUATIONS, _STEP, _SMALLEST_GAIN = 8, 1e-4, 1e-4
-"""Most steps of the search for the dynamics, their finite difference, and the gain of the last."""
 _FILTERS = (5.0, 1.0)
 """Factors of the time constant of that filter: a slow one, which converges from any begin, and then
 a fast one, which converges further."""
-_SLOWER, _LONGEST = 5.0, 3.0
-"""Creep times: from so many times the slowest time constant to this part of the record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +74,9 @@ def alternate(
     The parameters are extrapolated from the last rounds (Anderson, J. ACM 12, 1965), because
     operator and dynamics explain part of the record alike, and plain alternation would be slow.
 
-    Parameters
-    ----------
-    record : DynamicRecord
-        The record.
-    dynamics : DynamicParts
-        Where to begin; they have the structure of what is found.
-    static : callable
-        Identification of an operator from inputs and outputs.
-    operator : Preisach, optional
-        Operator to begin with.
-    creeping : bool
-        Whether to fit creep.
+    ``record``: the record; ``dynamics``: where to begin; they have the structure of what is found;
+    ``static``: identification of an operator from inputs and outputs; ``operator``: operator to
+    begin with; ``creeping``: whether to fit creep.
     """
     best, waited = None, 0
     begun: list[FloatArray] = []
@@ -184,13 +171,14 @@ def _fitted_poles(
     low, high = (bound[:free] for bound in dynamics.bounds(float(record.t[-1])))
     begin = dynamics.vector[:free]
     margin = np.minimum(1e-3, 0.1 * (high - low))
+    # Most steps of the search for the dynamics, their finite difference, and the gain of the last
     answer = least_squares(
         errors,
         np.clip(begin, low + margin, high - margin),
         bounds=(low, high),
-        diff_step=np.full(free, _STEP),
-        max_nfev=_EVALUATIONS,
-        ftol=_SMALLEST_GAIN,
+        diff_step=np.full(free, 1e-4),
+        max_nfev=8,
+        ftol=1e-4,
     )
     return dynamics.at(answer.x)
 
@@ -201,7 +189,8 @@ def _fitted_creep(
     """Return the creep that comes nearest to the outputs; None if there is none."""
     prompt = dynamics.prompt(record, operator)
     slowest = float(dynamics.time_constants.max(initial=record.interval))
-    shortest, longest = _SLOWER * slowest, float(record.t[-1]) / _LONGEST
+    # Creep times: from so many times the slowest time constant to this part of the record
+    shortest, longest = 5.0 * slowest, float(record.t[-1]) / 3.0
     times = None if dynamics.creep is None else dynamics.creep.times
     if times is None and shortest > longest:
         return None

@@ -24,16 +24,10 @@ _LEAST_ERROR = 1e-7
 _POLE_TOLERANCE = 1e-6
 """Imaginary part up to which a pole counts as real, and real part up to which it counts as not
 positive. Rounding splits a double pole into two that are 1e-8 apart."""
-_SAMPLES_EACH = 3
-"""Least samples for each coefficient, by trial."""
 
 
 def arx(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    *,
-    second: Arrays | None = None,
+    t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike, *, second: Arrays | None = None
 ) -> LinearFit:
     """Identify linear dynamics from a record that begins at rest.
 
@@ -49,15 +43,10 @@ def arx(
     changes, or no stable equation fits; a `ParameterError` if the second record has another
     interval.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Evenly spaced times in seconds.
-    u, y : (T,) array_like
-        Input and output; y[k] is read at the end of the interval with input u[k]. The record begins
-        with a hold at whose end the plant is at rest.
-    second : tuple of t, u, y, optional
-        Another record to choose by. Its gain is fitted again, because hysteresis changes it.
+    ``t`` (T,): evenly spaced times in seconds; ``u`` and ``y`` (T,): input and output; y[k] is read
+    at the end of the interval with input u[k]. The record begins with a hold at whose end the plant
+    is at rest. ``second``: another record to choose by. Its gain is fitted again, because
+    hysteresis changes it.
 
     References
     ----------
@@ -84,12 +73,8 @@ def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepR
 
     Raises a `SignalError` as `arx`; also if no step moves the output.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Evenly spaced times in seconds.
-    u, y : (T,) array_like
-        Input in holds, and output. At the end of each hold the plant is at rest.
+    ``t`` (T,): evenly spaced times in seconds; ``u`` and ``y`` (T,): input in holds, and output. At
+    the end of each hold the plant is at rest.
     """
     record = as_sampled((t, u, y))
     steps = steps_in(record)
@@ -112,7 +97,8 @@ def _identified(
         for dead in range(LONGEST_DEAD_TIME + 1)
     ]
     samples = sum(one.y.size for one in stretches)
-    needed = _SAMPLES_EACH * structures[-1].parameters
+    # Least samples for each coefficient, by trial
+    needed = 3 * structures[-1].parameters
     if samples < needed:
         raise SignalError(
             f"{samples} samples for up to {structures[-1].parameters} coefficients; give at least "

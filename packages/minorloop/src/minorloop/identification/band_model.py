@@ -22,8 +22,6 @@ from minorloop.operators.preisach import Diagonal, Preisach
 
 _PIECES = 8
 """Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
-_COARSE = 12
-"""Bands of the plane of a posterior in a file: its deviations are those of 25 bands to a tenth."""
 _DIGITS = 6
 """Significant digits of what bands follow from."""
 
@@ -45,7 +43,9 @@ class BandModel:
 
     def in_file(self) -> dict[str, Any]:
         """Return what a model file keeps."""
-        posterior, error = self.posterior.coarse(_COARSE), self.error
+        # Bands of the plane of a posterior in a file: its deviations are those of 25 bands to a
+        # tenth
+        posterior, error = self.posterior.coarse(12), self.error
         spec = posterior.spec
         return {
             "levels": spec.levels.tolist(),
@@ -92,20 +92,9 @@ class BandModel:
 
         Also says which of them go where the record does not show how far the model is off.
 
-        Parameters
-        ----------
-        model : Preisach
-            The model.
-        u : (T,) array
-            Inputs.
-        curves : Curves
-            Where the memory is reset.
-        samples : (M,) array of int
-            Which samples.
-        probability : float
-            Probability of the bands.
-        lag : int
-            Rows by which the output follows the input.
+        ``model``: the model; ``u`` (T,): inputs; ``curves``: where the memory is reset; ``samples``
+        (M,) of int: which samples; ``probability``: probability of the bands; ``lag``: rows by
+        which the output follows the input.
         """
         inputs, places = curves.driven(u, model.levels, lag)
         places = places[samples]

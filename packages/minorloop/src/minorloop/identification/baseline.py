@@ -7,13 +7,8 @@ from minorloop.identification.curves import Curves
 from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.threads import one_thread
 
-_FULL = 100.0
-"""Error, in ranges, from which its percentage is shown with few digits."""
 _MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
-_PLAY, _DEGREE = 2, 6
-"""Which play of the rough model shows in what direction loops run, of about a tenth of the range;
-and degree of the polynomial beside it."""
 _DEGREES = range(1, 8)
 _DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
@@ -27,26 +22,16 @@ def delayed(values: FloatArray, lag: int) -> FloatArray:
 
 
 def polynomial_nrmse(
-    u: FloatArray,
-    y: FloatArray,
-    train: BoolArray,
-    scored: BoolArray,
-    curves: Curves | None = None,
+    u: FloatArray, y: FloatArray, train: BoolArray, scored: BoolArray, curves: Curves | None = None
 ) -> float:
     """Error of the best polynomial of degree 1 to 7 of the input delayed by 0 to 20 samples.
 
     It is the root-mean-square error over the range of the scored output.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Input and output; outputs are read only where ``train`` or ``scored``.
-    train : (T,) array of bool
-        Samples that the polynomial is fitted to, and the degree and the delay chosen on.
-    scored : (T,) array of bool
-        Samples that it is scored on.
-    curves : Curves, optional
-        Parts of the record within which the input is delayed.
+    ``u`` and ``y`` (T,): input and output; outputs are read only where ``train`` or ``scored``;
+    ``train`` (T,) of bool: samples that the polynomial is fitted to, and the degree and the delay
+    chosen on; ``scored`` (T,) of bool: samples that it is scored on; ``curves``: parts of the
+    record within which the input is delayed.
     """
     centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
     x = (u - centre) / half
@@ -84,8 +69,10 @@ def lateness(u: FloatArray, y: FloatArray, rows: BoolArray, curves: Curves) -> f
     places = np.flatnonzero(rows)
     places = places[one_of_each(places.size, _MOST)]
     plays = Basis.of(u, curves, places.size).plays[places]
-    q, _ = np.linalg.qr(np.polynomial.chebyshev.chebvander(plays[:, 0], _DEGREE))
-    play, output = (x - q @ (q.T @ x) for x in (plays[:, _PLAY], y[places] - y[places].mean()))
+    # Which play of the rough model shows in what direction loops run, of about a tenth of the
+    # range; and degree of the polynomial beside it
+    q, _ = np.linalg.qr(np.polynomial.chebyshev.chebvander(plays[:, 0], 6))
+    play, output = (x - q @ (q.T @ x) for x in (plays[:, 2], y[places] - y[places].mean()))
     return float(play @ output / (np.linalg.norm(play) * np.linalg.norm(output) or 1.0))
 
 
@@ -110,4 +97,5 @@ def nrmse(residual: FloatArray, y: FloatArray) -> float:
 
 def percent(share: float, digits: int = 3) -> str:
     """Return a share as a percentage, with three digits at most where it is huge."""
-    return f"{share:.{digits}%}" if share < _FULL else f"{100 * share:.3g}%"
+    # Error, in ranges, from which its percentage is shown with few digits
+    return f"{share:.{digits}%}" if share < 100.0 else f"{100 * share:.3g}%"

@@ -134,18 +134,8 @@ def validate(
 
     Raises a `ParameterError` if all fitted rows are of one group.
 
-    Parameters
-    ----------
-    record : FitRecord
-        The record.
-    found : FittedPlane
-        The fit to all groups.
-    lag : int
-        Its lag.
-    groups : (T,) array of int
-        Number of the group of each row.
-    say : callable
-        Called with what is done next.
+    ``record``: the record; ``found``: the fit to all groups; ``lag``: its lag; ``groups`` (T,) of
+    int: number of the group of each row; ``say``: called with what is done next.
     """
     rows = replace(record, fitted=found.fitted).rows(lag)
     fold, regression = folds(groups, rows), found.regression
@@ -183,20 +173,10 @@ def choose(
 ) -> Chosen:
     """Choose the structure, the lag and the levels.
 
-    Parameters
-    ----------
-    specs : sequence of PlaneSpec
-        Structures to compare, the simplest first, on the same levels.
-    record : FitRecord
-        The record.
-    lag : int, optional
-        The lag, where it is given; 0 and the best up to 20 are compared otherwise.
-    groups : (T,) array of int, optional
-        Number of the group of each row.
-    finer : array, optional
-        Other levels to compare.
-    say : callable
-        Called with what is done next.
+    ``specs``: structures to compare, the simplest first, on the same levels; ``record``: the
+    record; ``lag``: the lag, where it is given; 0 and the best up to 20 are compared otherwise;
+    ``groups`` (T,) of int: number of the group of each row; ``finer``: other levels to compare;
+    ``say``: called with what is done next.
     """
     spec, choices = specs[0], []
     if np.count_nonzero(record.fitted) < _FEWEST:

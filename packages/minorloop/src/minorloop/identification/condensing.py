@@ -44,18 +44,10 @@ def condense(
     Within a band of the levels, the regressors are polynomials of the input of degree two, so that
     three weighted outputs have the same normal equations as any number.
 
-    Parameters
-    ----------
-    levels : (L + 1,) array
-        Thresholds, or a refinement of them.
-    start : start state
-        Memory before the first input. The condensed record begins at negative saturation.
-    u, y : (T,) arrays
-        Inputs and outputs.
-    measured : (T,) array of bool
-        Which outputs are used.
-    labels : (T,) array of int, optional
-        Samples with different labels are kept apart.
+    ``levels`` (L + 1,): thresholds, or a refinement of them; ``start``: memory before the first
+    input. The condensed record begins at negative saturation. ``u`` and ``y`` (T,): inputs and
+    outputs; ``measured`` (T,) of bool: which outputs are used; ``labels`` (T,) of int: samples with
+    different labels are kept apart.
     """
     if u.size < LONG or u.min() < levels[0] or u.max() > levels[-1]:
         return None

@@ -74,14 +74,8 @@ class Curves:
     def driven(self, u: FloatArray, levels: Levels, lag: int = 0) -> tuple[FloatArray, IntArray]:
         """Inputs that set the memory before each later curve, and the place of each row in them.
 
-        Parameters
-        ----------
-        u : (T,) array
-            Inputs of all curves.
-        levels : (L + 1,) array
-            Thresholds of the plane.
-        lag : int
-            Rows by which the inputs are delayed within each curve.
+        ``u`` (T,): inputs of all curves; ``levels`` (L + 1,): thresholds of the plane; ``lag``:
+        rows by which the inputs are delayed within each curve.
         """
         late = self.delayed(u, lag)
         later = self.begins[1:]
@@ -109,17 +103,9 @@ def as_curves(
     Raises a `SignalError` if there is not one label for each row; a `ParameterError` if
     ``start_of_curve`` is given without labels, or is not a start.
 
-    Parameters
-    ----------
-    labels : (T,) array_like, optional
-        A new curve begins where the label changes; one curve if not given.
-    samples : int
-        T.
-    start : start state
-        Memory before the first row.
-    start_of_curve : start state or "as-left", optional
-        Memory before each curve, the first included; ``start`` if not given. With ``"as-left"``
-        the memory continues.
+    ``labels`` (T,): A new curve begins where the label changes; one curve if not given;
+    ``samples``: T; ``start``: memory before the first row; ``start_of_curve``: memory before each
+    curve, the first included; ``start`` if not given. With ``"as-left"`` the memory continues.
     """
     if labels is None:
         if start_of_curve is not None:

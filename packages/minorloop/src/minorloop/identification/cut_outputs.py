@@ -11,8 +11,6 @@ Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
 Tobin, Estimation of relationships for limited dependent variables, Econometrica 26, 1958.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -21,24 +19,12 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop.identification.rough_model import RoughRecord, few, weighted
 from minorloop.lab.noise import noise_of, spread
 
-_DEGREES = (2, 4, 8)
-"""Degrees of the polynomials."""
-_LEVELS = (0.0, 1.0, 2.0, 3.0)
-"""Distances of a level below the highest reading, in standard deviations of the noise."""
-_BENDS = (0.05, 0.12, 0.3)
-"""Widths of the bend of an output that saturates, in spans."""
 _ABOVE = (0.0, 0.5)
 """Distances of its level above the highest reading, in widths of the bend."""
 _SURE = 6.0
 """Logarithm of how likely a cut is over how likely anything else, from which it is one."""
-_FAR_SD, _FAR = 8.0, 0.2
-"""Error against the rough model of outliers, in robust deviations and in spans."""
-_OFTEN = 0.05
-"""Least share of the readings that are at a level: a few extremes say little of it."""
 _ROUNDS, _SETTLED = 8, 1e-4
 """Most Gauss-Newton steps of a fit, and relative decrease of the squared error that ends them."""
-_LEAST_SLOPE = 0.05
-"""Least slope by which the error of a bent output is divided, so that a step stays finite."""
 _TINY = 1e-6
 """Weight of readings at the level, and least squared error, against singular systems."""
 _AT = 2.0
@@ -53,27 +39,30 @@ def cut_depth(record: RoughRecord, way: int, *, rail: bool = False) -> float | N
     """
     places = few(record.places)
     off = record.y[places] - record.rough[places]
-    places = places[np.abs(off) <= max(_FAR_SD * spread(off), _FAR * record.span)]
+    # Error against the rough model of outliers, in robust deviations and in spans
+    places = places[np.abs(off) <= max(8.0 * spread(off), 0.2 * record.span)]
     y = way * record.y[places] / record.span
     y -= np.median(y)
     fits = [_CutFit(rows, y) for rows in _bases(record, places)]
     noise = min(
-        noise_of(np.diff(record.values, 2), 2) / record.span,
-        min(spread(fit.error) for fit in fits),
+        noise_of(np.diff(record.values, 2), 2) / record.span, min(spread(fit.error) for fit in fits)
     )
     top = float(y.max())
-    levels = [top - depth * noise for depth in _LEVELS]
+    # Distances of a level below the highest reading, in standard deviations of the noise
+    levels = [top - depth * noise for depth in (0.0, 1.0, 2.0, 3.0)]
     cut, level = min((fit.cost(noise, level), level) for fit in fits for level in levels)
     depth = (top - level + _AT * noise) * record.span
     gain = min(fit.cost(noise) for fit in fits) - cut
     if rail:
         return depth if gain >= 0 else None
-    rare = np.mean(y >= level - _AT * noise) < _OFTEN
+    # Least share of the readings that are at a level: a few extremes say little of it
+    rare = np.mean(y >= level - _AT * noise) < 0.05
     if rare or gain < _SURE:
         return None
+    # Widths of the bend of an output that saturates, in spans
     bent = min(
         fit.cost(noise, top + above * bend, bend)
-        for fit in fits for bend in _BENDS for above in _ABOVE
+        for fit in fits for bend in (0.05, 0.12, 0.3) for above in _ABOVE
     )  # fmt: skip
     return depth if bent - cut >= _SURE else None
 
@@ -82,7 +71,8 @@ def _bases(record: RoughRecord, places: IntArray) -> Iterator[FloatArray]:
     """Yield the polynomials of each degree at these samples, (N, Q)."""
     rows, highest = record.basis.rows(places), record.basis.degree
     degree = np.append(0, np.tile(np.arange(1, highest + 1), (rows.shape[1] - 1) // highest))
-    for most in _DEGREES:
+    # Degrees of the polynomials
+    for most in (2, 4, 8):
         if most <= highest:
             yield rows[:, degree <= most]
 
@@ -115,7 +105,9 @@ class _CutFit:
             least = min(least, squares)
             if settled:
                 break
-            step = np.where(slope > 0, error / np.maximum(slope, _LEAST_SLOPE), 0.0)
+            # Least slope by which the error of a bent output is divided, so that a step stays
+            # finite
+            step = np.where(slope > 0, error / np.maximum(slope, 0.05), 0.0)
             found = weighted(self.rows, x + step, slope**2 + _TINY)
         return least
 

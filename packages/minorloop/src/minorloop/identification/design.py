@@ -38,8 +38,6 @@ CANDIDATES = 21
 """Candidates for the next input, evenly over the allowed range."""
 _SEQUENCES, LENGTH = 40, 8
 """Random sequences that represent future inputs, and the inputs of each."""
-_BEAM = 6
-"""First inputs for which the second one is optimised too."""
 MOST_HOLDS = 1000
 """Largest budget; each hold takes the time of a fit."""
 
@@ -62,12 +60,12 @@ class NextInput:
 
 
 def next_input(
-    identification: Identification,
-    memory: Memory,
-    *,
-    step: float = np.inf,
+    identification: Identification, memory: Memory, *, step: float = np.inf
 ) -> NextInput:
     """Find the best input to measure next.
+
+    Raises a `ParameterError` if the model was identified without the prior or has more than 64
+    levels, or ``step`` is not positive.
 
     Parameters
     ----------
@@ -77,12 +75,6 @@ def next_input(
         Memory of the actuator now; its last entry is the present input.
     step : float
         Largest allowed change from the present input.
-
-    Raises
-    ------
-    ParameterError
-        If the model was identified without the prior or has more than 64 levels, or ``step`` is not
-        positive.
 
     Examples
     --------
@@ -114,7 +106,9 @@ def next_input(
 
 
 def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatArray:
-    """Design inputs before anything is measured, the most informative first.
+    """Design inputs (n,) before anything is measured, the most informative first.
+
+    Raises a `ParameterError` if an option is out of its range.
 
     Parameters
     ----------
@@ -124,15 +118,6 @@ def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatA
         Number of inputs, 3 to 1000.
     step : float
         As in `next_input`; the first input is the lowest level.
-
-    Returns
-    -------
-    (n,) array
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
 
     Examples
     --------
@@ -169,7 +154,8 @@ def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextI
     first = _rows(posterior, memory, candidates) @ posterior.factor
     gains = _gains(aim, first, own)
     best, value = candidates[0], -np.inf
-    for k in np.argsort(gains)[::-1][:_BEAM]:
+    # First inputs for which the second one is optimised too
+    for k in np.argsort(gains)[::-1][:6]:
         spent = first[k] / np.sqrt(first[k] @ first[k] + own)
         after = Memory.after(
             [*memory.extrema[1:], float(candidates[k])],

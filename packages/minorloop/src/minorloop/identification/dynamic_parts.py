@@ -22,9 +22,6 @@ _FEWEST = 100
 """Measured outputs below which dynamics are not identified."""
 _FASTEST, _PLAUSIBLE = 0.3, 0.5
 """Shortest time constant of a search, and shortest plausible one, in sampling intervals."""
-_INTERVALS, _AMPLIFIED = 1.0, 10.0
-"""The filter of the inverse: its shortest time constant in sampling intervals, and the factor by
-which F / G amplifies noise at most."""
 _PIECE, _EVERY, _BLOCKS = 10, 5, 40
 """Rows of a contiguous piece, which of the pieces are left out, and blocks of the record over whose
 pieces errors are averaged. Pieces are short, because the operator has to be measured on both sides
@@ -187,8 +184,10 @@ class DynamicParts:
     def filter_time(self) -> float:
         """Time constant of the filter of the inverse."""
         product = 1 / float(self.linear.denominator[-1])  # of the time constants
-        usual = float((product / _AMPLIFIED) ** (1 / max(self.linear.order, 1)))
-        return max(usual, _INTERVALS * self.interval)
+        # The filter of the inverse: its shortest time constant in sampling intervals, and the
+        # factor by which F / G amplifies noise at most
+        usual = float((product / 10.0) ** (1 / max(self.linear.order, 1)))
+        return max(usual, 1.0 * self.interval)
 
     def before(self, u: FloatArray) -> FloatArray:
         """Return the input (T,) of the operator, for a held input."""

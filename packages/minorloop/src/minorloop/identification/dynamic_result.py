@@ -21,8 +21,6 @@ from minorloop.operators.inversion import Unreachable
 from minorloop.operators.memory import Start
 from minorloop.report import Report, Table
 
-_SHORT = 3.0
-"""Time constants that a record must be long."""
 _OF_OPERATOR = (
     *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters"),
     *("effective parameters", "rank", "cells excited", "optimality (KKT)"),
@@ -75,7 +73,8 @@ def _times(fit: DynamicIdentification) -> Iterator[str]:
             f"the fastest time constant is {times[-1]:.3g} s and the sampling interval "
             f"{interval:.3g} s; sample faster to know it"
         )
-    if times.size and _SHORT * times[0] > seconds:
+    # Time constants that a record must be long
+    if times.size and 3.0 * times[0] > seconds:
         yield (
             f"the slowest time constant is {times[0]:.3g} s and the record {seconds:.3g} s "
             "long; record three time constants at least"

@@ -13,14 +13,8 @@ from minorloop.dynamics.cascade import First
 from minorloop.identification.alternation import Found, Static, alternate, earlier
 from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
 
-_DELAYS = 12
-"""Delays that a search begins with, from 0 to a tenth of the record."""
 _KEPT = 2
 """Structures with two poles from which those with three are tried."""
-_ONE_SIDE, _BOTH_SIDES = 3, 2
-"""Most poles on one side of the operator, without others on the other side and with them."""
-_CHANCE = 0.001
-"""Probability with which chance alone may look like the gain of another parameter."""
 _BETTER, _BETTER_WITH_CREEP = 0.98, 0.8
 """Ratio of the errors below which another parameter is worth it, and creep, which has several and
 follows other slow errors too."""
@@ -34,18 +28,9 @@ def search(
     Each begins from one with a pole less. With three poles only the neighbours of the best two are
     tried, and none if two poles are no better than one.
 
-    Parameters
-    ----------
-    record : DynamicRecord
-        The record with left-out pieces.
-    first : {"operator", "linear"}, optional
-        On which side of the poles the operator is; on either if not given.
-    poles : int, optional
-        Number of poles; chosen if not given.
-    most : int
-        Most poles.
-    static : callable
-        Identification of a coarse operator.
+    ``record``: the record with left-out pieces; ``first`` {"operator", "linear"}: on which side of
+    the poles the operator is; on either if not given; ``poles``: number of poles; chosen if not
+    given; ``most``: most poles; ``static``: identification of a coarse operator.
     """
     begin = DynamicParts(record.interval, float(_delay(record, static)))
     levels = [[alternate(record, begin, static)]]
@@ -112,7 +97,8 @@ def better(one: Found, other: Found, ratio: float = 1.0) -> bool:
     if all(own < 0.7 * others for own, others in errors):
         return True
     freedom = max(one.squares.size - 1, 1)
-    limit = float(stdtrit(freedom, 1 - _CHANCE)) / np.sqrt(freedom)
+    # Probability with which chance alone may look like the gain of another parameter
+    limit = float(stdtrit(freedom, 0.999)) / np.sqrt(freedom)
     least = np.finfo(np.float64).tiny
     logarithms = np.log(np.maximum(other.squares, least) / np.maximum(one.squares, least))
     return any(
@@ -144,7 +130,8 @@ def _one_more(
             if first is not None and ahead != (first == "linear"):
                 continue
             sides = len(parent.dynamics.ahead) + ahead, len(parent.dynamics.behind) + (not ahead)
-            if max(sides) > (_BOTH_SIDES if min(sides) else _ONE_SIDE):
+            # Most poles on one side of the operator, without others on the other side and with them
+            if max(sides) > (2 if min(sides) else 3):
                 continue
             for begin in parent.dynamics.with_another_pole(ahead):
                 found = alternate(record, begin, static, parent.operator)
@@ -162,7 +149,8 @@ def _creeping(record: DynamicRecord, found: Found, static: Static) -> Found | No
 
 def _delay(record: DynamicRecord, static: Static) -> int:
     """Return the delay in samples with which the operator alone comes nearest to the outputs."""
-    delays = np.geomspace(1, max(record.u.size // 10, 1), _DELAYS).astype(int)
+    # Delays that a search begins with, from 0 to a tenth of the record
+    delays = np.geomspace(1, max(record.u.size // 10, 1), 12).astype(int)
     y = np.where(record.fitted, record.y, np.nan)
     errors = {int(k): static(record.u, earlier(y, int(k))).nrmse for k in (0, *delays)}
     return min(errors, key=lambda delay: errors[delay])

@@ -7,8 +7,6 @@ three poles without zeros, so that their inverse is stable. Options of the opera
 noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -38,8 +36,6 @@ _BANDS, _FINER = 25, 50
 _MOST_NOISE = 0.5
 """Largest noise of a model, over the range, by trial. The inverse is filtered from the frequency at
 which the gain is as low as the noise; with the gain at rest, 1, nothing would pass."""
-_WORSE = 1.02
-"""Ratio of the errors on left-out pieces above which a start-up spoils the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +161,8 @@ def _spoils(record: DynamicRecord, best: Found, static: Static) -> bool:
     creeping = best.dynamics.creep is not None
     with_it = alternate(record, best.dynamics, static, best.operator, creeping=creeping)
     with_it = replace(with_it, record=best.record)  # scored on the same pieces
-    worse = with_it.left_out_error > _WORSE * best.left_out_error
+    # Ratio of the errors on left-out pieces above which a start-up spoils the model
+    worse = with_it.left_out_error > 1.02 * best.left_out_error
     return worse and better(best, with_it)
 
 

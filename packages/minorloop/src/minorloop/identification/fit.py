@@ -171,10 +171,7 @@ class Plane:
 
         A reversible diagonal contains the slope within the levels.
 
-        Parameters
-        ----------
-        levels
-            Thresholds (L + 1,).
+        ``levels``: thresholds (L + 1,).
         """
         diagonals: list[Any] = [self.diagonal]
         if self.diagonal == "auto":

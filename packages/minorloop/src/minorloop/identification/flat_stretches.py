@@ -19,8 +19,6 @@ _MOST = 100_000
 """Most readings among which windows are compared."""
 _MOVING_SD, _MOVING = 2.0, 0.03
 """Standard deviations of the residual, and share of the span, from which the output must move."""
-_FLAT = 0.28
-"""Largest share of the expected movement in a window that counts as flat."""
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for the usual slopes, and the expected change, in spans, from which an output
 that does not move is stuck."""
@@ -31,16 +29,9 @@ _WIDTHS = np.array(
     [_EQUAL, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.012, 0.018, 0.025, 0.035, 0.05, 0.07, 0.1, 0.14]
 )
 """Widths of a rail that are tried, in spans: up to six standard deviations of noise."""
-_COARSE, _LONG_STEP = 35, 0.2
-"""Inputs reached upwards below which hardly any lie just below a rail; and usual step, over the
-range of the input, from which the last one to a rail says nothing."""
 _FEWEST, _LEAST_PATH = 4, 0.1
 """Readings at a rail, of as many inputs where the record is not coarse, and the range of these
 inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
-_HELD = 0.5
-"""Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
-_NOISY, _RISES = 1.35, 0.35
-"""Scatter of the readings at a rail over the noise at most, and their rise over the width."""
 _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
 """Least width of each of the two bands below a rail, in spans; least readings at the rail over
 those in the lower band; most readings in the upper band over these; and least logarithm of how
@@ -116,7 +107,8 @@ def _least_moving(record: RoughRecord) -> tuple[int, int]:
     )
     moves, still = of_rough.std(axis=1), of_values.std(axis=1)
     moving = moves > max(_MOVING_SD * spread(values - rough), _MOVING * record.span)
-    flat = moving & (still < _FLAT * moves)
+    # Largest share of the expected movement in a window that counts as flat
+    flat = moving & (still < 0.28 * moves)
     if not flat.any():
         return 0, 0
     best = int(np.argmax(np.where(flat, moves - still, -np.inf)))
@@ -190,20 +182,15 @@ def _rail(
 ) -> float | None:
     """Width of a rail above, in the unit of the output; None without one.
 
-    Parameters
-    ----------
-    u, y : (N,) arrays
-        Inputs and outputs.
-    size : (N,) array
-        Changes that led to the inputs.
-    span, noise : float
-        Range of the output, and standard deviation of its noise.
-    live : bool
-        Whether the readings elsewhere have noise, so that equal ones are a rail.
+    ``u`` and ``y`` (N,): inputs and outputs; ``size`` (N,): changes that led to the inputs;
+    ``span`` and ``noise``: range of the output, and standard deviation of its noise; ``live``:
+    whether the readings elsewhere have noise, so that equal ones are a rail.
     """
     up = size > 0
     step = float(np.median(size[up])) if up.any() else 1.0
-    coarse = np.count_nonzero(up) < _COARSE and step < _LONG_STEP * np.ptp(u)
+    # Inputs reached upwards below which hardly any lie just below a rail; and usual step, over the
+    # range of the input, from which the last one to a rail says nothing
+    coarse = np.count_nonzero(up) < 35 and step < 0.2 * np.ptp(u)
     weights = np.minimum(size / step, 1.0)
     depth = y.max() - y
     for width in map(float, _WIDTHS * span):
@@ -212,14 +199,17 @@ def _rail(
         if count < _FEWEST:
             continue
         beyond = up & (u >= np.median(u[at]))
-        if np.count_nonzero(at & beyond) < _HELD * np.count_nonzero(beyond):
+        # Least share of readings at a rail among those after a rise to inputs that mostly lead
+        # there
+        if np.count_nonzero(at & beyond) < 0.5 * np.count_nonzero(beyond):
             continue  # stuck: such inputs move the output elsewhere
         if width <= _EQUAL * span and live:
             return width
         if np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
             continue
-        noisy = y[at].std() <= _NOISY * noise + _EQUAL * span
-        if not noisy or _rise(u[at], y[at]) > _RISES * width:
+        # Scatter of the readings at a rail over the noise at most, and their rise over the width
+        noisy = y[at].std() <= 1.35 * noise + _EQUAL * span
+        if not noisy or _rise(u[at], y[at]) > 0.35 * width:
             continue
         if coarse:
             # Least last step of a coarse record to a rail, in spans

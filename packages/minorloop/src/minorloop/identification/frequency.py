@@ -5,8 +5,6 @@ plant is a rate-independent operator followed by linear dynamics, the gain from 
 operator to the output of the plant does not depend on the amplitude.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,8 +22,6 @@ from minorloop.report import Picture, Report, Table
 
 _SAMPLES = 4096
 """Samples of a period of a describing function; its error decreases with their square."""
-_HARMONICS = 10
-"""Highest harmonic of the distortion."""
 _SHOWN = (
     *(("Hz", 9, ".4g"), ("amplitude", 9, ".4g"), ("gain, dB", 9, ".3f"), ("phase, deg", 10, ".2f")),
     *(("THD", 7, ".2%"), ("after, dB", 10, ".3f"), ("phase, deg", 10, ".2f")),
@@ -33,8 +29,6 @@ _SHOWN = (
 """Headers of tables, their widths, and formats of the columns."""
 _NOTHING = 1e-9
 """Share of a signal below which its fundamental is rounding."""
-_UNSETTLED = 0.01
-"""Relative change of the fundamental between periods above which it is not settled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +215,8 @@ class FrequencyResponse(Drawn):
     def advice(self) -> tuple[str, ...]:
         """Sentences about what is weak and what to do; empty if nothing is weak."""
         worst = float(self.unsettled.max())
-        if worst <= _UNSETTLED:
+        # Relative change of the fundamental between periods above which it is not settled
+        if worst <= 0.01:
             return self.notes
         row, column = np.unravel_index(int(np.argmax(self.unsettled)), self.unsettled.shape)
         return (
@@ -336,7 +331,8 @@ def fundamental(x: FloatArray, periods: int, harmonic: int = 1) -> complex:
 
 def _harmonic_distortion(x: FloatArray, periods: int) -> float:
     """Root of the sum of squares of harmonics 2 to 10, over the fundamental."""
-    parts = [abs(fundamental(x, periods, k)) for k in range(1, _HARMONICS + 1)]
+    # Highest harmonic of the distortion
+    parts = [abs(fundamental(x, periods, k)) for k in range(1, 11)]
     return float(np.linalg.norm(parts[1:]) / parts[0]) if parts[0] else np.inf
 
 

@@ -20,15 +20,9 @@ _NEAR = 5
 """Steps before and after a jump that are its neighbourhood."""
 _SEEN = 3
 """Times that a jump must be seen between the same inputs."""
-_MOST = 8
-"""Thresholds above which they are no exceptions: the sensor may have as few steps."""
-_WIDEST = 0.5
-"""Widest step of the input at a jump, in mean bands: others do not show where the threshold is."""
 _CLEAR = 0.25
 """Distance from a jump, in mean bands, within which it takes the place of other levels; and width
 of a given band up to which it is there for a jump."""
-_ROWS = 200_000
-"""Rows that are searched, the first ones."""
 
 
 @dataclass(frozen=True)
@@ -58,25 +52,20 @@ def find_jumps(
     the last sample counts. A threshold is where it jumped at least three times. More than eight
     thresholds count as none.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Inputs, delayed as the output is, and outputs.
-    fitted : (T,) array of bool
-        Samples that are fitted; the others are not used.
-    curves : Curves
-        Parts of the record.
-    levels : (L + 1,) array
-        Thresholds without jumps; inputs that change by more than half of their mean distance do
-        not show where the output jumps.
+    ``u`` and ``y`` (T,): inputs, delayed as the output is, and outputs; ``fitted`` (T,) of bool:
+    samples that are fitted; the others are not used; ``curves``: parts of the record; ``levels``
+    (L + 1,): thresholds without jumps; inputs that change by more than half of their mean distance
+    do not show where the output jumps.
     """
     span = float(np.ptp(y[fitted]))
-    rows = min(u.size, _ROWS)
+    # Rows that are searched, the first ones
+    rows = min(u.size, 200_000)
     last = np.flatnonzero(np.append(np.diff(u[:rows]) != 0, True))  # of each constant input
     inputs, outputs = u[last], np.where(fitted[last], y[last], np.nan)
     moved, changed = np.diff(inputs), np.diff(outputs)
     changed[np.diff(curves.first_rows(rows)[last]) != 0] = np.nan
-    narrow = np.abs(moved) <= _WIDEST * _mean_band(levels)
+    # Widest step of the input at a jump, in mean bands: others do not show where the threshold is
+    narrow = np.abs(moved) <= 0.5 * _mean_band(levels)
     # Least height of a jump over the range of the output
     steps = np.flatnonzero(narrow & (np.abs(changed) >= 0.02 * span))
     steps = steps[_stand_out(moved, changed, steps)]
@@ -86,7 +75,8 @@ def find_jumps(
         low = np.minimum(inputs[here], inputs[here + 1])
         high = np.maximum(inputs[here], inputs[here + 1])
         found += [Jump(*ends, rising, seen) for ends, seen in _common(low, high)]
-    return tuple(found) if len(found) <= _MOST else ()
+    # Thresholds above which they are no exceptions: the sensor may have as few steps
+    return tuple(found) if len(found) <= 8 else ()
 
 
 def with_jumps(levels: Levels, jumps: Sequence[Jump]) -> Levels:

@@ -28,16 +28,8 @@ def adaptive_levels(
 ) -> Levels:
     """(L + 1,) thresholds that are denser where the output is steep.
 
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs.
-    y : (T,) array
-        Outputs; NaN where nothing was measured.
-    bands : int
-        L.
-    floor : float
-        Share of the thresholds that is evenly distributed.
+    ``u`` (T,): inputs; ``y`` (T,): outputs; NaN where nothing was measured; ``bands``: L;
+    ``floor``: share of the thresholds that is evenly distributed.
     """
     low, high = float(u.min()), float(u.max())
     before, after = u[:-1], u[1:]

@@ -33,9 +33,6 @@ from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import relay_outputs
 from minorloop.operators.preisach import Preisach
 
-_CORRELATION_LENGTHS = (0.25, 0.35, 0.7)
-"""Lengths over which the discrepancy is correlated: in the present input and the last two extrema,
-as shares of the range."""
 _CORRELATED_SHARE = 0.8
 """Share of the variance of the discrepancy that is correlated; the rest is independent."""
 MOST_SEARCH_BANDS = 20
@@ -55,8 +52,6 @@ _DEGREES_OF_FREEDOM = 3.0
 _FURTHEST = 4.0
 _FURTHEST_HEAVY = 5.0
 """Bounds of the search, in spreads from the centre."""
-_ITERATIONS = 60
-"""Most steps of the search, which takes 11 to 22 for 12 to 56 holds."""
 _STARTS, _STEEP = 3, 1.0
 """Most searches one after the other, and slope of the cost, or distance from the bounds, from which
 another one begins where the last ended: after a poor first step a search may stop anywhere."""
@@ -167,7 +162,9 @@ def disturbance(features: FloatArray, h: Hyperparameters) -> FloatArray:
 
 def _correlated(features: FloatArray) -> FloatArray:
     """(M, M) correlated part of the discrepancy, over its variance."""
-    distance = (features[:, None, :] - features[None, :, :]) / np.array(_CORRELATION_LENGTHS)
+    # Lengths over which the discrepancy is correlated: in the present input and the last two
+    # extrema, as shares of the range
+    distance = (features[:, None, :] - features[None, :, :]) / np.array((0.25, 0.35, 0.7))
     return np.asarray(_CORRELATED_SHARE * np.exp(-0.5 * np.sum(distance**2, axis=2)))
 
 
@@ -193,7 +190,8 @@ def search(
 
     furthest = np.where(_HEAVY[:count], _FURTHEST_HEAVY, _FURTHEST) * spreads
     bounds = list(zip(centres - furthest, centres + furthest, strict=True))
-    options: Any = {"maxiter": _ITERATIONS, "ftol": 1e-7}
+    # Most steps of the search, which takes 11 to 22 for 12 to 56 holds
+    options: Any = {"maxiter": 60, "ftol": 1e-7}
 
     def best_from(begin: FloatArray) -> Any:
         low, high = np.transpose(bounds)

@@ -10,8 +10,6 @@ _TOLERANCE = 0.01
 """Distance from its beginning, over the width of the loop, at which a loop counts as closed."""
 _GAP = 0.1
 """The same for the last sample of an input that passes the beginning between two samples."""
-_FEWEST = 8
-"""Samples below which the area of a loop is not known."""
 
 
 def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
@@ -23,14 +21,8 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     of the input or of fewer than 8 samples are left out, and so are those with samples that are not
     scored.
 
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs.
-    scored : (T,) array of bool
-        Samples with an output.
-    curves : Curves
-        Parts of the record, each with its own loops.
+    ``u`` (T,): inputs; ``scored`` (T,) of bool: samples with an output; ``curves``: parts of the
+    record, each with its own loops.
     """
     low, high = float(u.min()), float(u.max())
     # Width of a loop over the range of the input below which it is not counted
@@ -47,7 +39,8 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     before = np.concatenate([[0], np.cumsum(scored)])
     samples = loops[:, 1] + 1 - loops[:, 0]
     whole = before[loops[:, 1] + 1] - before[loops[:, 0]] == samples
-    return np.asarray(loops[whole & (samples >= _FEWEST)])
+    # Samples below which the area of a loop is not known
+    return np.asarray(loops[whole & (samples >= 8)])
 
 
 def loop_areas(u: FloatArray, y: FloatArray, loops: IntArray) -> FloatArray:

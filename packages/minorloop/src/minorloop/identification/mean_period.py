@@ -13,11 +13,6 @@ _FEWEST = 48
 """Samples of a beginning at least, so that its scatter is known to a tenth."""
 _UNSETTLED = 2.0
 """Ratio of the scatter at the beginning to that of what follows from which it matters."""
-_CHANCE = 0.01
-"""Probability with which noise may count as a motion that has not settled: a period that is left
-out by chance costs little, one that has not settled spoils the model."""
-_SAME = 1e-6
-"""Difference of periods over their range that counts as none, as in the simulation of a period."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +90,8 @@ def _differs(first: FloatArray, later: FloatArray) -> bool:
         others = difference[None, first.size // 2 :]
         free = int(np.isfinite(others).sum())
         scatter = rms(others[np.isfinite(others)]) if free else None
-    least = _SAME * float(np.ptp(mean[number > 0]))
+    # Difference of periods over their range that counts as none, as in the simulation of a period
+    least = 1e-6 * float(np.ptp(mean[number > 0]))
     return scatter is not None and found > max(_limit(others, early, free) * scatter, least)
 
 
@@ -107,7 +103,9 @@ def _limit(others: FloatArray, early: int, free: int) -> float:
     from scipy.special import fdtri  # scipy.stats takes a second to import
 
     each = correlation_time([np.nan_to_num(one) for one in others])
-    ratio = fdtri(max(early / each, 1.0), max(free / each, 1.0), 1 - _CHANCE)
+    # Probability with which noise may count as a motion that has not settled: a period that is left
+    # out by chance costs little, one that has not settled spoils the model
+    ratio = fdtri(max(early / each, 1.0), max(free / each, 1.0), 0.99)
     return max(_UNSETTLED, float(np.sqrt(ratio)))
 
 

@@ -96,16 +96,9 @@ def width(scores: FloatArray, probability: float, parts: int, least: float = 0.0
     Errors of one part are alike: the factor is that of Student's distribution with one degree of
     freedom less than parts, and few parts weigh little against the normal distribution.
 
-    Parameters
-    ----------
-    scores : (M,) array
-        Errors of left-out samples over their standard deviations.
-    probability : float
-        Probability of the bands.
-    parts : int
-        Number of independent parts.
-    least : float
-        Least ratio of the scores to those of a normal distribution.
+    ``scores`` (M,): errors of left-out samples over their standard deviations; ``probability``:
+    probability of the bands; ``parts``: number of independent parts; ``least``: least ratio of the
+    scores to those of a normal distribution.
     """
     from scipy.special import ndtri, stdtrit  # scipy.stats takes a second to import
 
@@ -154,18 +147,9 @@ class ModelError:
         normal band of this probability is as wide as the errors on left-out parts were,
         and wider for few parts.
 
-        Parameters
-        ----------
-        u : (T,) array
-            Inputs, delayed as the output is.
-        measured : (T,) array of bool
-            After which of them.
-        start : start state
-            Memory before the first.
-        known : (M,) array
-            Standard deviation by the posterior, noise included.
-        probability : float
-            Probability of the band.
+        ``u`` (T,): inputs, delayed as the output is; ``measured`` (T,) of bool: after which of
+        them; ``start``: memory before the first; ``known`` (M,): standard deviation by the
+        posterior, noise included; ``probability``: probability of the band.
         """
         own = known**2 + np.interp(u[measured], self.inputs, self.variance)
         off = self.reach.covariates(u, measured, start)

@@ -17,8 +17,6 @@ _LEAST_SIDE = 8
 """Rows before and behind a step at least."""
 _SHARE, _OVER_DRIFT = 0.4, 1.3
 """Share of the variance that a step explains, and over that of a straight line."""
-_TRUSTED = 0.05
-"""Share of a step that the basis cannot take its place of, at least: below, the input decides."""
 _SINGULAR, _ROUNDING = 1e-9, 1e-24
 _DRIFT, _SURE = 0.4, 8.0
 """Share of the variance beside the basis that a drift explains, and its standard errors."""
@@ -31,15 +29,9 @@ def find_offset_step(
 ) -> tuple[int, float] | None:
     """Return the first row behind a step and its size, in the unit of the outputs; None without.
 
-    Parameters
-    ----------
-    basis : (M, Q) array
-        Regressors of each row: a constant and functions of the memory.
-    prediction : (M,) array
-        Outputs of the fit, another regressor. It may contain a part of the step, so that the size
-        is estimated without it.
-    y : (M,) array
-        Outputs.
+    ``basis`` (M, Q): regressors of each row: a constant and functions of the memory; ``prediction``
+    (M,): outputs of the fit, another regressor. It may contain a part of the step, so that the size
+    is estimated without it. ``y`` (M,): outputs.
     """
     size, columns = basis.shape
     if size < 2 * columns or size < 4 * _LEAST_SIDE:
@@ -55,7 +47,8 @@ def find_offset_step(
     count = np.arange(size, 0, -1)
     own = count - np.einsum("kq,kq->k", absorbed, absorbed)
     sides = np.minimum(count, size - count)
-    usable = (sides >= _LEAST_SIDE) & (own > _TRUSTED * count * (size - count) / size)
+    # Share of a step that the basis cannot take its place of, at least: below, the input decides
+    usable = (sides >= _LEAST_SIDE) & (own > 0.05 * count * (size - count) / size)
     shares = np.where(usable, sums**2 / np.where(usable, own, 1.0) / squares, 0.0)
     place = int(np.argmax(shares))
     time = np.linspace(-0.5, 0.5, size)

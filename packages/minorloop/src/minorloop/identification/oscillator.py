@@ -4,8 +4,6 @@ Either the law of the hysteresis is known, and its parameters are found from a r
 not, and any slopes of the hysteretic force are found from the record alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -37,16 +35,10 @@ from minorloop.threads import one_thread
 _LEVELS = (2, 4, 6, 8, 12, 16, 24, 32)
 """Numbers of levels of an unknown law that are tried, coarse ones first. All are even, so that none
 of the levels is at the middle, where many laws have a corner."""
-_COARSE = 4
-"""Levels up to which longer steps of the integration are accurate enough."""
-_WORSE = 2
-"""Numbers of levels in a row that must be no better before the search ends."""
 _FEWEST_EACH = 5
 """Samples for each parameter: with fewer the errors of parameters are as large as themselves."""
 _WHERE_IT_IS = 0.5
 """Share of the levels that lie where the force is most often; the others are evenly spaced."""
-_TRIAL_STEPS, _TRIAL_GAIN = 20, 1e-4
-"""Steps of a fit with a number of levels that may not be the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,14 +87,10 @@ class Vibration:
     ) -> OscillatorIdentification:
         """Identify mass, damping, stiffness and hysteretic force by the error of the simulation.
 
-        Raises
-        ------
-        SignalError
-            If the record is too short, not even, or without motion, or the start is unstable.
-        RecordError
-            If a unit is not of the SI: mass and damping would not be either.
-        ParameterError
-            If an option is out of its range, or a name of ``fixed`` is unknown.
+        Raises a `SignalError` if the record is too short, not even, or without motion, or the start
+        is unstable; a `RecordError` if a unit is not of the SI: mass and damping would not be
+        either; a `ParameterError` if an option is out of its range, or a name of ``fixed`` is
+        unknown.
         """
         if prior != "auto" or holdout:
             raise ParameterError(
@@ -210,8 +198,10 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
             break
         say(f"fitting {count} levels of an unknown law")
         model = _with_levels(model, record, count)
-        near = record.coarse() if count <= _COARSE else record
-        found = fit(near, model, _all_free(model), steps=_TRIAL_STEPS, gain=_TRIAL_GAIN)
+        # Levels up to which longer steps of the integration are accurate enough
+        near = record.coarse() if count <= 4 else record
+        # Steps of a fit with a number of levels that may not be the last one
+        found = fit(near, model, _all_free(model), steps=20, gain=1e-4)
         if found is None:
             break
         model = found[0]
@@ -219,7 +209,8 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
         if best is None or tried[-1].criterion <= min(one.criterion for one in tried):
             best = found
         least = min(range(len(tried)), key=lambda k: tried[k].criterion)
-        if len(tried) - 1 - least >= _WORSE:
+        # Numbers of levels in a row that must be no better before the search ends
+        if len(tried) - 1 - least >= 2:
             break
     final = None if best is None else fit(record, best[0], _all_free(best[0]))
     if final is None:

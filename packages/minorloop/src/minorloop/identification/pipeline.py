@@ -83,6 +83,9 @@ def identify(
     ``identify(record)`` and ``identify(u, y)`` identify a Preisach plane with good defaults;
     ``identify(record, law)`` and ``identify(u, y, law)`` what another law says.
 
+    Raises a `SignalError` if lengths differ, fewer than three outputs are finite, or the input or
+    the output never changes; a `ParameterError` if an option is out of its range.
+
     Parameters
     ----------
     u : Record or (T,) array_like
@@ -105,14 +108,6 @@ def identify(
     -------
     Fit
         The model with its scores and advice, and what else the law gives.
-
-    Raises
-    ------
-    SignalError
-        If lengths differ, fewer than three outputs are finite, or the input or the output never
-        changes.
-    ParameterError
-        If an option is out of its range.
 
     Examples
     --------

@@ -44,10 +44,6 @@ from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 
-_MOST_RANKED = 3000
-"""Unknowns up to which the rank is computed unasked. 3000 take 40 s, and the time grows with their
-cube."""
-
 
 def _holds(numbers: tuple[int, ...]) -> str:
     return ", ".join(f"hold {number + 1}" for number in numbers)
@@ -359,10 +355,7 @@ class Identification(Fit[Preisach]):
         return Prediction(inputs, y, sd, probability, self._noise, share)
 
     def invert(
-        self,
-        targets: npt.ArrayLike,
-        start: Start | None = None,
-        unreachable: Unreachable = "raise",
+        self, targets: npt.ArrayLike, start: Start | None = None, unreachable: Unreachable = "raise"
     ) -> Inversion:
         """Invert targets, and predict the standard deviation of readings, as `Result.invert`."""
         begin = self.start if start is None else start
@@ -423,7 +416,9 @@ class Identification(Fit[Preisach]):
     @property
     def _known_rank(self) -> int | None:
         """The rank, if it is known or quickly computed."""
-        known = "_rank_and_condition" in self.__dict__ or self.unknowns <= _MOST_RANKED
+        # Unknowns up to which the rank is computed unasked. 3000 take 40 s, and the time grows with
+        # their cube.
+        known = "_rank_and_condition" in self.__dict__ or self.unknowns <= 3000
         return self.rank if known else None
 
     @property

@@ -35,18 +35,10 @@ _MOST_CHEAP_CELLS = 1300
 """Cells, those of 50 bands, up to which a fit on dense matrices takes at most two seconds."""
 _MOST_CELLS = 5050
 """Cells up to which they are used where the sparse system has too much fill."""
-_MOST_QUICK = 300
-"""Bands up to which a fit on the sparse system takes less than a minute."""
 _LEAST_SPARSE = 300
 """Cells from which the sparse system is used."""
-_MOST_OPERATIONS = 1e9
-"""Multiplications of its factorisation up to which a fit takes seconds."""
 _FILL = 0.3
 """Multiplications of its factorisation, over the cube of the cells, up to which it is quicker."""
-_ACCURATE, _STEPS = 1e-10, 50
-"""Relative residual of the posterior mean, and most steps to reach it."""
-_STEP = 0.02
-"""Relative change of a variance for a derivative."""
 _PROBES = 400
 """Random inputs on which a coarse plane is compared with the plane."""
 _TOGETHER = 8192
@@ -401,7 +393,8 @@ class SparseSystem(PriorSystem):
         """Posterior mean, and the logarithm of the determinant over that of the prior."""
         system, precision = self._factorise(self.h.variance)
         begin = system.gradient(np.zeros(system.scale.size), self.evidence.y)
-        z = system.solve(-begin, True, _ACCURATE, _STEPS)
+        # Relative residual of the posterior mean, and most steps to reach it
+        z = system.solve(-begin, True, 1e-10, 50)
         return system.scale * z, system.logarithm() - precision.logarithm
 
     @property
@@ -412,7 +405,8 @@ class SparseSystem(PriorSystem):
     @property
     def determined(self) -> float:
         """Derivative of the logarithm of that ratio by that of the variance, negative."""
-        here, step = self._mean_and_logarithm[1], 1 + _STEP
+        # Relative change of a variance for a derivative
+        here, step = self._mean_and_logarithm[1], 1 + 0.02
         system, precision = self._factorise(self.h.variance * step)
         return (here - system.logarithm() + precision.logarithm) / float(np.log(step))
 
@@ -499,9 +493,11 @@ def is_quick(matrix: DesignMatrix) -> bool:
 def _is_small(matrix: DesignMatrix, most: int) -> bool:
     """Whether there are few cells, or a sparse factorisation takes less than 0.1 s."""
     cells = matrix.spec.cells
-    if matrix.spec.bands > _MOST_QUICK or cells <= most:
+    # Bands up to which a fit on the sparse system takes less than a minute
+    if matrix.spec.bands > 300 or cells <= most:
         return cells <= most
     if cells < _LEAST_SPARSE:
         return False
     ones, scale = np.ones(matrix.samples), np.ones(matrix.spec.unknowns)
-    return quick_system(matrix, ones, scale, _MOST_OPERATIONS) is not None
+    # Multiplications of its factorisation up to which a fit takes seconds
+    return quick_system(matrix, ones, scale, 1e9) is not None

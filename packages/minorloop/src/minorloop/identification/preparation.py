@@ -4,8 +4,6 @@ Command line, Python, lab page and fleet identify through these functions, so th
 one model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -56,11 +54,7 @@ NOTHING = RecordAdvice()
 """Of a record that was given as arrays."""
 
 
-def fit_prepared(
-    record: Record,
-    lag: int | str,
-    fit: Callable[[Record, Any], Any],
-) -> Any:
+def fit_prepared(record: Record, lag: int | str, fit: Callable[[Record, Any], Any]) -> Any:
     """Prepare a record, fit it, and say what was found in it.
 
     A lag in rows needs even times: where it is searched or given, a record with uneven ones is
@@ -69,14 +63,8 @@ def fit_prepared(
 
     Raises a `ParameterError` if there is a lag in seconds without times.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    lag : int or str
-        Of `Plane`.
-    fit : callable
-        Identifies rows with a lag, as `Plane.fit`.
+    ``record``: the record; ``lag``: of `Plane`; ``fit``: identifies rows with a lag, as
+    `Plane.fit`.
     """
     u, y, _ = record.checked
     delay = parse_lag(lag) if isinstance(lag, str) else None
@@ -149,14 +137,8 @@ def samples_in_time(record: Record) -> tuple[Record, RecordAdvice]:
 def _advice(record: Record, *, uneven: bool, dynamics: bool = False) -> RecordAdvice:
     """Return what was found in the file and its times.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    uneven : bool
-        Whether the model depends on even times.
-    dynamics : bool
-        Whether dynamics are identified.
+    ``record``: the record; ``uneven``: whether the model depends on even times; ``dynamics``:
+    whether dynamics are identified.
     """
     lost = () if record.check is None else record.left_out(dynamics=dynamics)
     of_times: tuple[str, ...] = ()

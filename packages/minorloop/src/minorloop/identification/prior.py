@@ -40,18 +40,13 @@ Mean: TypeAlias = Literal["zero", "ridge"]
 
 _MESH_BANDS = 20
 """Most bands of the mesh."""
-_JITTER = 1e-6
-"""Variance added to the field, so that its covariance has an inverse."""
 
 
 @dataclass(frozen=True)
 class Gaussian:
     """A Gaussian prior, under which weights of neighbouring cells are correlated.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such mean.
+    Raises a `ParameterError` if there is no such mean.
 
     Examples
     --------
@@ -414,7 +409,8 @@ class Mesh:
             covariance = np.zeros((self.unknowns, self.unknowns))
             covariance[:vertices, :vertices] = bulk + 1.0
             covariance[vertices:, vertices:] = reversible + 1.0
-            covariance[np.diag_indices(self.unknowns)] += _JITTER
+            # Variance added to the field, so that its covariance has an inverse
+            covariance[np.diag_indices(self.unknowns)] += 1e-6
             self._field = _Field(
                 lengths,
                 np.linalg.inv(covariance),

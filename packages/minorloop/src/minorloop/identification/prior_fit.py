@@ -65,12 +65,8 @@ _SQUARES, _REACHED = 8, 0.1
 count; and share of a square that the record must have switched."""
 _LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 6, 0.5
 """Least nugget, most steps of the search for it, and tolerance of its logarithm."""
-_ROUGH = 0.1
-"""Nugget from which the distribution of the independent part matters."""
 _ROUNDS = 8
 """Rounds of the variances; later ones change outputs by less than their error."""
-_OVERFIT = 0.5
-"""Share of the samples from which so many determined unknowns leave no reliable residuals."""
 _LEAST_FREE = 1.0
 """Samples beyond the determined unknowns from which an exact fit shows that there is no noise."""
 
@@ -337,7 +333,8 @@ def _fit_many(
             _of_best_nugget(begun.h, lambda h: replace(begun, h=h), lambda one: one.likelihood)
         )
     normal = None
-    if system.h.nugget >= _ROUGH and spec.cells <= MOST_DENSE_CELLS:
+    # Nugget from which the distribution of the independent part matters
+    if system.h.nugget >= 0.1 and spec.cells <= MOST_DENSE_CELLS:
         independent, rise = _independent_variances(system)
         if independent is not None:
             normal = system.likelihood + rise
@@ -419,7 +416,8 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
         h = _with_residual_variance(h, left, count, None)
         determined = max(determined, DenseSystem(evidence, plane, h).determined)
         free, noise = count - determined, None
-        if determined > _OVERFIT * count:
+        # Share of the samples from which so many determined unknowns leave no reliable residuals
+        if determined > 0.5 * count:
             known, reproduced = regression.noise, reproduces(matrix, x, regression.y)
             if reproduced and known:
                 noise = known / unit
@@ -491,10 +489,7 @@ def _with_open_cells(system: PriorSystem, x: FloatArray, switched: BoolArray) ->
 
 
 def _leave_one_out(
-    plane: PlanePrior,
-    dense: tuple[FloatArray, FloatArray],
-    y: FloatArray,
-    h: Hyperparameters,
+    plane: PlanePrior, dense: tuple[FloatArray, FloatArray], y: FloatArray, h: Hyperparameters
 ) -> tuple[FloatArray, float]:
     """(M,) leave-one-out residuals over their standard deviations, and the trace of the hat matrix.
 

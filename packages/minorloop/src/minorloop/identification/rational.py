@@ -19,10 +19,6 @@ HIGHEST_ORDER = 4
 _ITERATIONS = 20
 _CONVERGED = 1e-9
 """Relative change of the error at which the iteration ends."""
-_CORNERS = 4
-"""Frequencies from which the initial poles are taken."""
-_EXACT = 1e-9
-"""Relative error that counts as rounding."""
 _LOWEST, _HIGHEST = 1e-15, 1e15
 """Frequencies whose powers fit into a number."""
 _LEAST_ITERATED_DAMPING = 1e-3
@@ -112,7 +108,8 @@ def fit_response(
     count = 2 * gains.size
 
     def criterion(form: tuple[int, int]) -> float:
-        squares = errors[form] ** 2 + _EXACT**2
+        # Relative error that counts as rounding
+        squares = errors[form] ** 2 + 1e-9**2
         return count * float(np.log(squares)) + sum(form) * float(np.log(count))
 
     best = min(kept, key=criterion)
@@ -133,7 +130,8 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
     """Fit from several initial poles, and return the best; None if a pole was lost."""
     scale = float(2 * np.pi * np.exp(np.mean(np.log(hertz))))
     s = np.asarray(2j * np.pi * hertz / scale, dtype=np.complex128)
-    corners = np.geomspace(np.abs(s).min(), np.abs(s).max(), _CORNERS)
+    # Frequencies from which the initial poles are taken
+    corners = np.geomspace(np.abs(s).min(), np.abs(s).max(), 4)
     starts = [np.ones(1)]
     for chosen in itertools.combinations_with_replacement(corners, poles):
         starts.append(np.poly(-np.array(chosen)) / np.prod(chosen))

@@ -33,6 +33,9 @@ def read(
 ) -> Record:
     """Read a record to be identified, with what each row has beside input and output.
 
+    Raises a `RecordError` if the file, a column or the times cannot be used; a `ParameterError` if
+    a column is missing, is given twice or belongs to no table.
+
     Parameters
     ----------
     path : str or path
@@ -51,18 +54,6 @@ def read(
         the output, if there is one, or those of a store. None: outputs count alike.
     progress : callable, optional
         Called with the share that has been read, as text.
-
-    Returns
-    -------
-    Record
-        What `identify` takes.
-
-    Raises
-    ------
-    RecordError
-        If the file, a column or the times cannot be used.
-    ParameterError
-        If a column is missing, is given twice or belongs to no table.
 
     Examples
     --------

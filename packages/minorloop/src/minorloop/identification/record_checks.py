@@ -5,22 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    LARGEST,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Levels,
-    as_finite,
-    as_levels,
-)
+from minorloop.arrays import LARGEST, BoolArray, FloatArray, IntArray, Levels, as_finite, as_levels
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
 from minorloop.lab.faults import FEWEST, Fault
-
-_LEAST_SD = 0.1
-"""Standard deviations below this share of their median count as so much."""
 
 
 def split(
@@ -124,7 +113,8 @@ def _each(sd: FloatArray, fitted: BoolArray) -> FloatArray | None:
         )
     if not known.any():
         return None
-    least = _LEAST_SD * float(np.median(known[known > 0]))
+    # Standard deviations below this share of their median count as so much
+    least = 0.1 * float(np.median(known[known > 0]))
     return np.maximum(np.where(np.isnan(sd), known.max(), sd), least)
 
 

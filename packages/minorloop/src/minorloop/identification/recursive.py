@@ -29,9 +29,6 @@ from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import RELAYS, Relay, relay_outputs
 from minorloop.operators.preisach import Diagonal, Preisach
 
-_SWEEPS = 2
-"""Sweeps of coordinate descent an update."""
-
 
 @dataclass(frozen=True, eq=False)
 class RecursiveState:
@@ -122,16 +119,8 @@ class Recursive:
 
         Raises a `ParameterError` if the input is not finite, or the output is infinite.
 
-        Parameters
-        ----------
-        state : RecursiveState
-            Before the sample.
-        u : float
-            Input that was applied.
-        y : float
-            Output that was measured; NaN if it was not.
-        settled : bool
-            Whether the output has settled.
+        ``state``: before the sample; ``u``: input that was applied; ``y``: output that was
+        measured; NaN if it was not; ``settled``: whether the output has settled.
         """
         value, output = as_finite("u", u), float(y)
         if np.isinf(output):
@@ -151,20 +140,15 @@ class Recursive:
         theta = state.theta.copy()
         row = self.regressor(memory)
         _kernels.absorb(information, vector, row, output, self.forgetting, self.prior, theta)
-        _kernels.descend(information, vector, theta, self._bounded, _SWEEPS)
+        # Sweeps of coordinate descent an update
+        _kernels.descend(information, vector, theta, self._bounded, 2)
         return RecursiveState(memory, theta, information, vector, state.updates + 1)
 
     def run(self, state: RecursiveState, u: npt.ArrayLike, y: npt.ArrayLike) -> RecursiveState:
         """Return the state after a sequence of settled samples.
 
-        Parameters
-        ----------
-        state : RecursiveState
-            State before the sequence.
-        u : (n,) array_like
-            Inputs.
-        y : (n,) array_like
-            Settled outputs; NaN where none was read.
+        ``state``: state before the sequence; ``u`` (n,): inputs; ``y`` (n,): settled outputs; NaN
+        where none was read.
         """
         for value, output in zip(np.asarray(u).ravel(), np.asarray(y).ravel(), strict=True):
             state = self.update(state, float(value), float(output))

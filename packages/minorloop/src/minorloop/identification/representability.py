@@ -18,9 +18,6 @@ from minorloop.arrays import FloatArray, as_pair
 from minorloop.errors import SignalError
 from minorloop.operators.memory import Memory
 
-_SAME = 1e-6
-"""Inputs closer than this share of their range count as equal."""
-
 
 @dataclass(frozen=True)
 class Representability:
@@ -57,7 +54,8 @@ def representability(u: npt.ArrayLike, y: npt.ArrayLike) -> Representability:
     inputs, outputs = as_pair(u, y)
     if np.count_nonzero(np.isfinite(outputs)) < 2:
         raise SignalError("fewer than two outputs are finite; there is nothing to compare")
-    step = max(_SAME * np.ptp(inputs), np.finfo(float).tiny)
+    # Inputs closer than this share of their range count as equal
+    step = max(1e-6 * np.ptp(inputs), np.finfo(float).tiny)
     same_memory, same_branch = _groups(np.round(inputs / step) * step, outputs)
     span = float(np.nanmax(outputs) - np.nanmin(outputs)) or 1.0
     measured = int(np.count_nonzero(np.isfinite(outputs)))

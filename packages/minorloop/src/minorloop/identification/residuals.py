@@ -16,8 +16,6 @@ _FEWEST = 30
 _WINDOW, _SHARE_OF_ROWS, _SHARE_OF_ERROR = 100, 0.1, 0.3
 """A start-up is over where this part of the rows is as good as the others; it has at most the share
 of the rows, and at least the share of the squared error."""
-_TIMES = 4.0
-"""Error of a start-up over that of the other rows."""
 _BLOCKS, _LEAST_BLOCK = 40, 5
 """Blocks of rows whose means show a drift, and least rows of one, and of a group."""
 _DRIFT, _SURE = 0.4, 4.0
@@ -28,11 +26,6 @@ _SPANNED = 0.5
 gain and offset are extrapolated to the range by more than twice, and cancel each other."""
 PARTS = 3
 """Parts of equal size by amplitude and by rate."""
-_HOLE, _MISSING = 2.0, 6.0
-"""Least width of a hole between readings, in standard deviations of the residual, and readings that
-the model expects in it: all of them miss one between two states by chance once in sixty times."""
-_READINGS = 800
-"""Readings among which holes are looked for, at most."""
 _ROUNDING = 1e-12
 _MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, at most."""
@@ -113,20 +106,10 @@ def summary(
 ) -> ResidualSummary:
     """Summarise the residual of a fit.
 
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs, delayed as the output is.
-    error : (T,) array
-        Model less measured, in ranges of the output.
-    used : (T,) array of bool
-        Fitted samples without outliers.
-    y : (T,) array
-        Measured outputs, in ranges.
-    basis : callable
-        Functions of the memory, (M, Q), at some samples (M,), such as those of a rough model.
-    groups : (T,) array of int, optional
-        Number of the group of each row.
+    ``u`` (T,): inputs, delayed as the output is; ``error`` (T,): model less measured, in ranges of
+    the output; ``used`` (T,) of bool: fitted samples without outliers; ``y`` (T,): measured
+    outputs, in ranges; ``basis``: functions of the memory, (M, Q), at some samples (M,), such as
+    those of a rough model; ``groups`` (T,) of int: number of the group of each row.
     """
     rows = np.flatnonzero(used)
     left = error[rows]
@@ -167,12 +150,16 @@ def noise_in(error: FloatArray, y: FloatArray) -> float:
     sd = float(np.sqrt(np.mean(error**2)))
     if error.size < _FEWEST or sd == 0:
         return sd
-    some = one_of_each(y.size, _READINGS)
+    # Readings among which holes are looked for, at most
+    some = one_of_each(y.size, 800)
     ordered, model = np.sort(y[some]), (y + error)[some]
-    holes = np.flatnonzero(np.diff(ordered) > _HOLE * sd)
+    # Least width of a hole between readings, in standard deviations of the residual, and readings
+    # that the model expects in it: all of them miss one between two states by chance once in sixty
+    # times
+    holes = np.flatnonzero(np.diff(ordered) > 2.0 * sd)
     low, high = ordered[holes, None], ordered[holes + 1, None]
     expected = (ndtr((high - model) / sd) - ndtr((low - model) / sd)).sum(axis=1)
-    if expected.max(initial=0.0) > _MISSING:
+    if expected.max(initial=0.0) > 6.0:
         return 0.0
     return min(noise_of(np.diff(error, 2), 2), sd)
 
@@ -195,7 +182,8 @@ def find_startup(error: FloatArray, rows: IntArray) -> Startup | None:
     if not 0 < count <= most or squares[count] < _SHARE_OF_ERROR * squares[-1]:
         return None
     largest = float(np.abs(error[:count]).max())
-    if np.sqrt(squares[count] / count) < _TIMES * usual:
+    # Error of a start-up over that of the other rows
+    if np.sqrt(squares[count] / count) < 4.0 * usual:
         return None
     return Startup(int(rows[count]), largest, float(squares[count] / squares[-1]))
 

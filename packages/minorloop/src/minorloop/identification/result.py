@@ -301,10 +301,7 @@ class Fit(Scored, Generic[M]):
     def span(self, rows: BoolArray) -> float:
         """Return the range of the measured outputs in some rows, which errors are over.
 
-        Parameters
-        ----------
-        rows : (T,) array of bool
-            These rows.
+        ``rows`` (T,) of bool: these rows.
         """
         outputs = self.y if self.measured is None else self.measured
         return float(np.ptp(outputs[rows])) or 1.0
@@ -376,12 +373,8 @@ class Fit(Scored, Generic[M]):
     def save(self, path: PathLike, *, force: bool = False, **options: Any) -> None:
         """Write the model with its lag, scores and warnings to a file, as `minorloop.save`.
 
-        Parameters
-        ----------
-        path, force
-            As of `minorloop.save`.
-        **options
-            Other options of it; names of input and output are those of the record if not given.
+        ``path`` and ``force``: as of `minorloop.save`; ``**options``: other options of it; names of
+        input and output are those of the record if not given.
         """
         names = {}
         if self.record is not None:
@@ -392,10 +385,7 @@ class Fit(Scored, Generic[M]):
     def plot(self, **options: Any) -> Any:
         """Draw it, with the names and units of the record.
 
-        Parameters
-        ----------
-        **options
-            Those of `minorloop.plot`.
+        ``**options``: those of `minorloop.plot`.
         """
         return super().plot(**(self.drawn_labels | options))
 
@@ -421,10 +411,7 @@ class Fit(Scored, Generic[M]):
     def report(self, source: str = "the record") -> Report:
         """Return an HTML report on the model and its quality, with the names of the record.
 
-        Parameters
-        ----------
-        source : str
-            Name of the record.
+        ``source``: name of the record.
         """
         report = Report(self.headline, self._summary(source))
         self._add_to(report, self.drawn_labels)

@@ -5,8 +5,6 @@ four times over and may make some negative. `minorloop.identify` on the same rec
 from that.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 
@@ -16,25 +14,15 @@ from minorloop.operators import plane
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
-_TOLERANCE = 1e-9
-"""Distance from a level, over the range, up to which an input is on it: far above rounding,
-and far below a band."""
-
 
 def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> Preisach:
     """Model that passes through every measured reversal value, its mean where there are several.
 
     Raises a `SignalError` if lengths differ, or a reversal value was not measured.
 
-    Parameters
-    ----------
-    u : (T,) array_like
-        Inputs applied, from negative saturation, in any order of curves, such as those of
-        `minorloop.excitation.reversal_curves`; those that count are level values.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    levels : (L + 1,) array_like
-        Thresholds.
+    ``u`` (T,): inputs applied, from negative saturation, in any order of curves, such as those of
+    `minorloop.excitation.reversal_curves`; those that count are level values; ``y`` (T,): outputs;
+    NaN where nothing was measured; ``levels`` (L + 1,): thresholds.
 
     References
     ----------
@@ -73,6 +61,8 @@ def _place(grid: Levels, extrema: tuple[float, ...]) -> tuple[int, int] | None:
         return None
     top = extrema[1] if len(extrema) > 1 else extrema[0]
     a, b = (int(np.abs(grid - value).argmin()) for value in (top, extrema[-1]))
-    near = _TOLERANCE * (grid[-1] - grid[0])
+    # Distance from a level, over the range, up to which an input is on it: far above rounding, and
+    # far below a band
+    near = 1e-9 * (grid[-1] - grid[0])
     on_mesh = abs(grid[a] - top) <= near and abs(grid[b] - extrema[-1]) <= near
     return (a, b) if on_mesh else None

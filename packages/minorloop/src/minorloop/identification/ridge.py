@@ -117,14 +117,8 @@ def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KIN
 
     Raises a `SignalError` if there are fewer than eight samples.
 
-    Parameters
-    ----------
-    matrix : DesignMatrix
-        Regressors of M samples.
-    y : (M,) array
-        Outputs.
-    kinds : tuple of str
-        Kinds of ridges to compare; the one with the least error is returned.
+    ``matrix``: regressors of M samples; ``y`` (M,): outputs; ``kinds``: kinds of ridges to compare;
+    the one with the least error is returned.
 
     References
     ----------

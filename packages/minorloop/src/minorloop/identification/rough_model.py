@@ -103,14 +103,8 @@ class Basis:
     def of(cls, u: FloatArray, curves: Curves, samples: int) -> Basis:
         """Plays along the inputs, more of them for more samples.
 
-        Parameters
-        ----------
-        u : (T,) array
-            Inputs.
-        curves : Curves
-            Memory before the first, and before each curve; a `Memory` counts as ``"negative"``.
-        samples : int
-            Number of measured outputs.
+        ``u`` (T,): inputs; ``curves``: memory before the first, and before each curve; a `Memory`
+        counts as ``"negative"``; ``samples``: number of measured outputs.
         """
         plays, degree = (5, 8) if samples >= 200 else (5, 4) if samples >= 100 else (4, 2)
         low, high = float(u.min()), float(u.max())

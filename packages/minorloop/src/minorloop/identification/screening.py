@@ -11,8 +11,6 @@ from minorloop.lab.faults import Fault, far_from_others
 from minorloop.lab.noise import spread
 from minorloop.threads import one_thread
 
-_FEWEST = 12
-"""Readings below which a record is not checked."""
 _OFF_SD, _OFF, _FEW = 8.0, 0.2, 10
 """Error of an outlier against the rough model, in robust deviations and in ranges; and readings for
 each of them: more are no outliers."""
@@ -23,20 +21,14 @@ def record_faults(
 ) -> tuple[Fault, ...]:
     """Find the faults of a record, most important first.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        The record, without codes; y is NaN where nothing was measured.
-    curves : Curves
-        Where the memory is reset.
-    lag : int
-        Lag of the model in samples.
-    searched : bool
-        Whether that lag was searched; then what is left is no lag alone.
+    ``u`` and ``y`` (T,): the record, without codes; y is NaN where nothing was measured;
+    ``curves``: where the memory is reset; ``lag``: lag of the model in samples; ``searched``:
+    whether that lag was searched; then what is left is no lag alone.
     """
     known = np.isfinite(y)
     known[curves.positions(u.size) < lag] = False
-    if np.count_nonzero(known) < _FEWEST:
+    # Readings below which a record is not checked
+    if np.count_nonzero(known) < 12:
         return ()
     with one_thread():
         return _faults(u, y, known, curves, lag, searched)

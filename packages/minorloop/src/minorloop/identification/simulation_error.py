@@ -34,10 +34,6 @@ _SOFT = 0.5
 of the start then fades within a turn, and the derivatives of a periodic response are finite."""
 _SMALL = 1e-9
 """Displacement in m that measures the slope of a law at rest."""
-_MOST_TURNS = 20
-"""Periods that are simulated until the response repeats."""
-_SETTLED = 1e-6
-"""Relative change from period to period of a state, and of its derivatives, that repeat."""
 _PARAMETERS: dict[type, tuple[str, ...]] = {
     BoucWen: ("alpha", "gamma", "delta", "exponent"),
     Duhem: ("rising", "falling"),
@@ -136,8 +132,10 @@ class OscillatorRecord:
             force = force + tie[0] * y + tie[1] * v
             spring = np.concatenate([[model.stiffness[0] + tie[0]], model.stiffness[1:]])
             model = replace(model, stiffness=spring, damping=model.damping + tie[1])
-        turns = _MOST_TURNS if self.periodic else 1
-        found = respond(model, force, self.step, gradient=True, turns=turns, settled=_SETTLED)
+        # Periods that are simulated until the response repeats
+        turns = 20 if self.periodic else 1
+        # Relative change from period to period of a state, and of its derivatives, that repeat
+        found = respond(model, force, self.step, gradient=True, turns=turns, settled=1e-6)
         if found is None:
             return None
         out, gradient = (
@@ -191,14 +189,8 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
 
     None if even the tied start is unstable.
 
-    Parameters
-    ----------
-    record : OscillatorRecord
-        What to fit.
-    start : Oscillator
-        Where to begin.
-    free : (P,) array of bool
-        Parameters that may change.
+    ``record``: what to fit; ``start``: where to begin; ``free`` (P,) of bool: parameters that may
+    change.
     """
     coarse, model = record.coarse(), start
     stiffness = abs(start.stiffness[0]) + abs(start.operator.step("relaxed", _SMALL)[0] / _SMALL)
@@ -223,14 +215,8 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
 def softened(model: Oscillator, free: BoolArray, reach: float) -> Oscillator:
     """Return the model with the law of a soft loop, as far as it is free to change.
 
-    Parameters
-    ----------
-    model : Oscillator
-        The model.
-    free : (P,) array of bool
-        Parameters that may change.
-    reach : float
-        Largest displacement.
+    ``model``: the model; ``free`` (P,) of bool: parameters that may change; ``reach``: largest
+    displacement.
     """
     parameters, operator = parameters_of(model), model.operator
     first = 2 + model.stiffness.size
@@ -258,16 +244,9 @@ def fit(
 
     Steps to where the model is unstable, or a parameter out of its range, are refused.
 
-    Parameters
-    ----------
-    record, start, free
-        As of `fit_tied`.
-    tie : (float, float), optional
-        As for `OscillatorRecord.residuals`.
-    steps : int
-        Most simulations.
-    gain : float
-        Relative decrease of the sum of squares below which the search ends.
+    ``record``, ``start`` and ``free``: as of `fit_tied`; ``tie`` (float, float): as for
+    `OscillatorRecord.residuals`; ``steps``: most simulations; ``gain``: relative decrease of the
+    sum of squares below which the search ends.
     """
     from scipy.optimize import least_squares
 

@@ -6,8 +6,6 @@ operator followed by linear dynamics, the latter do not depend on the amplitude 
 Shahinpoor 2005, section V).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -38,11 +36,6 @@ from minorloop.operators.operator import Operator
 
 Drive: TypeAlias = Callable[[FloatArray, FloatArray], Record]
 """Drives a plant with inputs u at times t, linear in between, and returns its record."""
-
-_MOST_SAMPLES = 4096
-"""Most samples of a period to which a log is interpolated."""
-_ROUNDING = 1e-3
-"""Share of an interval by which times of a log may be rounded."""
 
 
 @dataclass(frozen=True)
@@ -286,11 +279,13 @@ def _last_periods(
         )
     samples = round(1 / (step * frequency))
     if not held:  # fewer samples would be held for longer
-        samples = min(samples, _MOST_SAMPLES)
+        # Most samples of a period to which a log is interpolated
+        samples = min(samples, 4096)
     places = t[-1] - np.arange(periods * samples)[::-1] / (samples * frequency)
     if np.isnan(y[t >= places[0]]).any():
         raise SignalError(f"{named} has gaps in its last {periods} periods; record it again")
-    ends = np.searchsorted(t, places - _ROUNDING * step)  # rows at the ends of the holds
+    # Share of an interval by which times of a log may be rounded
+    ends = np.searchsorted(t, places - 1e-3 * step)  # rows at the ends of the holds
 
     def even(x: FloatArray) -> FloatArray:
         return np.asarray(x[ends] if held else np.interp(places, t, x))
@@ -349,6 +344,9 @@ def response_of_file(
 ) -> FrequencyResponse:
     """Return gain and phase of the sines in an experiment store or a log.
 
+    Raises a `RecordError` if the file or a column cannot be used; a `ParameterError` if columns are
+    missing, or belong to no store, or units differ; a `SignalError` as of `sine_response`.
+
     Parameters
     ----------
     path : str or path
@@ -365,14 +363,6 @@ def response_of_file(
     progress : callable, optional
         Called with the share that has been read, as text.
 
-    Raises
-    ------
-    RecordError
-        If the file or a column cannot be used.
-    ParameterError
-        If columns are missing, or belong to no store, or units differ.
-    SignalError
-        As of `sine_response`.
     """
     operator: Any = None if model is None else model.operator
     measured: list[MeasuredSine] = []

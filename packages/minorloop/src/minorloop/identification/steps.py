@@ -13,13 +13,6 @@ from minorloop.identification.output_error import Stretch
 Arrays: TypeAlias = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
 """t, u and y, (T,) each."""
 
-_TAIL = 0.1
-"""Share of a hold, at its end, whose mean is the settled output."""
-_UNEVEN = 1e-3
-"""Largest relative deviation of a sampling interval from the median."""
-_LEAST_CHANGE = 1e-9
-"""Change of the output, over the range, that counts as none: a step is divided by it. By trial."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
@@ -59,7 +52,8 @@ def as_sampled(record: Arrays) -> Sampled:
         check_scale(name, values)
     steps = np.diff(t)
     interval = float(np.median(steps))
-    if np.abs(steps - interval).max() > _UNEVEN * interval:
+    # Largest relative deviation of a sampling interval from the median
+    if np.abs(steps - interval).max() > 1e-3 * interval:
         worst = int(np.argmax(np.abs(steps - interval)))
         raise SignalError(
             f"t increases by {steps[worst]:g} s at index {worst + 1} and by {interval:g} s "
@@ -94,7 +88,9 @@ def steps_in(record: Sampled) -> list[Step]:
         rest = float(record.y[begin : now + 1].mean())
         settled = float(record.y[after + 1 - _tail(after - now) : after + 1].mean())
         change = settled - rest
-        if abs(change) <= _LEAST_CHANGE * np.ptp(record.y):
+        # Change of the output, over the range, that counts as none: a step is divided by it. By
+        # trial.
+        if abs(change) <= 1e-9 * np.ptp(record.y):
             continue
         y = (record.y[begin : after + 1] - rest) / change
         u = np.where(np.arange(begin, after + 1) >= now, 1.0, 0.0)
@@ -104,4 +100,5 @@ def steps_in(record: Sampled) -> list[Step]:
 
 def _tail(samples: int) -> int:
     """The last tenth of a hold, at least one sample."""
-    return max(1, int(_TAIL * samples))
+    # Share of a hold, at its end, whose mean is the settled output
+    return max(1, int(0.1 * samples))

@@ -1,7 +1,5 @@
 """The file of an experiment store: how it is made, locked, opened and checked."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sqlite3

@@ -29,6 +29,9 @@ SIX_DIGITS = 5e-6
 class Channel:
     """One input or output of a plant.
 
+    Raises a `ParameterError` if the limits are not in order, the rate is not positive, or name or
+    unit cannot be printed.
+
     Parameters
     ----------
     name : str
@@ -39,12 +42,6 @@ class Channel:
         Hard limits in the unit of the channel, low below high; infinite where there is none.
     rate : float
         Fastest change allowed, in the unit of the channel per second.
-
-    Raises
-    ------
-    ParameterError
-        If the limits are not in order, the rate is not positive, or name or unit cannot be
-        printed.
 
     Examples
     --------

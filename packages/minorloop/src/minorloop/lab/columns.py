@@ -14,9 +14,7 @@ from minorloop.lab.text_tables import opened_text
 
 @contextmanager
 def opened(
-    path: PathLike,
-    progress: Callable[[str], None] = lambda share: None,
-    bounds: Bounds = LARGEST,
+    path: PathLike, progress: Callable[[str], None] = lambda share: None, bounds: Bounds = LARGEST
 ) -> Iterator[OpenTable]:
     """Open a table.
 
@@ -29,14 +27,8 @@ def opened(
     Raises a `RecordError` if the file cannot be read, is not such a table, or is larger than the
     bounds.
 
-    Parameters
-    ----------
-    path : str or path
-        The file, 4 GiB at most.
-    progress : callable, optional
-        Called with the share that has been read, as text.
-    bounds : Bounds, optional
-        Of the table.
+    ``path``: the file, 4 GiB at most; ``progress``: called with the share that has been read, as
+    text; ``bounds``: of the table.
     """
     file = Path(path)
     if is_sheet(file):
@@ -47,11 +39,7 @@ def opened(
 
 
 def read_columns(
-    path: PathLike,
-    names: Sequence[str],
-    *,
-    gaps: Collection[str] = (),
-    dates: Collection[str] = (),
+    path: PathLike, names: Sequence[str], *, gaps: Collection[str] = (), dates: Collection[str] = ()
 ) -> dict[str, FloatArray]:
     """Read columns of numbers from a file, as `opened` and `OpenTable.read` say."""
     with opened(path) as table:

@@ -282,11 +282,7 @@ class LaserCurvature:
         return f"{low:g} to {high:g} {self.unit}, a quarter circle to either side"
 
 
-_KINDS = {
-    "laser": LaserCurvature,
-    "polynomial": CalibrationPolynomial,
-    "table": CalibrationTable,
-}
+_KINDS = {"laser": LaserCurvature, "polynomial": CalibrationPolynomial, "table": CalibrationTable}
 
 
 def as_json(conversion: Conversion) -> dict[str, Any]:

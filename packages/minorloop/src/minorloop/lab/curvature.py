@@ -29,14 +29,8 @@ def displacement_from_curvature(
 
     The distance has the shape of ``kappa``, in metres.
 
-    Parameters
-    ----------
-    kappa : array_like
-        Curvature in 1/m.
-    d0, h0 : float
-        Distance to the straight strip, and height of the laser above the clamp, in metres.
-    length : float
-        Free length of the strip, in metres.
+    ``kappa``: curvature in 1/m; ``d0`` and ``h0``: distance to the straight strip, and height of
+    the laser above the clamp, in metres; ``length``: free length of the strip, in metres.
     """
     if not np.isfinite(d0):
         raise ParameterError(f"d0 is {d0}; give a finite distance in m")

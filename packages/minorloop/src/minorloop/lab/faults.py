@@ -54,14 +54,8 @@ class Fault:
     def at(cls, places: IntArray, values: FloatArray, kind: Kind, text: str, remedy: str) -> Fault:
         """Return the fault of some samples.
 
-        Parameters
-        ----------
-        places : (N,) array of int
-            These samples.
-        values : (T,) array
-            All readings.
-        kind, text, remedy
-            As of `Fault`.
+        ``places`` (N,) of int: these samples; ``values`` (T,): all readings; ``kind``, ``text`` and
+        ``remedy``: as of `Fault`.
         """
         return cls(kind, tuple(places.tolist()), float(values[places[0]]), text, remedy)
 
@@ -212,9 +206,6 @@ def _absurd(y: FloatArray) -> BoolArray:
 _Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
 """Finds faults of one kind in readings (T,), NaN where there is none."""
 
-_STUCK = 4
-"""Equal readings in a row, at an end of the range of the output, that count as clipped."""
-
 
 def usable(
     y: FloatArray, limits: tuple[float, float] | None = None
@@ -251,7 +242,8 @@ def _clipped(y: FloatArray) -> Iterator[Fault]:
     for word, extreme in (("lowest", known.min()), ("highest", known.max())):
         at = y == extreme
         edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-        often = int(np.diff(edges)[::2].max()) >= _STUCK
+        # Equal readings in a row, at an end of the range of the output, that count as clipped
+        often = int(np.diff(edges)[::2].max()) >= 4
         if often and noise_above_resolution(known[known != extreme]):
             yield clipped(y, np.flatnonzero(at), word)
 
@@ -271,19 +263,12 @@ DETECTORS: tuple[_Detector, ...] = (codes, _clipped, _stuck)
 
 _WIDTH = 21
 """Readings of the running median, which follows every rise or fall exactly."""
-_FAR, _STEPS = 8.0, 4.0
-"""Distance of a spike from it, in standard deviations of the noise, and in steps of the sensor."""
-_AROUND, _TIMES = 3, 8.0
-"""Widths around a spike, over whose usual distance its own is so many times: in an oscillation all
-are off."""
 _LONGEST = 8
 """Most readings of a burst."""
 _SHARP = 0.3
 """Least difference of each reading of a spike from its neighbours, over its largest distance."""
 _LARGE = 0.25
 """Distance over the largest, of those that are found at once."""
-_MOST = 0.1
-"""Share of the readings above which they are no spikes, but how the output is."""
 _FEWEST_STEADY = 20
 """Readings below which noise cannot be distinguished from spikes."""
 
@@ -306,7 +291,8 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
     while left.size >= _FEWEST_STEADY and (more := _largest(values[left])).any():
         found[left[more]] = True
         left = left[~more]
-    return found if np.count_nonzero(found) <= _MOST * known.size else np.zeros_like(found)
+    # Share of the readings above which they are no spikes, but how the output is
+    return found if np.count_nonzero(found) <= 0.1 * known.size else np.zeros_like(found)
 
 
 def without_spikes(
@@ -338,9 +324,12 @@ def _largest(y: FloatArray) -> BoolArray:
     from scipy.ndimage import median_filter
 
     away = y - median_filter(y, _WIDTH, mode="mirror")
-    usual = median_filter(np.abs(away), _AROUND * _WIDTH, mode="mirror")
-    noise = max(_FAR * noise_of(np.diff(y, 2), 2), _STEPS * _step(y))
-    limit = np.maximum(noise, _TIMES * usual)
+    # Widths around a spike, over whose usual distance its own is so many times: in an oscillation
+    # all are off
+    usual = median_filter(np.abs(away), 3 * _WIDTH, mode="mirror")
+    # Distance of a spike from the median, in standard deviations of the noise, and in steps
+    noise = max(8.0 * noise_of(np.diff(y, 2), 2), 4.0 * _step(y))
+    limit = np.maximum(noise, 8.0 * usual)
     size = np.zeros(y.size)
     for way in (1, -1):
         edges = np.flatnonzero(np.diff(way * away > limit, prepend=False, append=False))

@@ -4,8 +4,6 @@ An input that goes one way across a gap leaves nothing open. One that steps by e
 to row shows where it turned if one row is lost.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -23,8 +21,6 @@ _UNKNOWN = 0.005
 
 _FEWEST = 3
 """Least samples on each side of a gap that show how the input moves."""
-_SURE = 6.0
-"""Standard deviations of noise from which a reversal is one of the input."""
 _FASTER, _SLOWER = 2.5, 0.5
 """Most and least speed across a gap, over the greater and the lesser of the speeds beside it. A
 sine over half a period whose middle third is missing has twice the speed there; a ramp has the
@@ -142,7 +138,8 @@ def bridged(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> Bridges:
     places: IntArray = np.asarray(gaps, np.int64)
     known = np.zeros(places.size, dtype=np.bool_)
     when, extreme = np.full((2, places.size), np.nan)
-    least, span = _SURE * _noise(inputs), float(np.ptp(inputs))
+    # Standard deviations of noise from which a reversal is one of the input
+    least, span = 6.0 * _noise(inputs), float(np.ptp(inputs))
     rows = places[:0]
     if places.size and _in_steps(np.delete(inputs, places)):
         rows = places[np.diff(times)[places] <= (GAP + UNEVEN) * np.median(np.diff(times))]

@@ -38,14 +38,7 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
 
     Raises a `RecordError` if none or several match.
 
-    Parameters
-    ----------
-    name : str
-        The name.
-    headers : sequence of str
-        Headers of a table.
-    source : object
-        The table, for messages.
+    ``name``: the name; ``headers``: headers of a table; ``source``: the table, for messages.
     """
     check_name("the column", name, RecordError)
     if name in headers:

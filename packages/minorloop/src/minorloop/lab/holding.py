@@ -17,14 +17,8 @@ class Hold:
     the end. The clock of the others may run on from one stretch to the next, or begin anew with
     each; then a stretch follows the end of the one before.
 
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    index : int
-        The level, counted from 0.
-    answer : float
-        How long the meter takes for a reading, in seconds; 0 where it takes no time.
+    ``plan``: the plan; ``index``: the level, counted from 0; ``answer``: how long the meter takes
+    for a reading, in seconds; 0 where it takes no time.
 
     Attributes
     ----------

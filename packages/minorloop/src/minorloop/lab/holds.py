@@ -22,8 +22,6 @@ from minorloop.lab.settling import FEWEST_STILL
 _SURE = 6.0
 """Standard deviations of noise from which a change of the mean is a change of the input, and up to
 which the means of pieces with an outlier between them are equal."""
-_JUMP = 10.0
-"""Standard deviations from which a difference of neighbours is a change of the input."""
 _WANDER = 0.08
 """Share of the change to the next piece that is the most standard deviation of an input within a
 hold beside white noise. A rise by a quarter of it has 0.07, hum seldom more than 0.05, the top of a
@@ -59,14 +57,8 @@ def find_holds(
     Raises a `SignalError` if the input is not one row of finite numbers up to 1e150; a
     `ParameterError` if the tolerance is negative.
 
-    Parameters
-    ----------
-    u : (T,) array_like
-        The input as recorded, with or without noise.
-    tolerance : float, optional
-        Changes of the input up to this size are noise, which is estimated if not given.
-    fewest : int
-        Least samples of a hold.
+    ``u`` (T,): the input as recorded, with or without noise; ``tolerance``: changes of the input up
+    to this size are noise, which is estimated if not given; ``fewest``: least samples of a hold.
     """
     values = as_samples(u, name="u")
     check_magnitude("input", values)
@@ -168,7 +160,8 @@ def _noise(u: FloatArray, span: float, lag: int) -> float:
 
 def _edges(u: FloatArray, sd: float, fewest: int) -> list[int]:
     """Return where the mean changes, with both ends."""
-    jumps = np.flatnonzero(np.abs(np.diff(u)) > _JUMP * sd) + 1
+    # Standard deviations from which a difference of neighbours is a change of the input
+    jumps = np.flatnonzero(np.abs(np.diff(u)) > 10.0 * sd) + 1
     edges = [0, *jumps.tolist(), u.size]
     sums = np.concatenate([[0.0], np.cumsum(u - u.mean())])
     queue = deque(itertools.pairwise(edges))

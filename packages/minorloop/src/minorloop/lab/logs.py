@@ -1,7 +1,5 @@
 """Read a log from a file: one input, one output, and time that is checked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeAlias
 
@@ -15,14 +13,7 @@ from minorloop.lab.gaps import with_lost_rows
 from minorloop.lab.headers import deviation_column, split_header, with_unit
 from minorloop.lab.records import SAMPLE, Origin, Quantity, Record
 from minorloop.lab.tables import OpenTable, SparseColumnError
-from minorloop.lab.timebase import (
-    GAP,
-    SECONDS,
-    TimeCheck,
-    check_times,
-    split_time,
-    time_column,
-)
+from minorloop.lab.timebase import GAP, SECONDS, TimeCheck, check_times, split_time, time_column
 
 AUTO: Literal["auto"] = "auto"
 Named: TypeAlias = str | None
@@ -239,16 +230,9 @@ def with_times(
 
     Raises a `RecordError` if the column of time that is named cannot be used.
 
-    Parameters
-    ----------
-    record : Record
-        The inputs, without times.
-    path, input, time
-        The file, the column of its input, and that of its time, as of `read_log`.
-    strictly : bool
-        Whether no time may repeat.
-    reset : bool
-        Whether the memory is reset before each curve, where times may begin anew.
+    ``record``: the inputs, without times; ``path``, ``input`` and ``time``: the file, the column of
+    its input, and that of its time, as of `read_log`; ``strictly``: whether no time may repeat;
+    ``reset``: whether the memory is reset before each curve, where times may begin anew.
     """
     with opened(path) as table:
         found, why = _sought(table, time, (input,))

@@ -36,16 +36,9 @@ _FEWEST = 20
 """Equal readings in a row below which a sensor is not called stuck: they do little harm."""
 _CHANCE = 1e-6
 """Expected number of such runs in a record of independent noise."""
-_FINE = 0.01
-"""Quantile of the steps between readings that stands for the resolution of the sensor. The least
-step would be too small where the format rounds small numbers more finely."""
 _SUSPECT, _ACROSS = 0.5, 0.9
 """Shares of the range of the inputs over which all readings may be the same by a play, a plateau or
 a threshold, as that of a heated wire, and over which no working actuator leaves them the same."""
-_STEPS = 16
-"""Resolution of a sensor, in steps of the range of its readings, from which it is not coarse."""
-_LATEST = 4
-"""Holds before the repeated reading that show the noise and the resolution."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +178,8 @@ class RepeatedReadings:
         reach = _widened(self.range, level)
         values = np.unique(known) if known.size else np.array([math.nan])
         if values.size > 1 or not np.array_equal(values, self.readings, equal_nan=True):
-            latest = (*self.latest, known)[-_LATEST:]
+            # Holds before the repeated reading that show the noise and the resolution
+            latest = (*self.latest, known)[-4:]
             extremes = _widened(self.extremes, known)
             clear = max(
                 _CLEAR * _resolution(np.concatenate(latest)), _SHARE * float(np.ptp(extremes))
@@ -221,7 +215,8 @@ class RepeatedReadings:
         step = _resolution(before)
         if not step:
             return bool(share < _ACROSS or change == whole)
-        return bool(np.ptp(before) >= _STEPS * step)
+        # Resolution of a sensor, in steps of the range of its readings, from which it is not coarse
+        return bool(np.ptp(before) >= 16 * step)
 
     def _is_frozen(self) -> bool:
         before = np.concatenate(self.latest)
@@ -236,7 +231,9 @@ def _resolution(readings: FloatArray) -> float:
     """Return the resolution of readings (N,), in their unit; 0 where no two differ."""
     steps = np.abs(np.diff(readings))
     steps = steps[steps > 0]
-    return float(np.quantile(steps, _FINE)) if steps.size else 0.0
+    # Quantile of the steps between readings that stands for the resolution of the sensor. The least
+    # step would be too small where the format rounds small numbers more finely.
+    return float(np.quantile(steps, 0.01)) if steps.size else 0.0
 
 
 def _widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:

@@ -46,6 +46,9 @@ class Plan:
     A level is held for ``shortest`` at least and ``longest`` at most. Between these the hold ends
     as soon as the slope of the output over the last ``window`` is known to be below ``tolerance``.
 
+    Raises a `ParameterError` if the plan is empty, a number is out of range, or the times
+    contradict each other.
+
     Parameters
     ----------
     inputs : (N,) array_like
@@ -68,11 +71,6 @@ class Plan:
     sines : sequence of Sine
         One for each level, which is its offset, and each hold its duration; see `of_sines`. None in
         a plan of holds.
-
-    Raises
-    ------
-    ParameterError
-        If the plan is empty, a number is out of range, or the times contradict each other.
 
     Examples
     --------
@@ -128,12 +126,8 @@ class Plan:
 
         Raises a `ParameterError` if there are none, or too many.
 
-        Parameters
-        ----------
-        sines : sequence of Sine
-            In order, such as those of `minorloop.lab.sines.grid`.
-        input : str or Quantity
-            Name and unit of the input, such as ``voltage [V]``.
+        ``sines``: in order, such as those of `minorloop.lab.sines.grid`; ``input``: name and unit
+        of the input, such as ``voltage [V]``.
         """
         durations = [sine.duration for sine in sines]
         brief = min(durations, default=1.0)
@@ -239,10 +233,7 @@ class Plan:
 
         Raises a `ParameterError` if the text is not a plan.
 
-        Parameters
-        ----------
-        text : str
-            The JSON text.
+        ``text``: the JSON text.
         """
         try:
             fields = json.loads(text)
@@ -255,10 +246,7 @@ class Plan:
     def difference(self, other: Plan) -> str:
         """Return the first difference from another plan, in words; empty if there is none.
 
-        Parameters
-        ----------
-        other : Plan
-            To compare with.
+        ``other``: to compare with.
         """
         return first_difference(json.loads(self.to_json()), json.loads(other.to_json()))
 
@@ -267,10 +255,7 @@ class Plan:
 
         It is this plan if the meter is fast enough, or too slow for any interval.
 
-        Parameters
-        ----------
-        seconds : float
-            How long the meter takes for one reading.
+        ``seconds``: how long the meter takes for one reading.
         """
         brief = float(self.longest.min())
         if self.sines or not self.sample_interval < seconds <= brief / (1.1 * _ENOUGH):
@@ -293,10 +278,7 @@ class Plan:
         Raises a `ParameterError` if a hold or the window is too short for the readings that a
         verdict needs.
 
-        Parameters
-        ----------
-        seconds : float
-            How long the meter takes for one reading.
+        ``seconds``: how long the meter takes for one reading.
         """
         hold = float(self.longest.min())
         if min(self.window / FEWEST, hold / _ENOUGH) >= seconds * (1 - 1e-9):

@@ -26,15 +26,7 @@ from minorloop.files import PathLike, check_name, check_writable, table_text, wr
 from minorloop.lab.faults import FEWEST, Fault, usable, without_codes
 from minorloop.lab.gaps import Bridges, bridged, known_memory, with_lost_rows
 from minorloop.lab.headers import split_header
-from minorloop.lab.timebase import (
-    GAP,
-    SECONDS,
-    UNEVEN,
-    TimeCheck,
-    check_times,
-    delayed,
-    resample,
-)
+from minorloop.lab.timebase import GAP, SECONDS, UNEVEN, TimeCheck, check_times, delayed, resample
 from minorloop.operators.memory import Start, StartOfCurve
 
 
@@ -106,6 +98,9 @@ class Origin:
 class Record(Drawn):
     """Inputs and outputs of an actuator, with what each row has beside them.
 
+    Raises a `RecordError` if the shapes do not match, a number cannot be used, or the clock often
+    runs backwards; a `ParameterError` if there are no rows from ``first`` to ``last``.
+
     Parameters
     ----------
     u : (T,) or (channels, T) array_like
@@ -146,13 +141,6 @@ class Record(Drawn):
         Samples that are used: from ``first`` up to but not ``last``; None for all the others.
     origin : Origin
         What the file of the record says.
-
-    Raises
-    ------
-    RecordError
-        If the shapes do not match, a number cannot be used, or the clock often runs backwards.
-    ParameterError
-        If there are no rows from ``first`` to ``last``.
 
     Examples
     --------
@@ -260,20 +248,14 @@ class Record(Drawn):
     def replace(self, **changes: Any) -> Record:
         """Return the record with other values of some of its parameters.
 
-        Parameters
-        ----------
-        **changes
-            Parameters of `Record`.
+        ``**changes``: parameters of `Record`.
         """
         return replace(self, **changes)
 
     def with_origin(self, **changes: Any) -> Record:
         """Return the record with other values of some fields of its origin.
 
-        Parameters
-        ----------
-        **changes
-            Fields of `Origin`.
+        ``**changes``: fields of `Origin`.
         """
         return self.replace(origin=replace(self.origin, **changes))
 
@@ -323,10 +305,8 @@ class Record(Drawn):
 
         Raises a `ParameterError` if there are no such rows.
 
-        Parameters
-        ----------
-        first, last : int, optional
-            Counted from 0, or from the end if negative, as in a slice; None for the ends.
+        ``first`` and ``last``: counted from 0, or from the end if negative, as in a slice; None for
+        the ends.
         """
         total = len(self)
         rows = [
@@ -414,10 +394,7 @@ class Record(Drawn):
     def left_out(self, *, dynamics: bool = False) -> tuple[str, ...]:
         """How many rows `with_known_memory` leaves out, why and what to do; empty if none.
 
-        Parameters
-        ----------
-        dynamics : bool
-            Whether dynamics are identified, which need times and cannot have curves.
+        ``dynamics``: whether dynamics are identified, which need times and cannot have curves.
         """
         lost, measured = self._lost
         if not lost:
@@ -500,10 +477,7 @@ class Record(Drawn):
 
         Raises a `ParameterError` if the record has no time.
 
-        Parameters
-        ----------
-        lag : float
-            In seconds, >= 0.
+        ``lag``: in seconds, >= 0.
         """
         record, check = self.with_known_memory(), self.check
         if check is None:
@@ -520,10 +494,7 @@ class Record(Drawn):
 
         Raises a `RecordError` if there is none, their channels differ, or time runs backwards.
 
-        Parameters
-        ----------
-        records : sequence of Record
-            In the order of their times.
+        ``records``: in the order of their times.
         """
         if not records:
             raise RecordError("there is no record to join; give at least one")
@@ -545,12 +516,7 @@ class Record(Drawn):
 
         Reading the numbers gives the same float64.
 
-        Parameters
-        ----------
-        path : str or path
-            The file.
-        force : bool
-            Whether an existing file may be replaced.
+        ``path``: the file; ``force``: whether an existing file may be replaced.
         """
         check_writable(path, force=force)
         header = [str(q) for q in (self.time, *self.inputs, *self.outputs)]

@@ -36,11 +36,6 @@ _WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
-_SHORTEST, _MOSTLY = 3, 0.6
-"""Least samples of what may be a hold with too few, and the least share of such samples that makes
-a log of them: the noise of two samples cannot be told from a step."""
-_ROUNDING = 1e-15
-"""Share of the greatest distance of readings up to which another is rounding."""
 _WHOLE = 0.01
 """Largest difference of their distances from whole steps, in steps."""
 
@@ -133,11 +128,8 @@ class Reduction(Drawn):
     def record(self, *, unsettled: bool = False) -> Record:
         """Return the points as a record that can be identified.
 
-        Parameters
-        ----------
-        unsettled : bool
-            Whether to give the outputs of holds that have not settled. They are NaN otherwise: such
-            a hold drives the memory and is not fitted.
+        ``unsettled``: whether to give the outputs of holds that have not settled. They are NaN
+        otherwise: such a hold drives the memory and is not fitted.
         """
         t, u = (np.array([getattr(p, name) for p in self.points]) for name in ("t", "input"))
         y = np.array([self._output(point, unsettled) for point in self.points])
@@ -193,6 +185,10 @@ def reduce(
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
 
+    Raises a `RecordError` if holds are fewer than three or less than a tenth of the log, or none
+    has a usable output; a `SignalError` if a number is beyond 1e150; a `ParameterError` if the
+    record is no `Record`, or an option is out of range.
+
     Parameters
     ----------
     record : Record
@@ -211,15 +207,6 @@ def reduce(
         Changes of the input up to this size are noise; estimated if not given.
     shortest : float
         Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
-
-    Raises
-    ------
-    RecordError
-        If holds are fewer than three or less than a tenth of the log, or none has a usable output.
-    SignalError
-        If a number is beyond 1e150.
-    ParameterError
-        If the record is no `Record`, or an option is out of range.
 
     Examples
     --------
@@ -355,8 +342,10 @@ def _known(record: Record, u: FloatArray, holds: list[FoundHold]) -> tuple[BoolA
 
 def _too_few(u: FloatArray) -> str:
     """Return a sentence if an input has holds of too few samples to be found, otherwise ""."""
-    counts = [hold.end - hold.begin for hold in find_holds(u, fewest=_SHORTEST)]
-    if len(counts) < _FEWEST or sum(counts) < _MOSTLY * u.size:
+    # Least samples of what may be a hold with too few, and the least share of such samples that
+    # makes a log of them: the noise of two samples cannot be told from a step
+    counts = [hold.end - hold.begin for hold in find_holds(u, fewest=3)]
+    if len(counts) < _FEWEST or sum(counts) < 0.6 * u.size:
         return ""
     usual = np.median(counts)
     if usual >= FEWEST_STILL:
@@ -403,7 +392,8 @@ def _resolution(readings: FloatArray) -> float:
     if values.size < 3 or values.size * 4 > known.size:
         return 0.0
     steps = np.diff(values)
-    if steps.min() <= _ROUNDING * steps.max():
+    # Share of the greatest distance of readings up to which another is rounding
+    if steps.min() <= 1e-15 * steps.max():
         return 0.0
     count = steps / steps.min()
     return float(steps.min()) if np.abs(count - np.round(count)).max() < _WHOLE else 0.0

@@ -42,9 +42,6 @@ give the same level, so that a stopped run continues as it would have."""
 
 _JUDGED, _MOST = 30, 90.0
 """Latest holds that say how long a hold must be, and the percentage of them that then settle."""
-_FAR = 0.5
-"""Share of the range of the limits over which the input must go before a repeated reading ends a
-run: within less, an actuator may be below its threshold."""
 
 
 @runtime_checkable
@@ -391,7 +388,9 @@ def _warning(
         "actuator is connected, or hold longer: if it moved, these points are wrong"
     )
     width = channel.high - channel.low
-    far = not math.isfinite(width) or high - low >= _FAR * width * (1 - ROUNDING)
+    # Share of the range of the limits over which the input must go before a repeated reading ends a
+    # run: within less, an actuator may be below its threshold
+    far = not math.isfinite(width) or high - low >= 0.5 * width * (1 - ROUNDING)
     sure = now.verdict == "dead" or (before.verdict == now.verdict == "faulty" and far)
     if before.verdict and sure:
         raise InstrumentError(said)
@@ -399,11 +398,7 @@ def _warning(
 
 
 def _measure_sine(
-    actuator: Actuator,
-    store: Store,
-    sine: Sine,
-    index: int,
-    watch: Callable[[RunProgress], None],
+    actuator: Actuator, store: Store, sine: Sine, index: int, watch: Callable[[RunProgress], None]
 ) -> None:
     """Measure one sine and write it to the store."""
     total, last, driven = len(store.plan), store.last(), isinstance(actuator, Driven)

@@ -8,39 +8,17 @@ from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.lab.settling import SPAN_SHARE, judge
 
-_WINDOWS = 10
-"""Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise."""
 FURTHER = 1_000_003
 """Distance between the noise seeds of experiments on one specimen."""
-_FEWEST = 12
-"""Least samples of a hold that are judged; of fewer the last one counts."""
 
 
 def hold_each(
-    actuator: Actuator,
-    inputs: npt.ArrayLike,
-    hold: float,
-    sample_interval: float = 1.0,
+    actuator: Actuator, inputs: npt.ArrayLike, hold: float, sample_interval: float = 1.0
 ) -> tuple[Record, FloatArray]:
-    """Apply inputs one after the other, and return the settled outputs.
+    """Apply inputs one after the other; return every sample, and the settled outputs (n,).
 
-    Parameters
-    ----------
-    actuator : Actuator
-        What to drive.
-    inputs : (n,) array_like
-        In order, each within the actuator's limits.
-    hold : float
-        Seconds for each.
-    sample_interval : float
-        Seconds between samples.
-
-    Returns
-    -------
-    record : Record
-        Every sample.
-    settled : (n,) array
-        The settled value of each hold, from all its samples.
+    ``actuator``: what to drive; ``inputs`` (n,): in order, each within the actuator's limits;
+    ``hold``: seconds for each; ``sample_interval``: seconds between samples.
     """
     values = np.asarray(inputs, dtype=np.float64)
     holds = [actuator.apply(float(u), hold, sample_interval) for u in values]
@@ -55,9 +33,11 @@ def settled_value(hold: Record, span: float) -> float:
     ``hold``: the samples of one hold, evenly spaced, the first one interval after its beginning;
     ``span``: range of the output in the experiment, in its unit.
     """
-    if hold.t.size < _FEWEST:
+    # Least samples of a hold that are judged; of fewer the last one counts
+    if hold.t.size < 12:
         return float(hold.y[-1])
     times = hold.t - hold.t[0] + (hold.t[1] - hold.t[0])
     length = float(times[-1])
     tolerance = SPAN_SHARE * span / length
-    return judge(times, hold.y, tolerance=tolerance, window=length / _WINDOWS).value
+    # Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise
+    return judge(times, hold.y, tolerance=tolerance, window=length / 10).value

@@ -23,8 +23,6 @@ Verdict: TypeAlias = Literal["settled", "extrapolated", "unsettled"]
 
 SPAN_SHARE = 0.002
 """A settled output moves by less than this share of the span of the outputs in another hold."""
-_SURE = 2.0
-"""Standard deviations of the slope that are added to it before it is compared."""
 _TAIL = 0.7
 """Share of a hold, at its end, that the exponentials are fitted to: the faster decays of the first
 third are often nonlinear."""
@@ -32,19 +30,11 @@ _TIME_CONSTANTS = tuple(np.geomspace(1 / 20, 1 / 2.5, 7).tolist())
 """Time constants to choose from, as shares of the hold."""
 _SLOWER = 1.0
 """Time constant of a decay that is too slow to be extrapolated, as a share of the hold."""
-_DOUBT = 0.3
-"""Share of the extrapolated change that counts as uncertain: decays need not be exponential."""
 _TRUST = 0.1
 """A limit is trusted up to an uncertainty of this share of the change of the fitted tail. A ramp,
 which has no limit, exceeds it."""
-_FADING = 0.5
-"""Assumed time constant of the slope at the end of a hold, as a share of the hold."""
-_LIKELY = 0.6
-"""Least probability that no more remains, where noise hides whether the output still moves."""
 STRETCH = 2.5
 """Windows over which a noisy output has to be constant."""
-_CHANCE = 1e-4
-"""Probability that the noise of a constant counts as movement, in each of two tests."""
 FEWEST_STILL = 8
 """Least samples that distinguish movement from noise."""
 _SLOW = 1 + len(_TIME_CONSTANTS)
@@ -56,8 +46,6 @@ _FEWEST_TAIL = 12
 ENOUGH = math.ceil(_FEWEST_TAIL / _TAIL)
 """Readings of a hold, evenly in time, that have such a tail: fewer noisy ones do not show whether
 the output has settled."""
-_MOST = 2000
-"""Samples of a tail that are fitted, by trial; of more, neighbours are averaged first."""
 _ROUNDS = 20
 """Iterations of a fixed point that converges by half or faster in each."""
 _ROUNDING = 1e-14
@@ -79,7 +67,8 @@ class Trend:
 
     def is_below(self, tolerance: float) -> bool:
         """Whether the slope is known to be no steeper than this."""
-        return abs(self.slope) + _SURE * self.slope_sd <= tolerance
+        # Standard deviations of the slope that are added to it before it is compared
+        return abs(self.slope) + 2.0 * self.slope_sd <= tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +142,8 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
 
     It is None if there are fewer than four samples.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Times in seconds, increasing.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    window : float
-        How far to look back from the last sample, in seconds.
+    ``t`` (T,): times in seconds, increasing; ``y`` (T,): outputs; NaN where nothing was measured;
+    ``window``: how far to look back from the last sample, in seconds.
     """
     times, values = _trailing(*_measured(t, y), window)
     if times.size < _FEWEST or times[-1] == times[0]:
@@ -203,7 +186,8 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     ratio = float(steps @ steps) / (2 * squares)
     shape = ((count**2 - 1) / (count - 2) - 1) / 2
     alike = betainc(shape, shape, min(ratio / 2, 1.0))
-    return bool(min(2 * stdtr(count - 2, -surprise), alike) >= _CHANCE)
+    # Probability that the noise of a constant counts as movement, in each of two tests
+    return bool(min(2 * stdtr(count - 2, -surprise), alike) >= 1e-4)
 
 
 def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
@@ -231,7 +215,8 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     best = fits[int(np.argmax(weight))]
     doubts = [(fit.sd * fit.spread[0]) ** 2 for fit in fits] + (goals - value) ** 2
     remaining = value - float(weight @ [fit.fitted[-1] for fit in fits])
-    sd = math.sqrt(float(weight @ doubts) + (_DOUBT * remaining) ** 2)
+    # Share of the extrapolated change that counts as uncertain: decays need not be exponential
+    sd = math.sqrt(float(weight @ doubts) + (0.3 * remaining) ** 2)
     moved = float(weight @ [np.ptp(fit.fitted) for fit in fits])
     likelihoods = _likelihoods(every, times.size)
     # The longest of the time constants also fits a slower decay, of which more remains.
@@ -253,16 +238,9 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
 def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float) -> Settling:
     """Judge a finished hold.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Times of the hold in seconds, increasing, from its beginning.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    tolerance : float
-        Slope of a settled output, in the unit of the output per second.
-    window : float
-        Trailing time over which the slope is taken, in seconds.
+    ``t`` (T,): times of the hold in seconds, increasing, from its beginning; ``y`` (T,): outputs;
+    NaN where nothing was measured; ``tolerance``: slope of a settled output, in the unit of the
+    output per second; ``window``: trailing time over which the slope is taken, in seconds.
     """
     line = trend(t, y, window)
     if line is None:
@@ -277,14 +255,16 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
         allowed = tolerance * float(np.ptp(_measured(t, y)[0]))
         left = abs(end.remaining)
         near = left <= allowed and end.least_sd <= allowed
-        hidden = still and end.probability(allowed) >= _LIKELY
+        # Least probability that no more remains, where noise hides whether the output still moves
+        hidden = still and end.probability(allowed) >= 0.6
         if near or end.trusted or (still and not hidden):
             settled = near or (hidden and left <= allowed)
             verdict: Verdict = "settled" if settled else "extrapolated"
             return Settling(end.value, end.sd, verdict, *slopes)
     if still:
         line = trend(t, y, STRETCH * window) or line
-    way = _FADING * float(np.ptp(t)) * abs(line.slope)
+    # Assumed time constant of the slope at the end of a hold, as a share of the hold
+    way = 0.5 * float(np.ptp(t)) * abs(line.slope)
     if end is not None:
         way = max(way, abs(end.value - line.value))
     sd = math.hypot(line.sd, way)
@@ -419,7 +399,8 @@ def _trailing(t: FloatArray, y: FloatArray, window: float) -> tuple[FloatArray, 
 
 def _thinned(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return means of neighbours, if there are more samples than a fit needs."""
-    width = -(-t.size // _MOST)
+    # Samples of a tail that are fitted, by trial; of more, neighbours are averaged first
+    width = -(-t.size // 2000)
     if width <= 1:
         return t, y
     whole = t.size - t.size % width

@@ -87,11 +87,8 @@ def ended_by_signals(*, exiting: bool = False) -> Iterator[None]:
     signal that is ignored, as SIGHUP under ``nohup``, stays ignored. Inside another such context,
     and in any thread but the main one, this does nothing.
 
-    Parameters
-    ----------
-    exiting : bool
-        Whether the process exits after the first signal. Later ones are then ignored after the
-        context too, so that they do not change the exit status.
+    ``exiting``: whether the process exits after the first signal. Later ones are then ignored after
+    the context too, so that they do not change the exit status.
     """
     if _state.installed or not _in_main_thread():
         yield

@@ -27,13 +27,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import (
-    MinorloopError,
-    ParameterError,
-    RecordError,
-    StoreError,
-    counted,
-)
+from minorloop.errors import MinorloopError, ParameterError, RecordError, StoreError, counted
 from minorloop.files import PathLike, first_difference, lock_path
 from minorloop.lab._store_file import (
     LOCK_WAIT,
@@ -202,14 +196,8 @@ class Store:
         Raises an `OutputError` if the file exists already or cannot be written, or its name is too
         long.
 
-        Parameters
-        ----------
-        path : str or path
-            The file; an existing one is not replaced.
-        plan : Plan
-            The plan to carry out.
-        setup : Setup
-            Its actuator.
+        ``path``: the file; an existing one is not replaced; ``plan``: the plan to carry out;
+        ``setup``: its actuator.
         """
         about = {"plan": plan.to_json(), "setup": setup.to_json()}
         return cls.open(create_file(path, about), write=True)
@@ -224,12 +212,8 @@ class Store:
         Raises a `StoreError` if there is no store, it is damaged or of a newer version, or another
         process writes to it and ``write`` is true.
 
-        Parameters
-        ----------
-        path : str or path
-            The file.
-        write : bool
-            Whether points are to be added. Others can only read the store meanwhile.
+        ``path``: the file; ``write``: whether points are to be added. Others can only read the
+        store meanwhile.
         """
         file = existing(path)
         if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
@@ -305,12 +289,7 @@ class Store:
 
         Raises a `StoreError` naming the first difference.
 
-        Parameters
-        ----------
-        plan : Plan
-            The plan to continue.
-        setup : Setup, optional
-            Its actuator; not compared if not given.
+        ``plan``: the plan to continue; ``setup``: its actuator; not compared if not given.
         """
         difference = self.plan.difference(plan)
         if not difference and setup is not None:
@@ -324,10 +303,7 @@ class Store:
     def points(self, first: int = 0) -> list[Point]:
         """Return the points in the order in which they were measured.
 
-        Parameters
-        ----------
-        first : int
-            Index of the first point to return.
+        ``first``: index of the first point to return.
         """
         with explained(self.path):
             found = self._read("point", "WHERE id >= ? AND id < ? ORDER BY id", first, self._end)
@@ -361,10 +337,7 @@ class Store:
 
         Raises a `ParameterError` if there is no such point.
 
-        Parameters
-        ----------
-        index : int
-            Index of the point.
+        ``index``: index of the point.
         """
         with explained(self.path):
             if index in range(len(self)):
@@ -414,10 +387,7 @@ class Store:
     def set_origin(self, checkpoint: dict[str, Any]) -> None:
         """Save the state of the actuator before the first level, once.
 
-        Parameters
-        ----------
-        checkpoint : dict
-            State of the actuator, as its ``checkpoint`` gave it.
+        ``checkpoint``: state of the actuator, as its ``checkpoint`` gave it.
         """
         self._note("origin", checkpoint)
 
@@ -431,10 +401,7 @@ class Store:
 
         Raises a `StoreError` naming the first difference.
 
-        Parameters
-        ----------
-        description : dict
-            Instruments and how their readings are converted; ready for JSON.
+        ``description``: instruments and how their readings are converted; ready for JSON.
         """
         before = self.bench()
         if before is None:
@@ -453,10 +420,7 @@ class Store:
     def session(self, mode: str) -> Iterator[None]:
         """Note that a session begins at the next point, and how it ended.
 
-        Parameters
-        ----------
-        mode : str
-            How the actuator was brought there.
+        ``mode``: how the actuator was brought there.
         """
         number, session = len(self.sessions()) + 1, RunSession(_now(), None, len(self), mode, None)
         self._write_session(number, session)
@@ -474,14 +438,8 @@ class Store:
         Raises a `ParameterError` if it is not the next point of the plan, or times and outputs
         differ in number; a `StoreError` if it cannot be written; the store is as it was.
 
-        Parameters
-        ----------
-        point : Point
-            The next point of the plan.
-        t : (T,) array_like
-            Times of the hold, in seconds.
-        y : (T,) array_like
-            Outputs during it.
+        ``point``: the next point of the plan; ``t`` (T,): times of the hold, in seconds; ``y``
+        (T,): outputs during it.
         """
         count = len(self)
         if point.index != count or self.finished:

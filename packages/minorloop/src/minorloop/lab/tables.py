@@ -84,14 +84,8 @@ class Bounds:
 
         Raises a `RecordError` if one of them is beyond its bound.
 
-        Parameters
-        ----------
-        file : Path
-            The file that it is in.
-        rows, columns : int
-            Those that are known so far.
-        held : int
-            Bytes that its cells take, or will take.
+        ``file``: the file that it is in; ``rows`` and ``columns``: those that are known so far;
+        ``held``: bytes that its cells take, or will take.
         """
         if self is not LARGEST:  # what no bounds allow gets no advice to try others
             LARGEST.check(file, rows=rows, columns=columns, held=held)
@@ -170,6 +164,9 @@ class OpenTable:
     ) -> dict[str, Any]:
         """Read columns in one pass, once.
 
+        Raises a `RecordError` if the file lacks a column, or has a cell that is not a finite number
+        or an empty label. The message gives the column and the row; the header is row 1.
+
         Parameters
         ----------
         names, labels : sequence of str
@@ -189,11 +186,6 @@ class OpenTable:
         dict
             The columns by the given names: (T,) arrays, or errors in place of those tried.
 
-        Raises
-        ------
-        RecordError
-            If the file lacks a column, or has a cell that is not a finite number or an empty label.
-            The message gives the column and the row; the header is row 1.
         """
         errors, rows = dict[str, RecordError](), list[Sequence[int]]()
         places = {name: self.headers.index(self.find(name)) for name in (*names, *labels)}

@@ -65,14 +65,8 @@ _UNDIVIDED = (
 def opened_text(file: Path, progress: Callable[[str], None], bounds: Bounds) -> Iterator[OpenTable]:
     """Open a table; errors of reading it become a `RecordError`.
 
-    Parameters
-    ----------
-    file : Path
-        The file.
-    progress : callable
-        Called with the share that has been read, as text.
-    bounds : Bounds
-        Of the table.
+    ``file``: the file; ``progress``: called with the share that has been read, as text; ``bounds``:
+    of the table.
     """
     check_file(file)
     try:

@@ -85,14 +85,8 @@ def time_column(
 
     Raises a `RecordError` if several columns could be time.
 
-    Parameters
-    ----------
-    headers : sequence of str
-        Headers of the columns.
-    source : object
-        Where they are from, for the message.
-    but : sequence of str
-        Columns that are something else, by their headers or names.
+    ``headers``: headers of the columns; ``source``: where they are from, for the message; ``but``:
+    columns that are something else, by their headers or names.
     """
     split = {header: split_time(header) for header in headers}
     split = {h: parts for h, parts in split.items() if h not in but and parts[0] not in but}
@@ -259,14 +253,9 @@ def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.i
 
     It is (T,), NaN where it is not known.
 
-    Parameters
-    ----------
-    t, y : (T,) array_like
-        Times in seconds, never decreasing, and outputs; NaN where nothing was measured.
-    lag : float
-        In seconds, >= 0.
-    gap : float
-        Between samples further apart than this, the output is not known.
+    ``t`` and ``y`` (T,): times in seconds, never decreasing, and outputs; NaN where nothing was
+    measured; ``lag``: in seconds, >= 0; ``gap``: between samples further apart than this, the
+    output is not known.
     """
     times, values = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if as_finite("lag", lag) < 0:
@@ -275,23 +264,13 @@ def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.i
 
 
 def resample(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    interval: float,
-    *,
-    gap: float = np.inf,
+    t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike, interval: float, *, gap: float = np.inf
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times, inputs and outputs with an even interval, on straight lines between samples.
 
-    Parameters
-    ----------
-    t, u, y : (T,) array_like
-        Times in seconds, never decreasing; inputs; outputs, NaN where nothing was measured.
-    interval : float
-        New interval in seconds.
-    gap : float
-        Where samples are further apart than this, outputs are NaN.
+    ``t``, ``u`` and ``y`` (T,): times in seconds, never decreasing; inputs; outputs, NaN where
+    nothing was measured; ``interval``: new interval in seconds; ``gap``: where samples are further
+    apart than this, outputs are NaN.
     """
     times, inputs = np.asarray(t, np.float64), np.asarray(u, np.float64)
     if not as_finite("interval", interval) > 0:

@@ -150,15 +150,9 @@ class LimitedActuator(WrappedActuator):
 class SingleChannel(WrappedActuator):
     """One input of an actuator, with the others at rest, and one output, which may be converted.
 
-    Parameters
-    ----------
-    actuator : Actuator
-    input, output : int
-        Which input, and which output.
-    conversion : Conversion, optional
-        From the readings to the output wanted.
-    begun : bool
-        Whether readings were converted in this run before: then a hold without one is no error.
+    ``input`` and ``output``: which input, and which output; ``conversion``: from the readings to
+    the output wanted; ``begun``: whether readings were converted in this run before: then a hold
+    without one is no error.
     """
 
     def __init__(
@@ -231,12 +225,8 @@ def single_channel(
 
     It is the actuator itself if it has one of each.
 
-    Parameters
-    ----------
-    actuator : Actuator
-    input, output : str, optional
-        Name, or name with unit, of a channel. The only input, and the output that belongs to the
-        input, without them.
+    ``input`` and ``output``: name, or name with unit, of a channel. The only input, and the output
+    that belongs to the input, without them.
     """
     place = _named(actuator.inputs, input, "input")
     own = getattr(actuator, "measures", range(len(actuator.outputs)))

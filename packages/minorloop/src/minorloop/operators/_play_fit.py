@@ -12,12 +12,6 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_pair, frozen
 from minorloop.errors import ParameterError, SignalError
 
-_LEAST_SLOPE = 1e-4
-"""Least slope of plays, in ranges of the output over that of the input: a fitted operator stays
-invertible, and the slope is too small to show in a record."""
-
-_FLATTEST, _STEEPEST = 1e-3, 1e2
-"""Bounds of the slopes of the dead zones: far beyond those of loops that saturate."""
 _STILL = 1e-9
 """A play that moves by a smaller share of half the input range does not move: rounding."""
 _MOST_STEPS = 100
@@ -88,14 +82,8 @@ def fit_bent_plays(
 
     Raises a `SignalError` if there are fewer measured samples than unknowns.
 
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Record; NaN in y is left out.
-    positions : (T, n) array
-        Positions of the plays.
-    knots : (K,) array
-        Outputs at which the slope of S changes, increasing.
+    ``u`` and ``y`` (T,): record; NaN in y is left out; ``positions`` (T, n): positions of the
+    plays; ``knots`` (K,): outputs at which the slope of S changes, increasing.
     """
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]
@@ -103,7 +91,9 @@ def fit_bent_plays(
     across, up = _half_range(u), _half_range(y)
     centre = _middle_piece(y, knots)
     least, mean = np.zeros(plays.shape[1]), plays.mean(axis=0)
-    least[0] = _LEAST_SLOPE
+    # Least slope of plays, in ranges of the output over that of the input: a fitted operator stays
+    # invertible, and the slope is too small to show in a record
+    least[0] = 1e-4
     problem = _Bent(
         columns=_columns(plays, across),
         y=(y - centre) / up,
@@ -142,8 +132,9 @@ class _Bent(NamedTuple):
 
         plays, mean = self.columns.shape[1], float(self.y.mean())
         theta = _bounded(self.columns, self.y - mean, self.least)
-        low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 1 / _STEEPEST)])
-        high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1 / _FLATTEST)])
+        # Bounds of the slopes of the dead zones: far beyond those of loops that saturate
+        low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 1 / 1e2)])
+        high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1 / 1e-3)])
         found = least_squares(
             self._residual,
             np.concatenate([np.maximum(theta, self.least), [mean], np.ones(self.knots.size)]),

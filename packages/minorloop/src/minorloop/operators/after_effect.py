@@ -79,10 +79,7 @@ class AfterEffect(ByValue, Drawn):
 
     Without field and creep the operator is the plane.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range, or shapes disagree.
+    Raises a `ParameterError` if a number is out of its range, or shapes disagree.
 
     References
     ----------
@@ -284,12 +281,7 @@ class AfterEffect(ByValue, Drawn):
     def stack(self, start: State, room: int) -> tuple[FloatArray, int, FloatArray, float]:
         """Return the state of the compiled loops: stack, rows in use, creep, and last input.
 
-        Parameters
-        ----------
-        start : start state, Memory or _AfterEffectState
-            The state.
-        room : int
-            Number of further reversals that the stack has room for.
+        ``start``: the state; ``room``: number of further reversals that the stack has room for.
         """
         timed = start if isinstance(start, _AfterEffectState) else None
         memory = self.plane.memory(start if isinstance(start, Memory | str) else start.memory)

@@ -42,8 +42,6 @@ DifferentialStart: TypeAlias = (
 
 _LEAST_EXPONENT = 0.5
 """Below it the slope changes too abruptly at z = 0 to be integrated; estimates of 1 are near it."""
-_NEARLY = 0.999
-"""Share of the way to a limit that a clipped target goes: the limit itself needs infinite input."""
 
 
 class Differential(ABC):
@@ -136,7 +134,9 @@ class Differential(ABC):
             )
         low, high = self.range
         u, reachable = np.empty_like(wanted), np.empty(wanted.shape, dtype=np.bool_)
-        _differential_kernels.invert(wanted, before, z, low, high, _NEARLY, *self.law, u, reachable)
+        # Share of the way to a limit that a clipped target goes: the limit itself needs infinite
+        # input
+        _differential_kernels.invert(wanted, before, z, low, high, 0.999, *self.law, u, reachable)
         if not np.isfinite(u).all():
             raise NotInvertibleError(
                 "the output falls while the input rises, so no input leads to the target; "
@@ -171,10 +171,7 @@ class BoucWen(Differential):
     With the usual ``beta``, give the products: only they can be seen in a loop. For an exponent
     of 1 steps are exact; for others they are integrated to about seven digits.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite or out of its range.
+    Raises a `ParameterError` if a number is not finite or out of its range.
 
     References
     ----------

@@ -8,13 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    ByValue,
-    FloatArray,
-    Samples,
-    as_finite,
-    frozen,
-)
+from minorloop.arrays import ByValue, FloatArray, Samples, as_finite, frozen
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators._play_fit import as_record, choose_knots, choose_radii, fit_bent_plays
@@ -129,10 +123,7 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
     H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. Memory and start states are
     those of H.
 
-    Raises
-    ------
-    ParameterError
-        If the offset is not finite, or plays or zones are of another class.
+    Raises a `ParameterError` if the offset is not finite, or plays or zones are of another class.
 
     References
     ----------

@@ -23,8 +23,6 @@ Start: TypeAlias = "Memory | Saturation"
 StartOfCurve: TypeAlias = "Memory | Saturation | Literal['as-left']"
 """Memory before a curve; ``"as-left"``: the one that the previous curve left."""
 
-_DEMAGNETISING_TURNS = 512
-"""Turns of the oscillation: the middle output is reached to about 1/512 of the range."""
 ROOM = 32
 """Default number of extrema that a memory of bounded length holds."""
 LEAST_ROOM, MOST_ROOM = 6, 10_000
@@ -36,17 +34,14 @@ input; 10,000 extrema take 400 kB, more than a history needs."""
 class Memory:
     """Remembered extrema, oldest first, ending with the present input.
 
+    Raises a `ParameterError` if there is none, one is not finite, or they do not nest.
+
     Parameters
     ----------
     extrema : sequence of float
         Minimum, maximum, minimum, ... in the unit of the input. Minima strictly increase,
         maxima strictly decrease, every maximum lies above every minimum. The first is the
         lower end of the plane: negative saturation.
-
-    Raises
-    ------
-    ParameterError
-        If there is none, one is not finite, or they do not nest.
 
     References
     ----------
@@ -71,12 +66,8 @@ class Memory:
 
         Raises a `ParameterError` if an input is NaN.
 
-        Parameters
-        ----------
-        inputs : iterable of float
-            Inputs in order; beyond [low, high] they count as the nearer end.
-        low, high : float
-            Ends of the plane in the unit of the input, ``levels[0]`` and ``levels[-1]``.
+        ``inputs``: inputs in order; beyond [low, high] they count as the nearer end; ``low`` and
+        ``high``: ends of the plane in the unit of the input, ``levels[0]`` and ``levels[-1]``.
         """
         values = np.fromiter(inputs, dtype=np.float64)
         extrema = np.empty(values.size + 1)
@@ -103,7 +94,8 @@ class Memory:
         The swing shrinks by 1/512 of the plane a turn, so a plane symmetric about its middle
         is left within about 1/512 of its range of its middle output. The ends are as of `after`.
         """
-        turns = _DEMAGNETISING_TURNS
+        # Turns of the oscillation: the middle output is reached to about 1/512 of the range
+        turns = 512
         middle, half = (low + high) / 2, (high - low) / 2
         shrink = 1 - np.arange(2 * turns) / (2 * turns - 1)
         signs = np.where(np.arange(2 * turns) % 2 == 0, 1.0, -1.0)

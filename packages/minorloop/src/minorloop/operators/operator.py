@@ -43,6 +43,10 @@ class Operator(Protocol):
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn.
 
+        Raises an `UnreachableError` if a target is out of reach and ``unreachable="raise"``; a
+        `NotInvertibleError` if the model is not monotone, or has no inverse; a `SignalError` if the
+        targets are not finite numbers in one dimension.
+
         Parameters
         ----------
         targets : (T,) array_like
@@ -57,14 +61,6 @@ class Operator(Protocol):
         Inversion
             Inputs, their outputs, residuals, and which targets were reachable.
 
-        Raises
-        ------
-        UnreachableError
-            If a target is out of reach and ``unreachable="raise"``.
-        NotInvertibleError
-            If the model is not monotone, or has no inverse.
-        SignalError
-            If the targets are not finite numbers in one dimension.
         """
 
     def step(self, memory: Any, u: float) -> tuple[float, Any]:

@@ -21,21 +21,11 @@ from minorloop.arrays import (
 )
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import Drawn
-from minorloop.operators.inversion import (
-    Inversion,
-    Unreachable,
-    as_targets,
-)
+from minorloop.operators.inversion import Inversion, Unreachable, as_targets
 from minorloop.operators.tracker import StepTracker
 
-_HALVINGS = 64
-"""Bisections: more than the 53 bits of a float."""
 _LARGEST = 1e300
 """Largest sum of the terms of an output, as for `Preisach`."""
-_FLAT = 1e-12
-"""Changes by a smaller share of the output range are rounding and have no direction."""
-_NEGLIGIBLE = 1e-17
-"""A term of the slope below this share of the largest is less than its rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +35,8 @@ class Polynomial(ByValue, Drawn):
     Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``, which they
     have in common with those of operators.
 
-    Raises
-    ------
-    ParameterError
-        If there is no coefficient, a number is not finite, or ``low`` is not below ``high``.
+    Raises a `ParameterError` if there is no coefficient, a number is not finite, or ``low`` is not
+    below ``high``.
 
     References
     ----------
@@ -107,14 +95,9 @@ class Polynomial(ByValue, Drawn):
         Raises a `ParameterError` if the degree is not a whole number of at least 1; a `SignalError`
         if lengths differ, or there are too few different inputs for the degree.
 
-        Parameters
-        ----------
-        u, y : (T,) array_like
-            Inputs, and outputs with NaN where nothing was measured.
-        degree : int
-            Degree of the polynomial, at least 1.
-        low, high : float, optional
-            Range of inputs; that of the record if not given.
+        ``u`` and ``y`` (T,): inputs, and outputs with NaN where nothing was measured; ``degree``:
+        degree of the polynomial, at least 1; ``low`` and ``high``: range of inputs; that of the
+        record if not given.
         """
         degree = as_whole("degree", degree, 1)
         inputs, outputs = as_pair(u, y)
@@ -146,7 +129,8 @@ class Polynomial(ByValue, Drawn):
         """Of the intervals in which the curve is monotone, that with the widest range of output."""
         turns = self._turns
         outputs = self._at(turns)
-        flat = _FLAT * (outputs.max() - outputs.min())
+        # Changes by a smaller share of the output range are rounding and have no direction
+        flat = 1e-12 * (outputs.max() - outputs.min())
         best, begin, direction = (self.low, self.low), 0, 0.0
         span = 0.0
         for k in range(1, turns.size):
@@ -170,10 +154,7 @@ class Polynomial(ByValue, Drawn):
         return self._at(np.clip(as_samples(u, name="u"), self.low, self.high))
 
     def invert(
-        self,
-        targets: npt.ArrayLike,
-        start: object = None,
-        unreachable: Unreachable = "raise",
+        self, targets: npt.ArrayLike, start: object = None, unreachable: Unreachable = "raise"
     ) -> Inversion:
         """Return inputs in [low, high] that bring the output to each target; the start is ignored.
 
@@ -203,7 +184,8 @@ class Polynomial(ByValue, Drawn):
         slope = polynomial.polyder(self.coefficients)
         # A leading term that is negligible on the range would put roots near infinity.
         terms = np.abs(slope) * max(abs(self.low), abs(self.high)) ** np.arange(slope.size)
-        slope = slope[: np.max(np.nonzero(terms > _NEGLIGIBLE * terms.max())[0], initial=0) + 1]
+        # A term of the slope below this share of the largest is less than its rounding error
+        slope = slope[: np.max(np.nonzero(terms > 1e-17 * terms.max())[0], initial=0) + 1]
         # Rounding can make a double root complex, so real parts of complex roots are used too. If
         # the curve has no extremum there, an interval is only split into two.
         places = np.real(polynomial.polyroots(slope)) if slope.size > 1 else np.empty(0)
@@ -217,7 +199,8 @@ class Polynomial(ByValue, Drawn):
         """Return the nearest floats to the inputs of the targets, by bisection."""
         rising = self._at(np.array(self.high)) > self._at(np.array(self.low))
         low, high = np.full(targets.shape, self.low), np.full(targets.shape, self.high)
-        for _ in range(_HALVINGS):
+        # Bisections: more than the 53 bits of a float
+        for _ in range(64):
             middle = low + (high - low) / 2
             beyond = (self._at(middle) > targets) == rising
             high = np.where(beyond, middle, high)

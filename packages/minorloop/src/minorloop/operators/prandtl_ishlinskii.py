@@ -3,8 +3,6 @@
 Its loops are symmetric and do not saturate; those of `GeneralisedPrandtlIshlinskii` can do both.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -12,14 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import (
-    ByValue,
-    FloatArray,
-    Samples,
-    as_finite,
-    check_option,
-    frozen,
-)
+from minorloop.arrays import ByValue, FloatArray, Samples, as_finite, check_option, frozen
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators import _play_kernels
@@ -49,11 +40,8 @@ class PrandtlIshlinskii(ByValue, Drawn):
     - ``"negative"`` or ``"positive"``: the input came from far below, or from far above,
     - ``"demagnetised"`` or ``"relaxed"``: every play at zero.
 
-    Raises
-    ------
-    ParameterError
-        If there is no play, radii do not increase or are negative, lengths differ, or a
-        number is not finite.
+    Raises a `ParameterError` if there is no play, radii do not increase or are negative, lengths
+    differ, or a number is not finite.
 
     References
     ----------
@@ -109,10 +97,8 @@ class PrandtlIshlinskii(ByValue, Drawn):
         Raises a `ParameterError` if the name is unknown, or no input leads to these positions:
         neighbours lie no further apart than the difference of their radii.
 
-        Parameters
-        ----------
-        start : {"negative", "positive", "demagnetised"} or (n,) array_like
-            Positions of the plays before the first input, or a state by name.
+        ``start`` {"negative", "positive", "demagnetised"}: positions of the plays before the first
+        input, or a state by name.
         """
         if isinstance(start, str):
             names = ("negative", "positive", "demagnetised", "relaxed")

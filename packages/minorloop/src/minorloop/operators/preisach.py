@@ -24,11 +24,7 @@ from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators import _kernels, plane
 from minorloop.operators._parallel import filled
-from minorloop.operators.inversion import (
-    Inversion,
-    Unreachable,
-    as_targets,
-)
+from minorloop.operators.inversion import Inversion, Unreachable, as_targets
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.tracker import Tracker
@@ -38,18 +34,13 @@ Diagonal: TypeAlias = Literal["uniform", "reversible"]
 _LARGEST = 1e300
 """Largest sum of the terms of an output: far enough below the largest float, 1.8e308, for sums and
 differences of outputs."""
-_ROUNDING = 1e-13
-"""A slope may be negative by this share of the steepest one: rounding of sums of weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Preisach(ByValue, Drawn):
     """A weighted continuum of relays; the output depends on remembered extrema of the input.
 
-    Raises
-    ------
-    ParameterError
-        If levels do not increase, shapes disagree, or a number is not finite.
+    Raises a `ParameterError` if levels do not increase, shapes disagree, or a number is not finite.
 
     References
     ----------
@@ -151,17 +142,16 @@ class Preisach(ByValue, Drawn):
         bow = self.diagonal == "uniform"
         rate = plane.slack(self.levels, weights, slope, self.swing, bow)
         steepest = np.abs(weights).sum() / np.diff(self.levels).min() + abs(slope)
-        return bool(rate >= -_ROUNDING * steepest)
+        # A slope may be negative by this share of the steepest one: rounding of sums of weights
+        return bool(rate >= -1e-13 * steepest)
 
     def everett(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
         """Return the integral of the density over the triangle between beta and alpha.
 
         Raises a `ParameterError` if an alpha is below its beta.
 
-        Parameters
-        ----------
-        alpha, beta : array_like
-            Corners, broadcast against each other; inputs beyond the levels are clamped.
+        ``alpha`` and ``beta``: corners, broadcast against each other; inputs beyond the levels are
+        clamped.
 
         Returns
         -------
@@ -190,10 +180,7 @@ class Preisach(ByValue, Drawn):
         return filled(u, run)
 
     def invert(
-        self,
-        targets: npt.ArrayLike,
-        start: Start = "negative",
-        unreachable: Unreachable = "raise",
+        self, targets: npt.ArrayLike, start: Start = "negative", unreachable: Unreachable = "raise"
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, by the exact right inverse.
 
@@ -255,10 +242,7 @@ class Preisach(ByValue, Drawn):
     def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
         """Return the state of the compiled loops for a start state as of `simulate`.
 
-        Parameters
-        ----------
-        room : int
-            Number of further reversals that the state has room for.
+        ``room``: number of further reversals that the state has room for.
 
         Returns
         -------

@@ -45,10 +45,7 @@ class RelayModel(ByValue, Drawn):
     row alpha = levels[k], and one that falls below level k switches off the column
     beta = levels[k].
 
-    Raises
-    ------
-    ParameterError
-        If levels do not increase, shapes disagree, or a number is not finite.
+    Raises a `ParameterError` if levels do not increase, shapes disagree, or a number is not finite.
 
     References
     ----------
@@ -88,10 +85,7 @@ class RelayModel(ByValue, Drawn):
 
         Raises a `ParameterError` if the model has a slope, which relays cannot represent.
 
-        Parameters
-        ----------
-        model : Preisach
-            Its levels become those of the relays.
+        ``model``: its levels become those of the relays.
         """
         if model.slope:
             raise ParameterError(
@@ -115,16 +109,9 @@ class RelayModel(ByValue, Drawn):
         Raises a `SignalError` if lengths differ, or an input or output never changes; a
         `ParameterError` if an input is below the lowest level.
 
-        Parameters
-        ----------
-        u : (T,) array_like
-            Inputs, in order, from negative saturation; none is below the lowest level.
-        y : (T,) array_like
-            Settled outputs; NaN where nothing was measured.
-        levels : (N,) array_like
-            Thresholds.
-        signed : bool
-            Whether weights may be negative.
+        ``u`` (T,): inputs, in order, from negative saturation; none is below the lowest level;
+        ``y`` (T,): settled outputs; NaN where nothing was measured; ``levels`` (N,): thresholds;
+        ``signed``: whether weights may be negative.
         """
         from scipy.optimize import nnls
 
@@ -148,12 +135,8 @@ class RelayModel(ByValue, Drawn):
     def states(self, u: npt.ArrayLike, start: RelayStart = "negative") -> FloatArray:
         """Return the (N, N) relays after an input: 1 if on, 0 if off or above the diagonal.
 
-        Parameters
-        ----------
-        u : float or (T,) array_like
-            Inputs, in order.
-        start : {"negative", "positive"}
-            Saturation before the first input.
+        ``u`` (T,): inputs, in order; ``start`` {"negative", "positive"}: saturation before the
+        first input.
         """
         levels, past = self._plane.levels, self._start(start).extrema
         inputs = self._on_levels(as_signal(u, name="u"))

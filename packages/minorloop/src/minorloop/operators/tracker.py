@@ -44,12 +44,8 @@ class Tracker:
     def run(self, loop: Callable[..., int], *arguments: object) -> None:
         """Update the memory by a compiled loop that adds at most one extremum.
 
-        Parameters
-        ----------
-        loop : callable
-            Takes `PlaneTables`, the stack, the rows in use, and the arguments; returns the rows.
-        *arguments
-            Of the loop.
+        ``loop``: takes `PlaneTables`, the stack, the rows in use, and the arguments; returns the
+        rows; ``*arguments``: of the loop.
         """
         self._make_room()
         self._rows = int(loop(self._tables, self._stack, self._rows, *arguments))

@@ -1,7 +1,5 @@
 """Checks of every HTTP request, and security headers of every response."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from starlette.requests import Request

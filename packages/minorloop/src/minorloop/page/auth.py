@@ -1,7 +1,5 @@
 """Authentication: a key that is new at every start, and requests of this server's pages only."""
 
-from __future__ import annotations
-
 import ipaddress
 import re
 import secrets

@@ -1,7 +1,5 @@
 """The lab page and its requests: uploaded files, identification, moves and inversion."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import re

@@ -1,7 +1,5 @@
 """Advice in the words of the lab page: its fields in place of options of Python and commands."""
 
-from __future__ import annotations
-
 import re
 
 FIELDS = {

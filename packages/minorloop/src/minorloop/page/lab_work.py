@@ -4,8 +4,6 @@ A task is a generator whose reports are sent to the page. Each file has a folder
 worker changes into it, so that messages contain the name of the file only.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -43,10 +41,9 @@ _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
 # Limits that keep a task within the time and memory of a worker.
 _MOST_LEVELS, _MOST_TARGETS = 100, 10_000
+_COLUMNS = ("input", "output", "time", "curves", "groups")
 _BOUNDS = Bounds(
-    rows=500_000,
-    columns=100,
-    advice=" here, or use 'minorloop identify' on the command line",
+    rows=500_000, columns=100, advice=" here, or use 'minorloop identify' on the command line"
 )
 """The largest table that the page reads."""
 
@@ -96,14 +93,9 @@ def look(folder: str, name: str) -> Reports:
 def identify_file(
     folder: str,
     name: str,
-    input: str,
-    output: str,
     *,
-    time: str | None = None,
     first: int = 0,
     last: int | None = None,
-    curves: str | None = None,
-    groups: str | None = None,
     dynamics: str = "none",
     creep: str = "none",
     rate: bool = False,
@@ -112,18 +104,19 @@ def identify_file(
     """Identify a model; report stages, the result, and the end of the report.
 
     Columns, rows and options are those of the lab page; ``creep`` and ``rate`` name laws of time
-    in the plane to compare, as in `minorloop.Viscosity`. The others are those of
-    `minorloop.identification.pipeline.Options`.
+    in the plane to compare, as in `minorloop.Viscosity`. The others are the columns of
+    `minorloop.read` and those of `minorloop.identification.pipeline.Options`.
     """
     os.chdir(folder)
-    if input == output:
+    columns = {one: options.pop(one, None) for one in _COLUMNS}
+    if columns["input"] == columns["output"]:
         raise ParameterError("input and output are the same column; choose two")
     yield {"stage": f"reading {name}"}
     levels = options.get("levels", AUTO)
     count = DEFAULT_LEVELS if levels == AUTO else levels
     if not isinstance(count, int) or not 1 <= count <= _MOST_LEVELS:
         raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
-    log = read(name, input=input, output=output, time=time, curves=curves, groups=groups)
+    log = read(name, **columns)
     asked = Options.of(options)
     log = log.only(first, last).replace(**asked.of_record)
     measured = int(np.isfinite(log.y[log.part]).sum())

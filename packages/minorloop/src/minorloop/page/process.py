@@ -1,7 +1,5 @@
 """What a process does to itself: name, niceness, limits, and to end with its parent."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

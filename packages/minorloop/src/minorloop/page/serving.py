@@ -5,8 +5,6 @@ uvicorn limits neither the time of a slow request nor the number of connections 
 protocol below answers requests that are too long, in such a way that the answer arrives.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import sys

@@ -3,8 +3,6 @@
 Unfinished uploads count in full.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

@@ -19,13 +19,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from minorloop.errors import MinorloopError
-from minorloop.page.process import (
-    BEGINNING,
-    be_nice,
-    bind_to_parent,
-    is_stopped,
-    limit_resources,
-)
+from minorloop.page.process import BEGINNING, be_nice, bind_to_parent, is_stopped, limit_resources
 
 TASKS = "minorloop.page.lab_work"
 _POLL = 0.01

@@ -31,12 +31,8 @@ class IpmcLaser(Ipmc):
     height of a specimen's laser is drawn around the nominal 15 mm with a standard deviation of
     0.1 mm.
 
-    Parameters
-    ----------
-    specimen, seed, tick, drift, substeps
-        As in ``Ipmc``, with its errors.
-    noise : float
-        Standard deviation of the measured distance, in mm; 0.0028 is typical.
+    ``specimen``, ``seed``, ``tick``, ``drift`` and ``substeps``: as in ``Ipmc``, with its errors;
+    ``noise``: standard deviation of the measured distance, in mm; 0.0028 is typical.
     """
 
     kind = "ipmc-laser"

@@ -98,15 +98,10 @@ class SimulatedPlant(ABC):
         Raises a `LimitError` if an input is beyond the limits, and nothing is applied then; a
         `SignalError` if the shapes differ, a number is not finite, or time does not increase.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds; the first is the present time, whatever its
-            value. Steps of the integration end at these times, and between distant ones. 240
-            samples a period are enough for a sine.
-        u : (T,) or (channels, T) array_like
-            Input at these times, in the units of the channels. The step to the first value
-            takes no time.
+        ``t`` (T,): strictly increasing times in seconds; the first is the present time, whatever
+        its value. Steps of the integration end at these times, and between distant ones. 240
+        samples a period are enough for a sine. ``u`` (T,) or (channels, T): input at these times,
+        in the units of the channels. The step to the first value takes no time.
         """
         times, given = as_waveform(t, u, channels=len(self.inputs))
         values = np.ascontiguousarray(given.reshape(-1, times.size).T)
@@ -182,14 +177,9 @@ class SimulatedActuator(SimulatedPlant):
 
     Raises a `ParameterError` if an option is out of its range.
 
-    Parameters
-    ----------
-    specimen, noise, seed, substeps
-        As in `SimulatedPlant`.
-    tick : float, optional
-        How long one ``exchange`` takes, in seconds; the default belongs to the actuator.
-    drift : float
-        Relative change of the coupling gain per hour, compounding: -0.05 loses 5 % an hour.
+    ``specimen``, ``noise``, ``seed`` and ``substeps``: as in `SimulatedPlant`; ``tick``: how long
+    one ``exchange`` takes, in seconds; the default belongs to the actuator; ``drift``: relative
+    change of the coupling gain per hour, compounding: -0.05 loses 5 % an hour.
     """
 
     _nominal: dict[str, float]

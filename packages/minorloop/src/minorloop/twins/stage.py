@@ -15,8 +15,6 @@ from minorloop.twins import _kernels
 
 RATE = 10_000.0
 """Samples a second."""
-_SUBSTEPS = 8
-"""Steps of the integration for each sample."""
 VOLTAGE = 100.0
 """Greatest voltage; the least one is 0."""
 TRAVEL = 40.0
@@ -66,14 +64,8 @@ class Stage:
         Before the first sample, the stage was moved to the greatest voltage and back to 0, and
         rested there for long.
 
-        Parameters
-        ----------
-        u : (T,) array
-            Voltages, each held for a sample.
-        noise : float
-            Standard deviation of a reading in um.
-        experiment : int
-            Number of the experiment, which draws the noise.
+        ``u`` (T,): voltages, each held for a sample; ``noise``: standard deviation of a reading in
+        um; ``experiment``: number of the experiment, which draws the noise.
         """
         drawn = self._drawn
         up = np.linspace(0.0, VOLTAGE, _SWEEP + 1)
@@ -84,10 +76,11 @@ class Stage:
         low, high = w[before.size - 1], w[_SWEEP]
         z = (w[before.size :] - low) / (high - low)
         pushed = TRAVEL * (z + drawn["bend"] * z * (1 - z))
+        # Steps of the integration for each sample
         y = _kernels.creeping_resonance(
             pushed,
             1 / RATE,
-            _SUBSTEPS,
+            8,
             float(drawn["omega"][0]),
             float(drawn["damping"][0]),
             drawn["times"],

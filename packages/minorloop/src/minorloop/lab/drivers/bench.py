@@ -21,14 +21,10 @@ from minorloop.lab.drivers.device import Closable, Lines, Meter, Source
 from minorloop.lab.records import Quantity, Record, Timing
 from minorloop.lab.signals import Deferred, ended_by_signals
 
-_OVERLOAD = 9e37
-"""Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)."""
 _MAX_SAMPLES = 20_000_000
 """Most samples of a hold."""
 _READINGS = 3
 """Readings after which the answer time of the meter is known."""
-_LATEST = 9
-"""Latest readings whose median predicts how long the next one takes."""
 _SLACK = 0.1
 """Share of an answer by which the last reading may end after the hold."""
 _ROUNDING = 1e-9
@@ -76,17 +72,9 @@ class LimitedSource:
     One command changes an input by at most its rate limit times the time since the last command,
     and a tick at most. After a command that failed, nothing is set until `safe` has succeeded.
 
-    Parameters
-    ----------
-    source : Source
-        Sets all inputs at once: a number for one, an array for several.
-    channels : tuple of Channel
-        The inputs.
-    rest : (channels,) array
-        The inputs that are on when the source is safe.
-    tick : float
-        In seconds.
-    clock : Clock
+    ``source``: sets all inputs at once: a number for one, an array for several; ``channels``: the
+    inputs; ``rest`` (channels,): the inputs that are on when the source is safe; ``tick``: in
+    seconds.
     """
 
     def __init__(
@@ -219,7 +207,8 @@ class Bench:
         self._began = self._clock.now()
         self._set: _Span | None = None
         self._doubt = 0.0  # half the exchange that set the present input
-        self._answers: deque[float] = deque(maxlen=_LATEST)
+        # Latest readings whose median predicts how long the next one takes
+        self._answers: deque[float] = deque(maxlen=9)
         self._found = 0.0
 
     @property
@@ -490,7 +479,8 @@ def check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
 
 def _check_reading(channel: Channel, value: float) -> None:
     """Refuse a reading that cannot be."""
-    if not math.isfinite(value) or abs(value) >= _OVERLOAD:
+    # Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)
+    if not math.isfinite(value) or abs(value) >= 9e37:
         raise InstrumentError(
             f"the meter reads {value} for {channel.name}: overloaded, or not connected"
         )

@@ -92,9 +92,6 @@ _UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "don
 """Keys on which no reading depends; they may change before a run is resumed."""
 _LARGEST = 1_000_000
 """Bytes of the largest file."""
-_ROUNDING = 1e-9
-"""Share of the largest number sent that a conversion may go back: rounding, far below the
-resolution of any instrument."""
 
 
 class _ConversionRow(Section, kw_only=True):
@@ -428,7 +425,9 @@ def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
     places = np.array([source.low, *inside, source.high])
     sent = conversion.convert(places)
     ways = np.diff(sent) * np.sign(sent[-1] - sent[0])
-    if (ways < -_ROUNDING * np.abs(sent).max()).any() or sent[0] == sent[-1]:
+    # Share of the largest number sent that a conversion may go back: rounding, far below the
+    # resolution of any instrument
+    if (ways < -1e-9 * np.abs(sent).max()).any() or sent[0] == sent[-1]:
         back = int(np.argmin(ways))
         shown = ", ".join(
             f"{sent[k]:g} at {places[k]:g}" for k in sorted({0, back, back + 1, len(sent) - 1})

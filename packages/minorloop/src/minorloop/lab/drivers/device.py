@@ -101,18 +101,9 @@ def parsed(
 
     Raises a `ParameterError` if a key is missing, unknown, or of another type.
 
-    Parameters
-    ----------
-    kind : type
-        The structure.
-    values : mapping
-        Keys and values of the part.
-    where : object
-        Name of the part, for a message.
-    what : str
-        What the part describes, for a message.
-    also : sequence of str
-        Keys of the part that are read elsewhere, for a message.
+    ``kind``: the structure; ``values``: keys and values of the part; ``where``: name of the part,
+    for a message; ``what``: what the part describes, for a message; ``also``: keys of the part that
+    are read elsewhere, for a message.
     """
     try:
         return msgspec.convert(values, kind)

@@ -21,9 +21,6 @@ _SHOWN = 40
 """Bytes of an answer without an end that a message shows."""
 _LONGEST_MESSAGE = 400
 """Most characters of an error message of a library."""
-_QUIET, _AT_ONCE = 20, 1
-"""Milliseconds without a character after which nothing more is expected; the same for characters
-that have arrived already."""
 _PARTING = 1.0
 """Seconds for the other end to receive what was sent, before a connection is closed."""
 
@@ -68,16 +65,9 @@ class VisaLink:
     Raises a `MissingExtraError` if PyVISA is not installed; an `InstrumentError` if there is no
     such instrument.
 
-    Parameters
-    ----------
-    resource : str
-        VISA address, such as ``GPIB0::5::INSTR`` or ``ASRL/dev/ttyACM0::INSTR``.
-    library : str
-        VISA library, ``@py`` for PyVISA-py; ``bench.yaml@sim`` for a simulation.
-    timeout : float
-        Seconds to wait for an answer.
-    baud : int, optional
-        Baud rate of a serial port.
+    ``resource``: VISA address, such as ``GPIB0::5::INSTR`` or ``ASRL/dev/ttyACM0::INSTR``;
+    ``library``: VISA library, ``@py`` for PyVISA-py; ``bench.yaml@sim`` for a simulation;
+    ``timeout``: seconds to wait for an answer; ``baud``: baud rate of a serial port.
 
     Attributes
     ----------
@@ -294,7 +284,9 @@ class VisaLink:
         if not self._streams:
             return
         try:
-            self._drain(_QUIET if self._stale else _AT_ONCE)
+            # Milliseconds without a character after which nothing more is expected; the same for
+            # characters that have arrived already
+            self._drain(20 if self._stale else 1)
         except Exception as error:
             self._doubtful = True
             raise InstrumentError(f"{self.name} cannot be asked: {_short(error)}") from None

@@ -22,8 +22,6 @@ NEEDS = "pymodbus", "modbus"
 """Library of the driver, and the extra that installs it."""
 
 _Kind: TypeAlias = Literal["float32", "int16", "uint16", "int32", "uint32"]
-_SAME = 1e-6
-"""Largest difference of a register that was read back, as a share of the number."""
 
 
 class _ModbusSettings(Section, kw_only=True):
@@ -74,7 +72,8 @@ class ModbusDevice(PlannedDevice):
             self._asked("write_registers", source.register, words)
             found = self._register("read_holding_registers", source)
             place = f"register {source.register}"
-            self._confirm(place, number, found, _SAME * max(1.0, abs(number)))
+            # Largest difference of a register that was read back, as a share of the number
+            self._confirm(place, number, found, 1e-6 * max(1.0, abs(number)))
 
     def read(self) -> FloatArray:
         """Return the registers of all sensors."""

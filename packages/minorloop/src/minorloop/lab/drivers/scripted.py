@@ -13,12 +13,8 @@ class Script:
 
     Raises an `AssertionError` when the driver sends something else.
 
-    Parameters
-    ----------
-    lines : iterable of (str, str or None)
-        Each line that the driver must send, in order, and the answer: None if there is none,
-        `SILENCE` for an answer that never comes. Several answers to one line are separated by
-        newlines.
+    ``lines``: each line that the driver must send, in order, and the answer: None if there is none,
+    `SILENCE` for an answer that never comes. Several answers to one line are separated by newlines.
     """
 
     def __init__(self, lines: Iterable[tuple[str, str | None]]) -> None:

@@ -36,7 +36,6 @@ from minorloop.errors import InstrumentError, counted
 from minorloop.lab.drivers.link import Link, number
 from minorloop.lab.signals import Deferred
 
-_VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
 _MOST = 65_536
 _LONGEST = 3_600_000
@@ -165,61 +164,6 @@ class BoardLine:
             f"{self._link.name} gave no valid answer to {words[0]}, last {line[:60]!r}; check the "
             "cable and the baud rate"
         )
-
-
-class Board(BoardLine):
-    """A board with the firmware of the C export: a source and a meter in one.
-
-    ``link``: the connection to the board. Raises an `InstrumentError` if the answer is not that of
-    such a board.
-
-    Attributes
-    ----------
-    low : float
-        Lower limit of the input in the firmware, in its unit.
-    high : float
-        Upper limit.
-    """
-
-    def __init__(self, link: Link) -> None:
-        super().__init__(link)
-        words = self.hello
-        if len(words) != 5 or words[:2] != ["minorloop", str(_VERSION)]:
-            raise InstrumentError(
-                f"{link.name} answers {' '.join(words)!r}; its firmware has another protocol "
-                f"than minorloop {_VERSION}: export it again"
-            )
-        self.low, self.high = (number(word, link.name) for word in words[2:4])
-        self._wait_at_most(words[4])
-
-    def set(self, value: float) -> None:
-        """Apply an input.
-
-        Raises an `InstrumentError` if the board refuses it, has gone to its safe input by itself,
-        or answers another input.
-        """
-        self._apply([value], repr(float(value)))
-
-    def read(self) -> float:
-        """Return the reading of the sensor."""
-        return self._numbers(1, "GET")[0]
-
-    def step(self, u: float) -> float:
-        """Return the output of the model in the firmware for an input, and update its memory."""
-        return self._numbers(1, "STEP", repr(float(u)))[0]
-
-    def aim(self, y: float) -> float:
-        """Return the input of the model in the firmware for a target."""
-        return self._numbers(1, "AIM", repr(float(y)))[0]
-
-    def safe(self) -> None:
-        """Go to the safe input.
-
-        Raises an `InstrumentError` if the board does not confirm. Without questions it goes there
-        after its patience.
-        """
-        self._on = False
-        self._ask("SAFE")
 
 
 def _keep(kept: weakref.ref[BoardLine]) -> None:

@@ -136,15 +136,8 @@ class _LineCommands(Section, kw_only=True):
 class ScpiSource:
     """Sets an input by a line of text.
 
-    Parameters
-    ----------
-    link : Link
-        The line to the instrument.
-    commands : Commands
-    rest : float
-        Answer to ``confirm`` when the source is safe.
-    span : float, optional
-        Width of the range of the input, in its unit; the size of each input if not given.
+    ``link``: the line to the instrument; ``rest``: answer to ``confirm`` when the source is safe;
+    ``span``: width of the range of the input, in its unit; the size of each input if not given.
     """
 
     def __init__(
