@@ -52,11 +52,11 @@ def test_a_crack_without_a_depth_has_a_lower_bound_that_is_kept():
 
 
 def test_a_scratch_on_a_whole_wall_is_no_crack_and_a_crack_beside_its_trace_is_not_excluded():
-    assert crack_depth(scan(0.0, 0.0), PROBE, COURSE, 0.15e-3).verdict == "no crack"
+    assert crack_depth(scan(0.0, 0.0, points=5), PROBE, COURSE, 0.1e-3).verdict == "no crack"
     for width, depth in ((0.03e-3, 0.1e-3), (0.3e-3, 1.1e-3)):
-        bursts = scan(width, depth)
+        bursts = scan(width, depth, points=5)
         for off in np.linspace(-0.25e-3, 0.25e-3, 6):
-            found = crack_depth(bursts, PROBE, COURSE + np.array([0, off]), 0.15e-3)
+            found = crack_depth(bursts, PROBE, COURSE + np.array([0, off]), 0.075e-3)
             assert found.verdict != "no crack"
 
 

@@ -42,9 +42,9 @@ between the flanks sound spreads along the crack, the more the deeper it is."""
 _BOUND = 0.8e-3
 """Greatest lower bound of a depth in metres. Floors of cracks of the twin, 0.1 to 0.3 mm wide, are
 found down to 0.7 mm. At 1.1 mm that of a wide one is not: waves between its flanks disturb it."""
-_ASIDE, _FINEST = 0.2e-3, 20e-6
-"""Distance by which a traced course may be off, and width of a crack that would still show, where
-echoes show that there is no crack, in metres."""
+_ASIDE, _THINNER = 0.2e-3, 0.3
+"""Distance in metres by which a traced course may be off, and how wide a crack may be over its
+traced width, where echoes show that there is none."""
 _DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
 """Depths that are tried, in metres, down to the end of the window."""
 
@@ -216,12 +216,11 @@ def _estimate(
     costs = every[row]
     others = every[:, np.abs(_DEPTHS - _DEPTHS[best]) > _APART]
     whole = fit.cost_of(plain)
-    gains = (min(_FINEST / width, 1.0), *_GAINS)
     missing = [
-        min(fit.cost_of(plain * (1 - gain * each[:, None])) for gain in gains)
+        min(fit.cost_of(plain * (1 - gain * each[:, None])) for gain in (_THINNER, *_GAINS[1:]))
         for each in (share, *beside)
     ]
-    without = min(whole, missing[0])
+    without = min(whole, *(fit.cost_of(plain * (1 - part)) for part in parts))
     if whole + _SURE < min(*missing, float(every.min())):
         return CrackDepth(NO_CRACK, least_width=least)
     if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(_DEPTHS) - 1):
