@@ -86,8 +86,16 @@ class Linear(ByValue, Drawn):
     ) -> Linear:
         """Return a continuous system with these poles and zeros.
 
-        ``poles``: in 1/s; ``zeros``: in 1/s; ``dc_gain``: settled output per input; ``delay``: dead
-        time, in seconds.
+        Parameters
+        ----------
+        poles : sequence of complex
+            In 1/s.
+        zeros : sequence of complex
+            In 1/s.
+        dc_gain : float
+            Settled output per input.
+        delay : float
+            Dead time, in seconds.
         """
         poles, zeros = np.atleast_1d(poles), np.atleast_1d(zeros)
         numerator, denominator = _polynomial("zeros", zeros), _polynomial("poles", poles)

@@ -194,9 +194,16 @@ class Adaptive:
     ) -> Identification:
         """Identify the model from the points to be fitted; validation points are held out.
 
-        ``u`` and ``y``: as of `choose`; ``law``: what is not "auto" in it is used instead of what
-        the experiment was designed for; ``prior``: `Gaussian` if "auto"; ``start`` {"negative",
-        "positive", "demagnetised"} or Memory: memory before the first point.
+        Parameters
+        ----------
+        u, y
+            As of `choose`.
+        law : Plane, optional
+            What is not "auto" in it is used instead of what the experiment was designed for.
+        prior : "auto", Gaussian or Smooth
+            `Gaussian` if "auto".
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before the first point.
         """
         progress = _Progress(self, u, y)
         fit = progress.fit(len(u), law, prior, start)

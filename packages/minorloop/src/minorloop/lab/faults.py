@@ -54,8 +54,14 @@ class Fault:
     def at(cls, places: IntArray, values: FloatArray, kind: Kind, text: str, remedy: str) -> Fault:
         """Return the fault of some samples.
 
-        ``places`` (N,) of int: these samples; ``values`` (T,): all readings; ``kind``, ``text`` and
-        ``remedy``: as of `Fault`.
+        Parameters
+        ----------
+        places : (N,) array of int
+            These samples.
+        values : (T,) array
+            All readings.
+        kind, text, remedy
+            As of `Fault`.
         """
         return cls(kind, tuple(places.tolist()), float(values[places[0]]), text, remedy)
 

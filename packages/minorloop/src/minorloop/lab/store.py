@@ -196,8 +196,14 @@ class Store:
         Raises an `OutputError` if the file exists already or cannot be written, or its name is too
         long.
 
-        ``path``: the file; an existing one is not replaced; ``plan``: the plan to carry out;
-        ``setup``: its actuator.
+        Parameters
+        ----------
+        path : str or path
+            The file; an existing one is not replaced.
+        plan : Plan
+            The plan to carry out.
+        setup : Setup
+            Its actuator.
         """
         about = {"plan": plan.to_json(), "setup": setup.to_json()}
         return cls.open(create_file(path, about), write=True)
@@ -438,8 +444,14 @@ class Store:
         Raises a `ParameterError` if it is not the next point of the plan, or times and outputs
         differ in number; a `StoreError` if it cannot be written; the store is as it was.
 
-        ``point``: the next point of the plan; ``t`` (T,): times of the hold, in seconds; ``y``
-        (T,): outputs during it.
+        Parameters
+        ----------
+        point : Point
+            The next point of the plan.
+        t : (T,) array_like
+            Times of the hold, in seconds.
+        y : (T,) array_like
+            Outputs during it.
         """
         count = len(self)
         if point.index != count or self.finished:

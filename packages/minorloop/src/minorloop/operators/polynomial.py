@@ -95,9 +95,14 @@ class Polynomial(ByValue, Drawn):
         Raises a `ParameterError` if the degree is not a whole number of at least 1; a `SignalError`
         if lengths differ, or there are too few different inputs for the degree.
 
-        ``u`` and ``y`` (T,): inputs, and outputs with NaN where nothing was measured; ``degree``:
-        degree of the polynomial, at least 1; ``low`` and ``high``: range of inputs; that of the
-        record if not given.
+        Parameters
+        ----------
+        u, y : (T,) array_like
+            Inputs, and outputs with NaN where nothing was measured.
+        degree : int
+            Degree of the polynomial, at least 1.
+        low, high : float, optional
+            Range of inputs; that of the record if not given.
         """
         degree = as_whole("degree", degree, 1)
         inputs, outputs = as_pair(u, y)

@@ -109,9 +109,16 @@ class RelayModel(ByValue, Drawn):
         Raises a `SignalError` if lengths differ, or an input or output never changes; a
         `ParameterError` if an input is below the lowest level.
 
-        ``u`` (T,): inputs, in order, from negative saturation; none is below the lowest level;
-        ``y`` (T,): settled outputs; NaN where nothing was measured; ``levels`` (N,): thresholds;
-        ``signed``: whether weights may be negative.
+        Parameters
+        ----------
+        u : (T,) array_like
+            Inputs, in order, from negative saturation; none is below the lowest level.
+        y : (T,) array_like
+            Settled outputs; NaN where nothing was measured.
+        levels : (N,) array_like
+            Thresholds.
+        signed : bool
+            Whether weights may be negative.
         """
         from scipy.optimize import nnls
 
