@@ -179,13 +179,9 @@ def test_every_public_name_of_every_module_has_a_docstring():
 
 
 def described(docstring):
-    """The names in the section Parameters of a docstring in numpydoc's form, or in a sentence.
-
-    In a sentence they come before a colon, as in "``t`` and ``u`` (T,): times, and inputs".
-    """
+    """The names in the section Parameters of a docstring in numpydoc's form."""
     section = re.search(r"Parameters\n-+\n(.*?)(?=\n\n[A-Z]\w+\n---|\Z)", docstring, re.DOTALL)
     lines = re.findall(r"^(\S[^\n:]*?)(?: :.*)?$", section[1], re.MULTILINE) if section else []
-    lines += re.findall(r"``\**(\w+)``(?=(?:(?:,| and)\s``\**\w+``)*[^;:.`]*:\s)", docstring)
     return {name.strip().lstrip("*") for line in lines for name in line.split(",")}
 
 

@@ -86,8 +86,12 @@ class Apparatus:
     ) -> Iterator[tuple[Actuator, Setup]]:
         """Yield the channel and what a store keeps of it; close the instruments at the end.
 
-        ``choose``: returns the name of the input where none is given; ``say``: called with each
-        warning of the actuator.
+        Parameters
+        ----------
+        choose : callable
+            Returns the name of the input where none is given.
+        say : callable
+            Called with each warning of the actuator.
         """
         address, options = split_address(self.address)
         with opened(address, say=say, **options) as whole:

@@ -158,7 +158,10 @@ class Cascade:
         Raises a `ParameterError` if the linear part is sampled at another interval, or the interval
         is not positive.
 
-        ``interval``: seconds between samples.
+        Parameters
+        ----------
+        interval : float
+            Seconds between samples.
         """
         step = as_seconds("interval", interval)
         ahead = None if self.ahead is None else _sampled(self.ahead, step)

@@ -106,7 +106,12 @@ class Linear(ByValue, Drawn):
     def lags(cls, *times: float, delay: float = 0.0) -> Linear:
         """Return first-order lags in series, with DC gain 1.
 
-        ``*times``: time constants, in seconds; ``delay``: dead time, in seconds.
+        Parameters
+        ----------
+        *times : float
+            Time constants, in seconds.
+        delay : float
+            Dead time, in seconds.
         """
         each = [-1 / as_seconds("time constant", time) for time in times]
         return cls.from_poles(each, delay=delay)
@@ -167,7 +172,10 @@ class Linear(ByValue, Drawn):
     def response(self, frequency: npt.ArrayLike) -> npt.NDArray[np.complex128]:
         """Return the complex gain at each frequency.
 
-        ``frequency``: frequencies, in Hz.
+        Parameters
+        ----------
+        frequency : array_like
+            Frequencies, in Hz.
         """
         s = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
         at = s if self.interval is None else np.exp(s * self.interval)
@@ -214,7 +222,10 @@ class Linear(ByValue, Drawn):
 
         Raises a `SignalError` if the times do not increase.
 
-        ``t`` (T,): times, in seconds.
+        Parameters
+        ----------
+        t : (T,) array_like
+            Times, in seconds.
         """
         times = as_times(t, fewest=1)
         y = np.zeros(times.size)
@@ -231,7 +242,10 @@ class Linear(ByValue, Drawn):
         Raises a `ParameterError` if it is sampled already, or the dead time is not a whole number
         of intervals.
 
-        ``interval``: seconds between samples.
+        Parameters
+        ----------
+        interval : float
+            Seconds between samples.
         """
         if self.interval is not None:
             raise ParameterError(f"the system is sampled already, every {self.interval:g} s")
@@ -258,7 +272,10 @@ class Linear(ByValue, Drawn):
 
         Raises a `ParameterError` if the system is continuous, or does not settle.
 
-        ``u``: the input at which it has settled.
+        Parameters
+        ----------
+        u : float
+            The input at which it has settled.
         """
         value = as_finite("u", u)
         return np.concatenate([self._settled(value), np.full(self.lag, value)])
@@ -315,7 +332,10 @@ class Linear(ByValue, Drawn):
     def at_rest(self, coefficients: FloatArray) -> float:
         """Return the value of a polynomial of the system at s = 0, or z = 1 if it is sampled.
 
-        ``coefficients`` (n,): numerator or denominator, highest power first.
+        Parameters
+        ----------
+        coefficients : (n,) array
+            Numerator or denominator, highest power first.
         """
         return float(coefficients[-1] if self.interval is None else coefficients.sum())
 

@@ -149,8 +149,12 @@ class Adaptive:
     def choose(self, u: Sequence[float], y: Sequence[float]) -> float | None:
         """Return the next input; None when the experiment is complete.
 
-        ``u`` (n,): inputs applied so far, in their unit; ``y`` (n,): settled outputs; NaN where
-        none was read.
+        Parameters
+        ----------
+        u : (n,) array_like
+            Inputs applied so far, in their unit.
+        y : (n,) array_like
+            Settled outputs; NaN where none was read.
         """
         progress = _Progress(self, u, y)
         if progress.repeat_next:
@@ -178,7 +182,10 @@ class Adaptive:
     def learn_noise(self, sd: Sequence[float]) -> None:
         """Estimate the noise from the standard deviations of the first settled outputs.
 
-        ``sd`` (n,): standard deviations of settled outputs, in the unit of the output.
+        Parameters
+        ----------
+        sd : (n,) array_like
+            Standard deviations of settled outputs, in the unit of the output.
         """
         known = [value for value in sd[:_FIXED] if np.isfinite(value)]
         if known:

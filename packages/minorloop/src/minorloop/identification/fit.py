@@ -171,7 +171,10 @@ class Plane:
 
         A reversible diagonal contains the slope within the levels.
 
-        ``levels``: thresholds (L + 1,).
+        Parameters
+        ----------
+        levels
+            Thresholds (L + 1,).
         """
         diagonals: list[Any] = [self.diagonal]
         if self.diagonal == "auto":

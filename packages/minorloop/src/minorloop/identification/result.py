@@ -301,7 +301,10 @@ class Fit(Scored, Generic[M]):
     def span(self, rows: BoolArray) -> float:
         """Return the range of the measured outputs in some rows, which errors are over.
 
-        ``rows`` (T,) of bool: these rows.
+        Parameters
+        ----------
+        rows : (T,) array of bool
+            These rows.
         """
         outputs = self.y if self.measured is None else self.measured
         return float(np.ptp(outputs[rows])) or 1.0
@@ -373,8 +376,12 @@ class Fit(Scored, Generic[M]):
     def save(self, path: PathLike, *, force: bool = False, **options: Any) -> None:
         """Write the model with its lag, scores and warnings to a file, as `minorloop.save`.
 
-        ``path`` and ``force``: as of `minorloop.save`; ``**options``: other options of it; names of
-        input and output are those of the record if not given.
+        Parameters
+        ----------
+        path, force
+            As of `minorloop.save`.
+        **options
+            Other options of it; names of input and output are those of the record if not given.
         """
         names = {}
         if self.record is not None:
@@ -385,7 +392,10 @@ class Fit(Scored, Generic[M]):
     def plot(self, **options: Any) -> Any:
         """Draw it, with the names and units of the record.
 
-        ``**options``: those of `minorloop.plot`.
+        Parameters
+        ----------
+        **options
+            Those of `minorloop.plot`.
         """
         return super().plot(**(self.drawn_labels | options))
 
@@ -411,7 +421,10 @@ class Fit(Scored, Generic[M]):
     def report(self, source: str = "the record") -> Report:
         """Return an HTML report on the model and its quality, with the names of the record.
 
-        ``source``: name of the record.
+        Parameters
+        ----------
+        source : str
+            Name of the record.
         """
         report = Report(self.headline, self._summary(source))
         self._add_to(report, self.drawn_labels)

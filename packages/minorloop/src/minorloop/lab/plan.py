@@ -126,8 +126,12 @@ class Plan:
 
         Raises a `ParameterError` if there are none, or too many.
 
-        ``sines``: in order, such as those of `minorloop.lab.sines.grid`; ``input``: name and unit
-        of the input, such as ``voltage [V]``.
+        Parameters
+        ----------
+        sines : sequence of Sine
+            In order, such as those of `minorloop.lab.sines.grid`.
+        input : str or Quantity
+            Name and unit of the input, such as ``voltage [V]``.
         """
         durations = [sine.duration for sine in sines]
         brief = min(durations, default=1.0)
@@ -233,7 +237,10 @@ class Plan:
 
         Raises a `ParameterError` if the text is not a plan.
 
-        ``text``: the JSON text.
+        Parameters
+        ----------
+        text : str
+            The JSON text.
         """
         try:
             fields = json.loads(text)
@@ -246,7 +253,10 @@ class Plan:
     def difference(self, other: Plan) -> str:
         """Return the first difference from another plan, in words; empty if there is none.
 
-        ``other``: to compare with.
+        Parameters
+        ----------
+        other : Plan
+            To compare with.
         """
         return first_difference(json.loads(self.to_json()), json.loads(other.to_json()))
 
@@ -255,7 +265,10 @@ class Plan:
 
         It is this plan if the meter is fast enough, or too slow for any interval.
 
-        ``seconds``: how long the meter takes for one reading.
+        Parameters
+        ----------
+        seconds : float
+            How long the meter takes for one reading.
         """
         brief = float(self.longest.min())
         if self.sines or not self.sample_interval < seconds <= brief / (1.1 * _ENOUGH):
@@ -278,7 +291,10 @@ class Plan:
         Raises a `ParameterError` if a hold or the window is too short for the readings that a
         verdict needs.
 
-        ``seconds``: how long the meter takes for one reading.
+        Parameters
+        ----------
+        seconds : float
+            How long the meter takes for one reading.
         """
         hold = float(self.longest.min())
         if min(self.window / FEWEST, hold / _ENOUGH) >= seconds * (1 - 1e-9):

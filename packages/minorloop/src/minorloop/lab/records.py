@@ -248,14 +248,20 @@ class Record(Drawn):
     def replace(self, **changes: Any) -> Record:
         """Return the record with other values of some of its parameters.
 
-        ``**changes``: parameters of `Record`.
+        Parameters
+        ----------
+        **changes
+            Parameters of `Record`.
         """
         return replace(self, **changes)
 
     def with_origin(self, **changes: Any) -> Record:
         """Return the record with other values of some fields of its origin.
 
-        ``**changes``: fields of `Origin`.
+        Parameters
+        ----------
+        **changes
+            Fields of `Origin`.
         """
         return self.replace(origin=replace(self.origin, **changes))
 
@@ -305,8 +311,10 @@ class Record(Drawn):
 
         Raises a `ParameterError` if there are no such rows.
 
-        ``first`` and ``last``: counted from 0, or from the end if negative, as in a slice; None for
-        the ends.
+        Parameters
+        ----------
+        first, last : int, optional
+            Counted from 0, or from the end if negative, as in a slice; None for the ends.
         """
         total = len(self)
         rows = [
@@ -394,7 +402,10 @@ class Record(Drawn):
     def left_out(self, *, dynamics: bool = False) -> tuple[str, ...]:
         """How many rows `with_known_memory` leaves out, why and what to do; empty if none.
 
-        ``dynamics``: whether dynamics are identified, which need times and cannot have curves.
+        Parameters
+        ----------
+        dynamics : bool
+            Whether dynamics are identified, which need times and cannot have curves.
         """
         lost, measured = self._lost
         if not lost:
@@ -477,7 +488,10 @@ class Record(Drawn):
 
         Raises a `ParameterError` if the record has no time.
 
-        ``lag``: in seconds, >= 0.
+        Parameters
+        ----------
+        lag : float
+            In seconds, >= 0.
         """
         record, check = self.with_known_memory(), self.check
         if check is None:
@@ -494,7 +508,10 @@ class Record(Drawn):
 
         Raises a `RecordError` if there is none, their channels differ, or time runs backwards.
 
-        ``records``: in the order of their times.
+        Parameters
+        ----------
+        records : sequence of Record
+            In the order of their times.
         """
         if not records:
             raise RecordError("there is no record to join; give at least one")
@@ -516,7 +533,12 @@ class Record(Drawn):
 
         Reading the numbers gives the same float64.
 
-        ``path``: the file; ``force``: whether an existing file may be replaced.
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        force : bool
+            Whether an existing file may be replaced.
         """
         check_writable(path, force=force)
         header = [str(q) for q in (self.time, *self.inputs, *self.outputs)]

@@ -218,8 +218,12 @@ class Store:
         Raises a `StoreError` if there is no store, it is damaged or of a newer version, or another
         process writes to it and ``write`` is true.
 
-        ``path``: the file; ``write``: whether points are to be added. Others can only read the
-        store meanwhile.
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        write : bool
+            Whether points are to be added. Others can only read the store meanwhile.
         """
         file = existing(path)
         if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
@@ -295,7 +299,12 @@ class Store:
 
         Raises a `StoreError` naming the first difference.
 
-        ``plan``: the plan to continue; ``setup``: its actuator; not compared if not given.
+        Parameters
+        ----------
+        plan : Plan
+            The plan to continue.
+        setup : Setup, optional
+            Its actuator; not compared if not given.
         """
         difference = self.plan.difference(plan)
         if not difference and setup is not None:
@@ -309,7 +318,10 @@ class Store:
     def points(self, first: int = 0) -> list[Point]:
         """Return the points in the order in which they were measured.
 
-        ``first``: index of the first point to return.
+        Parameters
+        ----------
+        first : int
+            Index of the first point to return.
         """
         with explained(self.path):
             found = self._read("point", "WHERE id >= ? AND id < ? ORDER BY id", first, self._end)
@@ -343,7 +355,10 @@ class Store:
 
         Raises a `ParameterError` if there is no such point.
 
-        ``index``: index of the point.
+        Parameters
+        ----------
+        index : int
+            Index of the point.
         """
         with explained(self.path):
             if index in range(len(self)):
@@ -393,7 +408,10 @@ class Store:
     def set_origin(self, checkpoint: dict[str, Any]) -> None:
         """Save the state of the actuator before the first level, once.
 
-        ``checkpoint``: state of the actuator, as its ``checkpoint`` gave it.
+        Parameters
+        ----------
+        checkpoint : dict
+            State of the actuator, as its ``checkpoint`` gave it.
         """
         self._note("origin", checkpoint)
 
@@ -407,7 +425,10 @@ class Store:
 
         Raises a `StoreError` naming the first difference.
 
-        ``description``: instruments and how their readings are converted; ready for JSON.
+        Parameters
+        ----------
+        description : dict
+            Instruments and how their readings are converted; ready for JSON.
         """
         before = self.bench()
         if before is None:
@@ -426,7 +447,10 @@ class Store:
     def session(self, mode: str) -> Iterator[None]:
         """Note that a session begins at the next point, and how it ended.
 
-        ``mode``: how the actuator was brought there.
+        Parameters
+        ----------
+        mode : str
+            How the actuator was brought there.
         """
         number, session = len(self.sessions()) + 1, RunSession(_now(), None, len(self), mode, None)
         self._write_session(number, session)

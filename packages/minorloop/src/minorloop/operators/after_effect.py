@@ -281,7 +281,12 @@ class AfterEffect(ByValue, Drawn):
     def stack(self, start: State, room: int) -> tuple[FloatArray, int, FloatArray, float]:
         """Return the state of the compiled loops: stack, rows in use, creep, and last input.
 
-        ``start``: the state; ``room``: number of further reversals that the stack has room for.
+        Parameters
+        ----------
+        start : start state, Memory or _AfterEffectState
+            The state.
+        room : int
+            Number of further reversals that the stack has room for.
         """
         timed = start if isinstance(start, _AfterEffectState) else None
         memory = self.plane.memory(start if isinstance(start, Memory | str) else start.memory)

@@ -66,8 +66,12 @@ class Memory:
 
         Raises a `ParameterError` if an input is NaN.
 
-        ``inputs``: inputs in order; beyond [low, high] they count as the nearer end; ``low`` and
-        ``high``: ends of the plane in the unit of the input, ``levels[0]`` and ``levels[-1]``.
+        Parameters
+        ----------
+        inputs : iterable of float
+            Inputs in order; beyond [low, high] they count as the nearer end.
+        low, high : float
+            Ends of the plane in the unit of the input, ``levels[0]`` and ``levels[-1]``.
         """
         values = np.fromiter(inputs, dtype=np.float64)
         extrema = np.empty(values.size + 1)

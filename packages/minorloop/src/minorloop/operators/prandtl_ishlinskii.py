@@ -97,8 +97,10 @@ class PrandtlIshlinskii(ByValue, Drawn):
         Raises a `ParameterError` if the name is unknown, or no input leads to these positions:
         neighbours lie no further apart than the difference of their radii.
 
-        ``start`` {"negative", "positive", "demagnetised"}: positions of the plays before the first
-        input, or a state by name.
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or (n,) array_like
+            Positions of the plays before the first input, or a state by name.
         """
         if isinstance(start, str):
             names = ("negative", "positive", "demagnetised", "relaxed")

@@ -150,8 +150,10 @@ class Preisach(ByValue, Drawn):
 
         Raises a `ParameterError` if an alpha is below its beta.
 
-        ``alpha`` and ``beta``: corners, broadcast against each other; inputs beyond the levels are
-        clamped.
+        Parameters
+        ----------
+        alpha, beta : array_like
+            Corners, broadcast against each other; inputs beyond the levels are clamped.
 
         Returns
         -------
@@ -242,7 +244,10 @@ class Preisach(ByValue, Drawn):
     def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
         """Return the state of the compiled loops for a start state as of `simulate`.
 
-        ``room``: number of further reversals that the state has room for.
+        Parameters
+        ----------
+        room : int
+            Number of further reversals that the state has room for.
 
         Returns
         -------

@@ -85,7 +85,10 @@ class RelayModel(ByValue, Drawn):
 
         Raises a `ParameterError` if the model has a slope, which relays cannot represent.
 
-        ``model``: its levels become those of the relays.
+        Parameters
+        ----------
+        model : Preisach
+            Its levels become those of the relays.
         """
         if model.slope:
             raise ParameterError(
@@ -142,8 +145,12 @@ class RelayModel(ByValue, Drawn):
     def states(self, u: npt.ArrayLike, start: RelayStart = "negative") -> FloatArray:
         """Return the (N, N) relays after an input: 1 if on, 0 if off or above the diagonal.
 
-        ``u`` (T,): inputs, in order; ``start`` {"negative", "positive"}: saturation before the
-        first input.
+        Parameters
+        ----------
+        u : float or (T,) array_like
+            Inputs, in order.
+        start : {"negative", "positive"}
+            Saturation before the first input.
         """
         levels, past = self._plane.levels, self._start(start).extrema
         inputs = self._on_levels(as_signal(u, name="u"))
