@@ -47,7 +47,7 @@ def run(
     specimens: Annotated[
         int, _common.whole_option("Specimens; figures are medians over them.")
     ] = 1,
-    seed: Annotated[int, _common.whole_option("Seed of the first specimen, 0 or more.")] = 0,
+    seed: Annotated[int, _common.whole_option("Seed of the first specimen, 0 to 4294967295.")] = 0,
     scenes: Annotated[
         int | None,
         _common.whole_option(
@@ -81,8 +81,8 @@ def run(
     module = _module_of(name)
     if not 1 <= specimens <= _MOST:
         raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
-    if seed < 0:
-        raise ParameterError(f"--seed is {seed}; give 0 or more")
+    if not 0 <= seed < 2**32:
+        raise ParameterError(f"--seed is {seed}; give 0 to {2**32 - 1}")
     study = study_of(module)
     if only is not None:
         if only not in study.parts:

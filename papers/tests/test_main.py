@@ -95,7 +95,7 @@ def test_a_specimen_that_cannot_be_done_is_named_and_the_others_are_kept(run, mo
     [
         ("moon", "there is no study 'moon'; give one of "),
         ("fibre --specimens 0", "--specimens is 0; give 1 to 1000"),
-        ("fibre --seed -1", "--seed is -1; give 0 or more"),
+        ("fibre --seed -1", "--seed is -1; give 0 to 4294967295"),
         ("fibre --out good.csv", "good.csv is a file"),
         ("fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
         ("head --only all", "--only is 'all'; give integral, rivals, unreachable"),

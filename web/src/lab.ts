@@ -66,7 +66,7 @@ async function ask(path: string, body: BodyInit): Promise<any> {
     if (!answer.ok) trouble(content.error ?? "The server refused this.");
     return answer.ok ? content : null;
   } catch {
-    trouble("The console does not answer; is it still running?");
+    trouble("The server of this page does not answer; is minorloop lab still running?");
     return null;
   }
 }
@@ -155,7 +155,7 @@ async function identify(): Promise<void> {
     byId("report-note").textContent = "the report is being written…";
     for await (const reply of lines(answer.body)) receive(reply);
   } catch {
-    trouble("The console does not answer; is it still running?");
+    trouble("The server of this page does not answer; is minorloop lab still running?");
   } finally {
     button.disabled = false;
     window.clearInterval(clock);

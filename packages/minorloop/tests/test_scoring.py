@@ -166,6 +166,14 @@ def test_the_error_on_its_own_record_is_that_of_the_fit(law, settings):
     assert found.scored.sum() == fit.samples
 
 
+@pytest.mark.parametrize("curves", [NUMBERS, None])
+def test_rows_without_curves_are_named_where_the_model_was_identified_from_curves(curves):
+    known = ml.identify(numbered(), ml.Plane(5))
+    start = None if curves is None else "positive"
+    found = simulate(known, numbered().replace(curves=curves, start_of_curve=start))
+    assert ("(--record curves=COLUMN)" in str(found.notes)) == (curves is None)
+
+
 def test_groups_have_their_errors():
     moved = CLEAN + NOISE + (NUMBERS == 7)
     found = score(PLANE, numbered(moved, groups=NUMBERS)).curve_accuracy

@@ -154,6 +154,11 @@ def simulate(
             "its record began: give start_of_curve (--record start_of_curve) if they began "
             "otherwise"
         )
+    if log.curves is None and known.start_of_curve is not None:
+        notes.append(
+            "the record of the model had curves, and these rows count as one; name their column, "
+            "if there is one, with curves (--record curves=COLUMN)"
+        )
     gaps, times = log.bridges, log.t
     t, inputs, added = gaps.inserted(times, u)
     y = np.delete(

@@ -44,7 +44,7 @@ LawOption = Annotated[
     typer.Option(
         "--law",
         metavar="[KIND:]KEY=VALUE,...",
-        help="plane: levels (bands, 250 at most), spacing (uniform or adaptive), relay (bipolar, "
+        help="plane: levels (bands, 250 at most), spacing (uniform or adaptive), relay (such as "
         "unipolar), diagonal (uniform, reversible), slope (a linear part), lag (rows, or seconds "
         "as '3 ms'), signed (negative weights, for butterfly loops), offset; yes, no and auto "
         "where they fit. dynamics: dead time, poles and creep too: first (operator, linear), "

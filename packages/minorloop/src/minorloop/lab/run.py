@@ -391,7 +391,7 @@ def _warning(
     # Share of the range of the limits over which the input must go before a repeated reading ends a
     # run: within less, an actuator may be below its threshold
     far = not math.isfinite(width) or high - low >= 0.5 * width * (1 - ROUNDING)
-    sure = now.verdict == "dead" or (before.verdict == now.verdict == "faulty" and far)
+    sure = now.verdict == "dead" or (now.verdict == "faulty" and far)
     if before.verdict and sure:
         raise InstrumentError(said)
     return "" if before.verdict else said
