@@ -59,14 +59,13 @@ from minorloop_head.procedures.trace import (
 )
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.findings import UNDECIDED
-from minorloop_head.ultrasound.crack_depth import NO_CRACK, CrackDepth
+from minorloop_head.ultrasound.crack_depth import CrackDepth
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, Hole, strongest
 from minorloop_head.vision.frame_checks import GOOD
 
 NO_ECHO = "a line that one view on the way round showed, and no echo of its depth"
-WHOLE_WALL = "a line on the wall, which returns all sound along it"
 """Why a line that was traced again is no finding."""
 ONE_PLACE = "not centred, and shown by pictures from one place only, without an echo of a defect"
 """Why a candidate for a hole that was seen again from where it was seen first is no finding: a
@@ -252,17 +251,16 @@ class _Visits:
     def _probe(self, view: InspectedView, seen_in: tuple[str, ...]) -> None:
         """Keep the view of a finding once more, with its depth, if there is a probe.
 
-        A crack along which the wall is whole is not confirmed, nor one that only one of the views
-        ``seen_in`` showed if no echo gives a depth, nor is a hole that was not centred if no echo
-        shows it.
+        A crack that only one of the views ``seen_in`` showed is not confirmed if no echo gives a
+        depth, nor is a hole that was not centred if no echo shows it.
         """
         if self.probing is None or view.finding is None or view.probed is not None:
             return
         after = self.probing.scanned(view)
         if isinstance(after.probed, CrackDepth):
             if not counts_as_crack(len(seen_in), after.probed):
-                why = WHOLE_WALL if after.probed.verdict == NO_CRACK else NO_ECHO
-                after = _withdrawn(self.rig, after, seen_in, f"{why}: {after.probed.verdict}")
+                why = f"{NO_ECHO}: {after.probed.verdict}"
+                after = _withdrawn(self.rig, after, seen_in, why)
         elif after.probed is not None and _doubted(view) and not shown_by_echoes(after.probed):
             after = _withdrawn(self.rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
         self.kept.add_view(after)

@@ -17,7 +17,7 @@ from minorloop_head.procedures.trace import widest
 from minorloop_head.procedures.values import Request
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 from minorloop_head.reconstruction.fusion import wall_about
-from minorloop_head.ultrasound.crack_depth import NO_CRACK, CrackDepth, crack_depth
+from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_depth
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import (
     ASTRAY,
@@ -157,10 +157,9 @@ def scanned_crack(
 def counts_as_crack(views: int, found: CrackDepth) -> bool:
     """Whether a line that was traced again is a crack.
 
-    It is one if two views on the way round showed it and echoes do not show a whole wall, or if
-    echoes give its depth.
+    It is one if two views on the way round showed it, or echoes give its depth.
     """
-    return found.verdict != NO_CRACK and (views >= SEEN_BEFORE or shown_by_echoes(found))
+    return views >= SEEN_BEFORE or shown_by_echoes(found)
 
 
 def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:

@@ -24,7 +24,6 @@ from minorloop_head.ultrasound.pits import DEEPER, DEEPEST
 from minorloop_head.ultrasound.spectra import FAR, long_enough, spectra_of, usable_bursts
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor echo"
-NO_CRACK = "no crack"
 _FEWEST, _REACH = 12, 2.4e-3
 """Fewest bursts for a depth, and side of the patch that contains all footprints, in metres."""
 _TEXEL = 0.04e-3
@@ -42,9 +41,6 @@ between the flanks sound spreads along the crack, the more the deeper it is."""
 _BOUND = 0.8e-3
 """Greatest lower bound of a depth in metres. Floors of cracks of the twin, 0.1 to 0.3 mm wide, are
 found down to 0.7 mm. At 1.1 mm that of a wide one is not: waves between its flanks disturb it."""
-_ASIDE, _THINNER = 0.2e-3, 0.3
-"""Distance in metres by which a traced course may be off, and how wide a crack may be over its
-traced width, where echoes show that there is none."""
 _DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
 """Depths that are tried, in metres, down to the end of the window."""
 
@@ -55,9 +51,8 @@ class CrackDepth:
 
     verdict: str
     """``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor echo`` (wide
-    enough, but no echo from its floor, or none that fits one depth); ``no crack`` (the wall along
-    the line returns all sound); ``too few echoes``; ``too short`` (traces end before the echo of a
-    floor); ``no coupling``."""
+    enough, but no echo from its floor, or none that fits one depth); ``too few echoes``; ``too
+    short`` (traces end before the echo of a floor); ``no coupling``."""
     depth: float = np.nan
     depth_sd: float = np.nan
     """Mean over the part under the beams, in metres; NaN where not measured."""
@@ -100,13 +95,9 @@ def crack_depth(
         return CrackDepth("no coupling")
     model = PitModel(probe, spectra.angles, middle, 0.5e-3)
     patch = Patch.around(*middle, size=_REACH, radius=probe.radius, step=_TEXEL)
-    footprints, off = footprints_of(model, patch), _ASIDE / np.array([probe.radius, 1.0])
-    share, *beside = (
-        footprints @ _cover(patch, course + way * off, width).ravel()
-        for way in np.array([(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)])
-    )
+    share = footprints_of(model, patch) @ _cover(patch, course, width).ravel()
     fit = JointFit(model, spectra, far=np.argsort(np.abs(share))[:FAR])
-    return _estimate(fit, share, beside, width)
+    return _estimate(fit, share, width)
 
 
 def crack_finding(
@@ -192,13 +183,8 @@ def _cover(patch: Patch, course: FloatArray, width: float) -> FloatArray:
     return covered
 
 
-def _estimate(
-    fit: JointFit, share: FloatArray, beside: Sequence[FloatArray], width: float
-) -> CrackDepth:
-    """Return the depth at which the delayed share explains the traces, if one stands out.
-
-    ``beside``: the shares of cracks beside the course, which a whole wall must beat too.
-    """
+def _estimate(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
+    """Return the depth at which the delayed share explains the traces, if one stands out."""
     expected = np.abs(fit.pulse * fit.model.plain) ** 2
     energy = float((share**2 * expected.sum(axis=1) / fit.spectra.noise**2).sum() / 2)
     least = width * float(np.sqrt(_ENOUGH / max(energy, 1e-12)))
@@ -215,14 +201,7 @@ def _estimate(
     row, best = np.unravel_index(int(np.argmin(every)), every.shape)
     costs = every[row]
     others = every[:, np.abs(_DEPTHS - _DEPTHS[best]) > _APART]
-    whole = fit.cost_of(plain)
-    missing = [
-        min(fit.cost_of(plain * (1 - gain * each[:, None])) for gain in (_THINNER, *_GAINS[1:]))
-        for each in (share, *beside)
-    ]
-    without = min(whole, *(fit.cost_of(plain * (1 - part)) for part in parts))
-    if whole + _SURE < min(*missing, float(every.min())):
-        return CrackDepth(NO_CRACK, least_width=least)
+    without = min(fit.cost_of(plain), *(fit.cost_of(plain * (1 - part)) for part in parts))
     if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(_DEPTHS) - 1):
         bound = _bound(every.min(axis=0) - min(without, float(every.min())))
         return CrackDepth(SILENT, least_width=least, least_depth=bound)
