@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def result(folder, **options):
-    reply = list(lab_work.identify_file(folder, "run.csv", input="u", output="y", lag=0, **options))
+    reply = list(lab_work.identify_file(folder, "run.csv", "u", "y", lag=0, **options))
     return next(each["result"] for each in reply if "result" in each)
 
 

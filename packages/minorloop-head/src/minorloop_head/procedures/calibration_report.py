@@ -43,12 +43,12 @@ def calibration_report(found: CalibratedHead) -> Report:
 
 def rows(found: CalibratedHead) -> list[tuple[str, str, str, str]]:
     """Return name, value, standard deviation and unit of each result, to be shown."""
-    rows = []
+    shown = []
     for each in found.head.measured:
         places = max(1 - math.floor(math.log10(each.sd)), 0) if each.sd > 0 else 3
         numbers = f"{each.value:.{places}f}", f"{each.sd:.{places}f}"
-        rows.append((each.name, *numbers, each.unit))
-    return rows
+        shown.append((each.name, *numbers, each.unit))
+    return shown
 
 
 def summary(found: CalibratedHead) -> str:

@@ -74,9 +74,9 @@ def transitions(
     """
     from scipy.linalg import expm
 
-    # Time steps that agree to so many digits share a matrix exponential: the differences of sampled
+    # Time steps that agree to 8 digits share a matrix exponential: the differences of sampled
     # times have rounding errors of this order
-    unit = 10.0 ** (np.floor(np.log10(steps)) - 8 + 1)
+    unit = 10.0 ** (np.floor(np.log10(steps)) - 7)
     unit = np.maximum(unit, np.finfo(float).tiny)  # a step may be as short as that
     lengths, which = np.unique(np.round(steps / unit) * unit, return_inverse=True)
     n = b.size

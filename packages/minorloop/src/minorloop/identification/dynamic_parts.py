@@ -184,10 +184,9 @@ class DynamicParts:
     def filter_time(self) -> float:
         """Time constant of the filter of the inverse."""
         product = 1 / float(self.linear.denominator[-1])  # of the time constants
-        # The filter of the inverse: its shortest time constant in sampling intervals, and the
-        # factor by which F / G amplifies noise at most
+        # No shorter than a sampling interval, and F / G amplifies noise by a factor of 10 at most
         usual = float((product / 10.0) ** (1 / max(self.linear.order, 1)))
-        return max(usual, 1.0 * self.interval)
+        return max(usual, self.interval)
 
     def before(self, u: FloatArray) -> FloatArray:
         """Return the input (T,) of the operator, for a held input."""

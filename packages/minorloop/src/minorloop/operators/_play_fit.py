@@ -133,8 +133,8 @@ class _Bent(NamedTuple):
         plays, mean = self.columns.shape[1], float(self.y.mean())
         theta = _bounded(self.columns, self.y - mean, self.least)
         # Bounds of the slopes of the dead zones: far beyond those of loops that saturate
-        low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 1 / 1e2)])
-        high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1 / 1e-3)])
+        low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 0.01)])
+        high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1000.0)])
         found = least_squares(
             self._residual,
             np.concatenate([np.maximum(theta, self.least), [mean], np.ones(self.knots.size)]),

@@ -41,7 +41,6 @@ _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
 # Limits that keep a task within the time and memory of a worker.
 _MOST_LEVELS, _MOST_TARGETS = 100, 10_000
-_COLUMNS = ("input", "output", "time", "curves", "groups")
 _BOUNDS = Bounds(
     rows=500_000, columns=100, advice=" here, or use 'minorloop identify' on the command line"
 )
@@ -93,7 +92,12 @@ def look(folder: str, name: str) -> Reports:
 def identify_file(
     folder: str,
     name: str,
+    input: str,
+    output: str,
     *,
+    time: str | None = None,
+    curves: str | None = None,
+    groups: str | None = None,
     first: int = 0,
     last: int | None = None,
     dynamics: str = "none",
@@ -104,19 +108,18 @@ def identify_file(
     """Identify a model; report stages, the result, and the end of the report.
 
     Columns, rows and options are those of the lab page; ``creep`` and ``rate`` name laws of time
-    in the plane to compare, as in `minorloop.Viscosity`. The others are the columns of
-    `minorloop.read` and those of `minorloop.identification.pipeline.Options`.
+    in the plane to compare, as in `minorloop.Viscosity`. The others are those of
+    `minorloop.identification.pipeline.Options`.
     """
     os.chdir(folder)
-    columns = {one: options.pop(one, None) for one in _COLUMNS}
-    if columns["input"] == columns["output"]:
+    if input == output:
         raise ParameterError("input and output are the same column; choose two")
     yield {"stage": f"reading {name}"}
     levels = options.get("levels", AUTO)
     count = DEFAULT_LEVELS if levels == AUTO else levels
     if not isinstance(count, int) or not 1 <= count <= _MOST_LEVELS:
         raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
-    log = read(name, **columns)
+    log = read(name, input=input, output=output, time=time, curves=curves, groups=groups)
     asked = Options.of(options)
     log = log.only(first, last).replace(**asked.of_record)
     measured = int(np.isfinite(log.y[log.part]).sum())
