@@ -52,8 +52,10 @@ def test_the_optimum_is_that_of_scipy(spec, sparse):
     ("shape", "bands", "seed", "kkt"),
     [
         (fit_times.walk, 50, 931006, active_set.TOLERANCE),
-        (fit_times.random_staircase, 50, 1000, active_set.TOLERANCE),
-        (fit_times.walk, 100, 2, 1e-11),  # never reaches the tolerance
+        (fit_times.random_staircase, 50, 1000, 2e-12),  # never reaches the tolerance
+        (fit_times.walk, 100, 2, active_set.TOLERANCE),
+        # One cell is off at one sample, by 0.0001 of its area.
+        (fit_times.walk, 100, 771402, active_set.TOLERANCE),
     ],
 )
 def test_unknowns_hardly_determined_take_few_factorisations(shape, bands, seed, kkt, monkeypatch):

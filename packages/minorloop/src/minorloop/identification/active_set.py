@@ -55,8 +55,9 @@ fewer than unknowns."""
 _GAP = 1e-13
 """Complementarity at which pivoting takes over, relative. Where the samples hardly determine the
 unknowns, the dual residual hardly falls from there on: the least ridge holds the unknowns back."""
-_MOST, _BOUNDARY, _STUCK = 40, 0.997, 1e-3
-"""Most iterations, share of the way to the boundary, and step from which there is no progress."""
+_MOST, _BOUNDARY, _STUCK = 40, 0.997, 0.95
+"""Most iterations, share of the way to the boundary, and ratio of a complementarity to the one
+before from which there is no progress."""
 _CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-3
 """Most conjugate gradients of a Newton step, and their relative residual; by trial. The factor is
 accurate, so that one is usual."""
@@ -236,24 +237,30 @@ class _SparsePivoting(Pivoting):
 
 
 def solve_sparse(
-    system: EverettSystem, y: FloatArray, bounded: BoolArray, varying: BoolArray, scale: float
+    system: EverettSystem,
+    y: FloatArray,
+    bounded: BoolArray,
+    varying: BoolArray,
+    scale: float,
+    fine: FloatArray,
 ) -> BoundedSolution:
     """Find the unknowns (n,) that meet the optimality conditions for outputs ``y`` (M,).
 
-    ``system`` has columns of about unit length. Bounded unknowns that are not ``varying`` begin at
-    zero, and are not searched inside their bounds.
+    ``system`` has columns of about unit length, so that of many optima one with small unknowns is
+    near. Pivoting goes on with factors ``fine`` (n,), which give columns less their mean about unit
+    length: a cell that hardly switches is determined to as many digits as the others. Bounded
+    unknowns that are not ``varying`` begin at zero, and are not searched inside their bounds.
     """
     searched = bounded & varying
-    z = _interior_point(system, y, bounded, searched, scale)
+    z = _interior_point(system, y, bounded, searched, scale) * system.scale / fine
+    system.scale = fine
 
     def gradient(z: FloatArray) -> FloatArray:
         return system.gradient(system.scale * z, y)
 
     pivoting = _SparsePivoting(gradient, bounded, scale, searched)
     pivoting.system = system
-    # Ridge of the first pivoting on a sparse system, to a diagonal of one, by trial. It is smaller,
-    # as the unknowns are near the optimum.
-    return pivoting.run(z, 1e-6)
+    return pivoting.run(z)
 
 
 def solve_with_prior(
@@ -305,14 +312,15 @@ def _interior_point(
     places = np.flatnonzero(searched)
     ridge = np.where(bounded, _AT_BOUND, _INTERIOR_RIDGE)
     z, slack = _start(system, y, places, ridge)
-    free = searched | ~bounded
+    free, last = searched | ~bounded, np.inf
     for _ in range(_MOST):
         dual = system.gradient(system.scale * z, y)
         dual[places] -= slack
         dual[~free] = 0.0
         gap = float(z[places] @ slack)
-        if gap <= _GAP * scale**2:
+        if gap <= _GAP * scale**2 or gap > _STUCK * last:
             break
+        last = gap
         ridge[places] = _INTERIOR_RIDGE + slack / z[places]
         system.factorise(ridge)
 
@@ -330,8 +338,6 @@ def _interior_point(
         centre = (reached / gap) ** 3 * gap / places.size
         step, change = direction(centre - step[places] * change, _CORRECTOR_STEPS)
         length = min(_longest(z[places], step[places]), _longest(slack, change))
-        if length < _STUCK:
-            break
         length = min(1.0, _BOUNDARY * length)
         z, slack = z + length * step, slack + length * change
     z[places] = np.where(z[places] > slack, z[places], 0.0)

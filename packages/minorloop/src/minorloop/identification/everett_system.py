@@ -85,6 +85,7 @@ class EverettSystem:
         weight: FloatArray,
         scale: FloatArray,
         mesh: Mesh | None = None,
+        centre: FloatArray | None = None,
     ) -> None:
         spec = matrix.spec
         self.matrix, self.weight, self.scale = matrix, weight, scale
@@ -92,6 +93,8 @@ class EverettSystem:
         self.owner: object = None
         """What the present factor belongs to, if it is to be used again."""
         self.cells = spec.cells
+        self.centre = np.zeros(spec.unknowns)
+        """Subtracted from the columns, where an offset is fitted: it then is that of the means."""
         parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
         everywhere[matrix.measured] = weight
         inner = np.zeros(parent.size, dtype=np.bool_)
@@ -179,18 +182,29 @@ class EverettSystem:
     def product(self, z: FloatArray) -> FloatArray:
         """(n,) product with G + S."""
         x = self.scale * z
-        out = self.matrix.adjoint(self.weight * self.matrix.forward(x))
+        out = self._adjoint(self.matrix.forward(x) - self.centre @ x)
         if self.precision is not None:
             out += self.precision.product(x)
         return np.asarray(self.scale * out)
 
     def gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """(n,) scaled gradient of the cost at unknowns ``x`` (n,), for outputs ``y`` (M,)."""
-        left = self.matrix.forward(x) - y
-        downhill = self.matrix.adjoint(self.weight * left)
+        downhill = self._adjoint(self.matrix.forward(x) - self.centre @ x - y)
         if self.precision is not None:
             downhill += self.precision.product(x)
         return np.asarray(self.scale * downhill)
+
+    def unknowns(self, z: FloatArray) -> FloatArray:
+        """(n,) unknowns of the columns as they are, from those of the system."""
+        x = self.scale * z
+        if self.matrix.spec.offset:
+            x[self.cells] -= self.centre @ x
+        return np.asarray(x)
+
+    def _adjoint(self, left: FloatArray) -> FloatArray:
+        """(n,) products of the weighted columns with a residual (M,)."""
+        left = self.weight * left
+        return np.asarray(self.matrix.adjoint(left) - self.centre * left.sum())
 
     def factorise(self, ridge: FloatArray | float) -> None:
         """Factorise the system with this (n,) ridge."""
@@ -229,12 +243,17 @@ class EverettSystem:
     def rough(self, r: FloatArray) -> FloatArray:
         """(n,) solution, to the accuracy of the factor."""
         spec, cells, out = self.matrix.spec, self.cells, np.empty_like(r)
-        x = self._factor.solve(self._right(r / self.scale))
+        r = r / self.scale
+        if spec.offset:
+            r += r[cells] * self.centre
+        x = self._factor.solve(self._right(r))
         _kernels.weights_of_nodes(spec.bands, x[:cells], out[:cells])
         if spec.offset:
             out[cells] = x[self._root] + self.matrix.shift * x[self._total]
         if spec.slope:
             out[-1] = x[self._steep]
+        if spec.offset:
+            out[cells] += self.centre @ out
         return out / self.scale
 
     def _right(self, r: FloatArray) -> FloatArray:

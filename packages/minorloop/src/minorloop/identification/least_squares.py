@@ -287,8 +287,7 @@ class _System:
         if self.problem.signed or spec.cells < _LEAST_SPARSE:
             return unused
         squares, varying = matrix.column_squares(self.weight)
-        scale = _unit(squares)
-        most = _FILL * spec.cells**1.5
+        scale, most = _unit(squares), _FILL * spec.cells**1.5
         if spec.bands > MOST_DENSE:
             most = _LARGEST_FILL * float(spec.cells) ** 2
         system = quick_system(matrix, self.weight, scale, most)
@@ -299,11 +298,17 @@ class _System:
                     f"that the fit needs more than 8 GB; give at most {MOST_DENSE} levels"
                 )
             return unused
+        if spec.offset:
+            system.centre = matrix.adjoint(self.weight) / self.weight.sum()
+            system.centre[spec.cells] = 0.0
+        apart = np.maximum(squares - self.weight.sum() * system.centre**2, _ROUNDING * squares)
+        fine = _unit(np.where(varying, apart, squares))
         size = float(np.linalg.norm(share * self.y)) or 1.0
         with one_thread():
-            found = active_set.solve_sparse(system, self.y, self.bounded, varying, size)
-        x = self._unscaled(found.z, scale)
-        left = float(np.linalg.norm(share * (matrix.forward(scale * found.z) - self.y)))
+            found = active_set.solve_sparse(system, self.y, self.bounded, varying, size, fine)
+        x = system.unknowns(found.z)
+        left = float(np.linalg.norm(share * (matrix.forward(x) - self.y)))
+        x = self._unscaled(x, np.ones(x.size))
         determined = matrix.samples >= spec.unknowns
         if left <= _NOISELESS * size and determined and spec.bands <= MOST_DENSE:
             return replace(unused, x=x)
