@@ -163,6 +163,10 @@ class ModelFile:
     """Why the model is not to be trusted; empty if there are no warnings."""
     lag_seconds: float = 0.0
     """The lag in seconds; 0 if it is known in samples only."""
+    bands: Any = None
+    """What bands follow from: a `BandsPart`, as in a file, or a `BandModel`; None without bands."""
+    start_of_curve: Saturation | Literal["as-left"] | None = None
+    """Memory before each curve of its record; None without curves."""
 
     def left_out(self, what: str) -> list[str]:
         """Return what of the model an export does not carry, one sentence each.
@@ -206,11 +210,6 @@ class ModelFile:
                     f"the {what} of the model is '{one}' and that of {of} '{name}'; identify a "
                     f"model in {unit}{hint}"
                 )
-
-    bands: Any = None
-    """What bands follow from: a `BandsPart`, as in a file, or a `BandModel`; None without bands."""
-    start_of_curve: Saturation | Literal["as-left"] | None = None
-    """Memory before each curve of its record; None without curves."""
 
     @property
     def has_time(self) -> bool:
