@@ -55,9 +55,9 @@ fewer than unknowns."""
 _GAP = 1e-13
 """Complementarity at which pivoting takes over, relative. Where the samples hardly determine the
 unknowns, the dual residual hardly falls from there on: the least ridge holds the unknowns back."""
-_MOST, _BOUNDARY, _STUCK = 40, 0.997, 0.95
-"""Most iterations, share of the way to the boundary, and ratio of a complementarity to the one
-before from which there is no progress."""
+_MOST, _BOUNDARY, _FALLS = 40, 0.997, 0.95
+"""Most iterations, share of the way to the boundary, and ratio of what is left of complementarity
+and gradient to the least before up to which there is progress."""
 _CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-3
 """Most conjugate gradients of a Newton step, and their relative residual; by trial. The factor is
 accurate, so that one is usual."""
@@ -312,15 +312,17 @@ def _interior_point(
     places = np.flatnonzero(searched)
     ridge = np.where(bounded, _AT_BOUND, _INTERIOR_RIDGE)
     z, slack = _start(system, y, places, ridge)
-    free, last = searched | ~bounded, np.inf
+    free, least, since = searched | ~bounded, np.inf, 0
     for _ in range(_MOST):
         dual = system.gradient(system.scale * z, y)
         dual[places] -= slack
         dual[~free] = 0.0
         gap = float(z[places] @ slack)
-        if gap <= _GAP * scale**2 or gap > _STUCK * last:
+        left = gap + scale * float(np.linalg.norm(dual))
+        since = 0 if left < _FALLS * least else since + 1
+        if gap <= _GAP * scale**2 or since > _PATIENCE:
             break
-        last = gap
+        least = min(left, least)
         ridge[places] = _INTERIOR_RIDGE + slack / z[places]
         system.factorise(ridge)
 
