@@ -129,14 +129,6 @@ def test_a_change_is_no_faster_than_the_rate(plant):
     assert record.t[-1] == pytest.approx(times[-1] + 1.0)
 
 
-@pytest.mark.parametrize("wrong", [1.1, -1.1, math.nan, math.inf])
-def test_beyond_a_limit_nothing_is_sent(plant, wrong):
-    for act in (lambda b: b.apply(wrong, 1.0, 0.5), lambda b: b.exchange(wrong)):
-        with pytest.raises(LimitError):
-            act(bench(plant))
-    assert plant.sent == []
-
-
 @pytest.mark.parametrize(
     ("answer", "message"),
     [(9.9e37, "overloaded"), (math.nan, "overloaded"), (-math.inf, "overloaded"), (6.0, "beyond")],

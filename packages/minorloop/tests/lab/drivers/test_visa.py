@@ -254,10 +254,6 @@ def test_an_answer_that_comes_after_it_was_given_up_is_not_taken_for_the_next():
     [
         ({"meter": None}, "needs a source and a meter, or a board"),
         (
-            {"colour": "red"},
-            r"unknown field `colour`; the fields there are input, .*, safe_within$",
-        ),
-        (
             {"source": {"resource": "ASRL1::INSTR", "safe": ["OFF"], "timeout": 1}},
             r"unknown field `timeout`; the fields there are name, .*, safe, .*, done$",
         ),
