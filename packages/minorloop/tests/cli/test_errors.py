@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from minorloop import OutputError, SafetyError, modelfile
-from minorloop.cli import _common
+from minorloop import SafetyError, modelfile
 
 
 @pytest.fixture
@@ -68,16 +67,3 @@ def test_any_error_gives_a_status_and_no_traceback(error, status, kind, says, ru
     done, out, _ = run(f"{line} --json")
     assert done == status
     assert kind is None or json.loads(out)["error"]["kind"] == kind
-
-
-def test_a_result_that_is_printed_stays_the_only_object(run, monkeypatch):
-    printed = _common.print_json
-
-    def fail_later(content):
-        printed(content)
-        raise OutputError("the report cannot be written")
-
-    monkeypatch.setattr(_common, "print_json", fail_later)
-    status, out, err = run("simulate model.json good.csv --input voltage --json")
-    assert (status, err) == (2, "error: the report cannot be written\n")
-    assert "error" not in json.loads(out)
