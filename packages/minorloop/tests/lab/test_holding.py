@@ -43,14 +43,6 @@ class Instrument:
         return 2.0 * self.value + 1.0
 
 
-class Cooling(Instrument):
-    """The output follows the input in 3 s."""
-
-    def output(self):
-        went = self.time - self.sets[-1] if self.sets else 0.0
-        return 2.0 * self.value * (1 - np.exp(-went / 3.0))
-
-
 def _bench(plant):
     bench = Bench(
         plant,
@@ -90,15 +82,6 @@ def test_stored_times_are_true_and_no_constant_is_unsettled(tmp_path, answer, no
         assert 0 < t[0] < t[-1] <= point.held
         assert point.time_uncertainty == pytest.approx(answer / 2)
         assert point.sample_interval == pytest.approx(plan.sample_interval, rel=0.3)
-
-
-def test_the_longest_hold_ends_by_the_clock(tmp_path):
-    plant = Cooling(0.1)
-    points, traces = _measured(tmp_path / "a", _bench(plant), _plan(2.0, [1.0], window=1.0))
-    assert points[0].held == pytest.approx(2.0)
-    assert traces[0][0].size == 20
-    assert points[0].verdict == "unsettled"
-    assert plant.time - plant.sets[0] == pytest.approx(2.0)
 
 
 def test_the_shortest_hold_that_is_named_is_possible():

@@ -104,15 +104,6 @@ def test_a_dead_meter_is_warned_of_and_then_ends_the_run(tmp_path, since, repeat
     assert f"holds {since + 1} to {since + 2}, while voltage went from -1 to 1 V" in warning
 
 
-def test_a_dead_meter_ends_a_run_of_small_steps_when_the_input_has_crossed_its_range(tmp_path):
-    plan = Plan([-1.0, -0.5, 0.0, 0.5, 1.0], 40.0, sample_interval=0.5, input="voltage [V]")
-    with (
-        Store.create(tmp_path / "dead.sqlite", plan, SETUP) as store,
-        pytest.raises(InstrumentError, match=r"holds 1 to 5, while voltage went from -1 to 1 V"),
-    ):
-        run(Dead(0), plan, store)
-
-
 def test_an_actuator_that_does_not_move_within_a_small_part_of_its_limits_is_only_warned_of(store):
     plan = Plan([-0.4, 0.4] * 3, 40.0, sample_interval=0.5, input="voltage [V]")
     warnings = []
