@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from minorloop import Channel, InstrumentError, Plan, Store
+from minorloop import InstrumentError, Plan, Store
 from minorloop.cli import main
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.drivers.visa import ScpiSource
-from simulated_clock import Clock
+from simulated_plant import Plant
 
 
 @pytest.fixture
@@ -89,24 +89,12 @@ def failing_at(level, trouble):
 
 
 def test_a_meter_that_becomes_slow_is_warned_of(tmp_path, monkeypatch, capsys):
-    clock = Clock()
-
-    class Tiring:
-        value = 0.0
-
-        def set(self, value):
-            self.value = value
-
-        def safe(self):
-            self.value = 0.0
-
+    class Tiring(Plant):
         def read(self):
-            clock.sleep(0.3 if self.value == 0.5 else 0.01)
-            return 2.0 * self.value
+            self.lag = 0.3 if self.value == 0.5 else 0.01
+            return super().read()
 
-    plant = Tiring()
-    ends = Channel("voltage", "V", -1.0, 1.0), Channel("tip", "mm", -5.0, 5.0)
-    bench = Bench(plant, plant, *ends, clock=clock)
+    bench = Tiring().bench()
     bench.check()
     monkeypatch.setattr("minorloop.lab.drivers.visa.open_bench", lambda path: bench)
     monkeypatch.chdir(tmp_path)
