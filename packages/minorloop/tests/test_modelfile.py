@@ -254,7 +254,7 @@ def valid(scratch):
 def test_flipping_a_bit_gives_a_model_or_a_refusal(kind, valid, scratch):
     outcomes = {
         read_or_refused(scratch, valid[kind][:i] + bytes([byte ^ 1]) + valid[kind][i + 1 :])
-        for i, byte in list(enumerate(valid[kind]))[::3]
+        for i, byte in list(enumerate(valid[kind]))[::7]
     }
     assert outcomes == {True, False}
 
@@ -263,7 +263,7 @@ def test_flipping_a_bit_gives_a_model_or_a_refusal(kind, valid, scratch):
 def test_a_truncated_file_is_refused(kind, valid, scratch):
     whole = valid[kind].rstrip()
     assert read_or_refused(scratch, whole)
-    for length in range(0, len(whole), 3):
+    for length in range(0, len(whole), 7):
         assert not read_or_refused(scratch, whole[:length])
 
 
