@@ -109,32 +109,6 @@ def outputs(store):
     return [one.y for one in measured_sines(store)]
 
 
-class Enough(Exception):
-    pass
-
-
-def after(count):
-    def watch(progress):
-        if progress.point is not None and progress.index == count - 1:
-            raise Enough
-
-    return watch
-
-
-def test_a_stopped_run_on_a_twin_ends_like_one_that_was_not(tmp_path):
-    with created(tmp_path / "whole.sqlite", strip()) as store:
-        assert run(strip(), PLAN, store) == "fresh"
-        whole = outputs(store)
-    with created(tmp_path / "parts.sqlite", strip()) as store:
-        with pytest.raises(Enough):
-            run(strip(), PLAN, store, watch=after(2))
-        assert len(store) == 2
-        assert run(strip(), PLAN, store) == "restored"
-        assert run(strip(), PLAN, store) == "finished"
-        for one, other in zip(whole, outputs(store), strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
 def test_a_bench_gets_every_sample_and_continues_at_the_next_sine(tmp_path):
     plant, actuator = bench()
     with created(tmp_path / "s.sqlite", actuator) as store:
