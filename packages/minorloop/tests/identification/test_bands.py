@@ -16,6 +16,14 @@ def fit():
     return identify(U, y, Plane(8))
 
 
+def test_bands_cover_their_share():
+    rng = np.random.default_rng(2)
+    y, sd = rng.normal(size=20_000), np.full(20_000, 0.5)
+    shown = Prediction(y, y, sd, 0.9)
+    assert shown.covers(y + sd * rng.normal(size=y.size)) == pytest.approx(0.9, abs=0.01)
+    np.testing.assert_allclose((shown.upper + shown.lower) / 2, y)
+
+
 def test_missing_outputs_are_not_counted():
     shown = Prediction(np.zeros(3), np.zeros(3), np.ones(3), 0.5)
     assert shown.covers(np.array([0.0, np.nan, 9.0])) == 0.5

@@ -148,22 +148,6 @@ def test_a_signal_leaves_the_actuator_safe(store, name):
     assert signal.getsignal(getattr(signal, name)) == before
 
 
-def test_a_second_signal_does_not_keep_it_from_being_safe(store):
-    class Slow(Bench):
-        def safe(self):
-            os.kill(os.getpid(), signal.SIGINT)
-            super().safe()
-
-    bench = Slow()
-
-    def watch(progress):
-        os.kill(os.getpid(), signal.SIGINT)
-
-    with pytest.raises(Stopped):
-        run(bench, PLAN, store, watch=watch)
-    assert bench.sent[-1] == "safe"
-
-
 @pytest.mark.parametrize("fails_after", [2, None])
 def test_an_actuator_that_cannot_be_made_safe_is_an_error_of_its_own(store, fails_after):
     class Stuck(Bench):
