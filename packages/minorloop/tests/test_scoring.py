@@ -186,6 +186,8 @@ def test_the_error_that_the_file_promises_is_compared():
     found = score(known, numbered(CLEAN + 10 * NOISE))
     assert found.figures["nrmse_promised"] == 0.001
     assert "times the 0.100% that the model had" in str(found.advice)
+    fit = ml.identify(U, Y, ml.Plane(5), holdout=0.3)
+    assert score(fit, Record(U, Y, T)).promised == fit.holdout_nrmse
 
 
 @pytest.mark.parametrize("start", ["negative", "positive", "as-left"])

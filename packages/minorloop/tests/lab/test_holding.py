@@ -59,6 +59,23 @@ def test_stored_times_are_true_and_no_constant_is_unsettled(tmp_path, answer, no
         assert point.sample_interval == pytest.approx(plan.sample_interval, rel=0.3)
 
 
+class Cooling(Plant):
+    """The output follows the input in 3 s."""
+
+    def read(self):
+        found = super().read()
+        return found * (1 - np.exp((self.sent[-1][0] - self.clock.now()) / 3.0))
+
+
+def test_the_longest_hold_ends_by_the_clock(tmp_path):
+    plant = Cooling(0.1)
+    points, traces = _measured(tmp_path / "a", _bench(plant), _plan(2.0, [1.0], window=1.0))
+    assert points[0].held == pytest.approx(2.0)
+    assert traces[0][0].size == 20
+    assert points[0].verdict == "unsettled"
+    assert plant.reads[-1] - plant.sent[0][0] == pytest.approx(2.0, abs=0.1)
+
+
 def test_the_shortest_hold_that_is_named_is_possible():
     for answer in (0.001, 0.0123, 0.1, 0.7):
         plant = Noisy(answer)

@@ -127,6 +127,18 @@ def staircase_log(count, chance=1000):
     return t, u + 0.005 * noise[0], u + 0.02 * noise[1]
 
 
+def test_what_has_not_settled_drives_memory_only():
+    t, u, y = staircase_log(60)
+    y += np.tile(np.linspace(0, 1, 60), 12) * np.repeat(np.arange(12) % 2, 60)
+    found = reduce(Record(u, y, t, "field [A]", "position [um]"))
+    assert found.count("unsettled") == 6
+    assert np.isnan(found.record().y).tolist() == [False, True] * 6
+    assert np.isfinite(found.record(unsettled=True).y).all()
+    assert all(np.isnan(p.sd) == (p.verdict == "unsettled") for p in found.points)
+    assert "6 of 12 holds did not settle" in found.notes[0]
+    assert found.columns()["position [um]"].count("") == 6
+
+
 def test_a_stuck_sensor_is_noticed_and_its_holds_are_left_out():
     t, u, y = staircase_log(120)
     y[410:620] = y[410]  # the end of hold 4, hold 5, the beginning of hold 6
