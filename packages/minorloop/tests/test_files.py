@@ -19,11 +19,6 @@ from minorloop.files import (
 )
 
 
-def test_a_new_name_in_an_existing_folder_is_writable(tmp_path):
-    assert check_writable(tmp_path / "new.csv") == tmp_path / "new.csv"
-    assert not (tmp_path / "new.csv").exists()
-
-
 def test_an_existing_file_is_replaced_only_by_force(tmp_path):
     file = tmp_path / "kept.csv"
     file.write_text("kept")

@@ -28,7 +28,6 @@ from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.identification.band_model import BandModel
-from minorloop.lab.records import Quantity
 from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.differential import BoucWen, Duhem
@@ -86,26 +85,20 @@ def same(one, other):
     return type(one) is type(other) and repr(plain(one)) == repr(plain(other))
 
 
-@kinds
-def test_loads_what_was_saved(kind, path):
-    save(MODELS[kind], path)
-    assert same(load(path), MODELS[kind])
-    assert read(path).kind == kind
-
-
 @pytest.mark.parametrize(
     "model",
     [
+        *MODELS.values(),
         Oscillator(1.0, 0.1, 2.0, BoucWen(1 / 3, 0.1, -0.2, 1.5)),
         Oscillator(1.0, 0.1, 2.0, PLAYS),
         dataclasses.replace(MODELS["cascade"], ahead=None, first="linear"),
     ],
-    ids=["law", "plays", "nothing ahead"],
 )
-def test_a_model_is_kept_with_any_parts(model, path):
+def test_loads_what_was_saved(model, path):
     save(model, path)
     assert same(load(path), model)
-    assert '"ahead"' not in path.read_text()
+    assert read(path).kind == KINDS[type(model)]
+    assert ('"ahead"' in path.read_text()) == (getattr(model, "ahead", None) is not None)
 
 
 def test_a_model_without_an_operator_on_its_input_is_refused_where_one_is_needed(path):
@@ -117,13 +110,6 @@ def test_a_model_without_an_operator_on_its_input_is_refused_where_one_is_needed
 def test_every_kind_is_tested():
     own = {of: kind for of, kind in KINDS.items() if of.__module__.startswith("minorloop.")}
     assert {type(model): kind for kind, model in MODELS.items()} == own
-
-
-def test_names_units_and_lag_are_read_back(path):
-    save(PLAYS, path, input="voltage [V]", output=Quantity("curvature", "1/m"), lag=3)
-    file = read(path)
-    assert (file.input, file.output) == (Quantity("voltage", "V"), Quantity("curvature", "1/m"))
-    assert file.lag == 3
 
 
 def test_provenance_that_is_given_is_kept(path, tmp_path):
@@ -254,7 +240,7 @@ def valid(scratch):
 def test_flipping_a_bit_gives_a_model_or_a_refusal(kind, valid, scratch):
     outcomes = {
         read_or_refused(scratch, valid[kind][:i] + bytes([byte ^ 1]) + valid[kind][i + 1 :])
-        for i, byte in list(enumerate(valid[kind]))[::3]
+        for i, byte in list(enumerate(valid[kind]))[::7]
     }
     assert outcomes == {True, False}
 
@@ -263,7 +249,7 @@ def test_flipping_a_bit_gives_a_model_or_a_refusal(kind, valid, scratch):
 def test_a_truncated_file_is_refused(kind, valid, scratch):
     whole = valid[kind].rstrip()
     assert read_or_refused(scratch, whole)
-    for length in range(0, len(whole), 3):
+    for length in range(0, len(whole), 7):
         assert not read_or_refused(scratch, whole[:length])
 
 

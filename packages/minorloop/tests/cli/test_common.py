@@ -1,28 +1,11 @@
 import io
-import json
-import math
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from minorloop.cli import _common
 from minorloop.errors import OutputError
-
-
-def test_numbers_that_json_lacks_become_null(capsys):
-    content = {"a": math.nan, "b": [math.inf, 1.0], "c": np.array([-math.inf, 2.0])}
-    _common.print_json(content | {"d": np.float64(0.5), "e": np.int64(3), "f": None, "g": "µ"})
-    assert json.loads(capsys.readouterr().out) == {
-        "a": None,
-        "b": [None, 1.0],
-        "c": [None, 2.0],
-        "d": 0.5,
-        "e": 3,
-        "f": None,
-        "g": "µ",
-    }
 
 
 def test_progress_is_shown_on_stderr_only(monkeypatch, capsys):

@@ -50,9 +50,11 @@ def test_from_a_plan_to_gain_and_phase(store, run, answer):
         np.testing.assert_allclose(again[key], found[key], rtol=1e-6)
     alone = answer(f"frequency {store}")
     assert (alone["after_gain_db"], alone["gain_spread_before_db"]) == (None, None)
+    before = Path(store).read_bytes()
     assert "nothing was applied" in run(f"resume --store {store}")[1]
     known = answer(f"resume --store {store}")
     assert (known["sines"], known["planned"], known["mode"]) == (4, 4, "finished")
+    assert Path(store).read_bytes() == before
 
 
 class Streamed:

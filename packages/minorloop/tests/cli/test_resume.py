@@ -24,14 +24,6 @@ def _planned(planned):
     Path("wanted.csv").write_text("\n".join(["curvature [1/m]", *map(str, WANTED)]) + "\n")
 
 
-def test_a_finished_run_is_not_repeated(run, answer):
-    run(f"{RUN} --store runs.sqlite")
-    before = Path("runs.sqlite").read_bytes()
-    assert "nothing was applied" in run("resume --store runs.sqlite")[1]
-    assert answer("resume --store runs.sqlite")["mode"] == "finished"
-    assert Path("runs.sqlite").read_bytes() == before
-
-
 def _killed(line, points, delay):
     """Kill a process soon after its log has this number of points; return whether it was killed."""
     with started(line) as (process, log):

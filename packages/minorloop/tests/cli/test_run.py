@@ -29,18 +29,6 @@ def test_from_a_plan_to_a_model(run, answer):
         assert from_store[key] == from_csv[key]
 
 
-def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer):
-    laser = RUN.replace("twin:ipmc", "twin:ipmc-laser").replace("0.05", "0.0028")
-    assert run(f"{laser} --convert laser:30,15,0,0.1 --store l.sqlite")[0] == 0
-    found = answer("runs show --store l.sqlite")
-    assert found["output"] == "curvature [1/m]"
-    assert found["conversion"] == {
-        "laser": {"d0": 30, "h0": 15, "sd_d0": 0, "sd_h0": 0.1, "unit": "mm"}
-    }
-    assert -12 < min(found["columns"]["curvature [1/m]"]) < -2
-    assert answer("resume --store l.sqlite")["output"] == "curvature [1/m]"
-
-
 ADAPTIVE = "run --actuator twin:ipmc,noise=0.05,specimen=2 --plan adaptive:hold=100,"
 
 

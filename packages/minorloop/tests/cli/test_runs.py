@@ -11,16 +11,6 @@ PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 RUN = "run --actuator twin:ipmc,noise=0.05,specimen=3,seed=4 --plan plan.csv"
 
 
-def test_shows_the_content_of_a_store(run, answer):
-    run(f"{RUN} --store runs.sqlite")
-    out = run("runs list --store runs.sqlite")[1]
-    assert "11 of 11" in out
-    assert "finished" in out
-    assert answer("runs list --store .")["runs"][0]["points"] == 11
-    shown = run("runs show --store runs.sqlite")[1]
-    assert "fresh, from point 0 on; finished" in shown
-
-
 def test_a_damaged_store_does_not_hide_the_others(run, answer):
     run(f"{RUN} --store runs.sqlite")
     content = Path("runs.sqlite").read_bytes()

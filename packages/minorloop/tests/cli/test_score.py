@@ -38,7 +38,9 @@ def test_curves_begin_as_in_the_record_of_the_model(start, run):
 
 def test_residuals_are_those_of_the_outputs_that_simulate_writes(other, answer, run):
     found = answer(f"{SCORE} {CURVES} --record skip=2 --save residuals.csv")
-    assert run(f"simulate model.json other.csv {CURVES} --save predicted.csv")[0] == 0
+    status, out, _ = run(f"simulate model.json other.csv {CURVES} --save predicted.csv")
+    assert status == 0
+    assert "240 samples of length" in out
     y, predicted = other[:, 2], np.loadtxt("predicted.csv", delimiter=",", skiprows=1)[:, -1]
     kept = np.arange(240) % 80 >= 2
     assert found["samples"] == kept.sum()

@@ -1,27 +1,8 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from minorloop import modelfile
-
-SIMULATE = "simulate model.json good.csv --input voltage"
-
-
-def inputs():
-    return np.loadtxt("good.csv", delimiter=",", skiprows=1)[:, 0]
-
-
-@pytest.mark.parametrize("start", ["negative", "positive", "demagnetised"])
-def test_writes_the_outputs_of_the_model(start, run, model):
-    status, out, err = run(f"{SIMULATE} --record start={start} --save out.csv")
-    assert (status, err) == (0, "")
-    assert "400 samples of length" in out
-    assert "written to out.csv" in out
-    assert Path("out.csv").read_text().splitlines()[0] == "voltage [V],length [um]"
-    u, y = np.loadtxt("out.csv", delimiter=",", skiprows=1).T
-    np.testing.assert_array_equal(u, inputs())
-    np.testing.assert_array_equal(y, model.simulate(u, start))
 
 
 def test_time_is_found_as_by_identify(answer, model):

@@ -2,9 +2,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from minorloop.dynamics import state_space
 from minorloop.dynamics.state_space import propagate, transitions
@@ -12,23 +9,6 @@ from minorloop.errors import ParameterError
 
 A = np.array([[-0.5, -1.0], [1.0, 0.0]])
 B = np.array([1.0, 0.3])
-
-
-def integrated(x, begin, end, length):
-    """State after a step with a linear input, by a Runge-Kutta method."""
-
-    def slope(s, x):
-        return A @ x + B * (begin + (end - begin) * s / length)
-
-    return solve_ivp(slope, (0, length), x, rtol=1e-11, atol=1e-12).y[:, -1]
-
-
-@given(st.floats(0.01, 5), *[st.floats(-2, 2)] * 4)
-def test_a_transition_equals_numerical_integration(length, x0, x1, begin, end):
-    phi, at_begin, at_end, _ = transitions(A, B, np.array([length]))
-    x = np.array([x0, x1])
-    got = phi[0] @ x + at_begin[0] * begin + at_end[0] * end
-    np.testing.assert_allclose(got, integrated(x, begin, end, length), atol=1e-7)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.13, 0.5, 40.0])

@@ -10,6 +10,7 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export.c99 import source
+from minorloop.export.python_control import bounded
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.generalised_prandtl_ishlinskii import (
     DeadZones,
@@ -226,25 +227,14 @@ def test_an_after_effect_gives_what_python_gives(options, tmp_path):
     np.testing.assert_array_equal(held, lost)
 
 
-def bounded(model, u, room):
+def outputs_with_room(model, u, room):
     """Outputs when the pair with the least effect is dropped after ``room`` extrema."""
     low, high = model.levels[[0, -1]]
-    swing, extrema, y = 2.0 if model.relay == "bipolar" else 1.0, (float(low),), []
-    size = Preisach(model.levels, np.abs(model.weights), 0.0, model.relay, model.diagonal)
+    memory, y = Memory.negative(low), []
     for sample in u:
-        extrema = Memory.after([*extrema, sample], low=low, high=high).extrema
-        y.append(float(model.simulate([extrema[-1]], Memory(extrema))[0]))
-        past = extrema[:-1]
-        if len(past) < room:
-            continue
-        losses = []
-        for k in range(1, len(past) - 2):
-            a, b, c, d = past[k - 1 : k + 3]
-            corners = size.everett(max(a, b), min(a, b)) - size.everett(max(b, c), min(b, c))
-            corners += size.everett(max(c, d), min(c, d)) - size.everett(max(a, d), min(a, d))
-            losses.append(abs(float(corners)) * swing)
-        least = 1 + int(np.argmin(losses))
-        extrema = (*past[:least], *past[least + 2 :], extrema[-1])
+        memory = Memory.after([*memory.extrema, sample], low=low, high=high)
+        y.append(model.simulate([memory.u], memory)[0])
+        memory = bounded(model, memory, room)
     return np.array(y)
 
 
@@ -265,7 +255,7 @@ def test_the_smallest_loop_is_dropped_and_the_error_is_within_the_bound(room, si
     u = deep_inputs(model, 500, np.random.default_rng(room))
     y, bound = found.walk(u)
     assert (bound > 0).any()
-    np.testing.assert_allclose(y, bounded(model, u, room), atol=1e-10 * np.ptp(y))
+    np.testing.assert_allclose(y, outputs_with_room(model, u, room), atol=1e-10 * np.ptp(y))
     u = deep_inputs(model, 20_000, np.random.default_rng(room))
     u[::701] = model.levels[-1]
     y, bound = found.walk(u)

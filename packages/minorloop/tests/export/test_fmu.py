@@ -50,22 +50,6 @@ def test_valid_and_equal_to_python_one_row_later(model, tmp_path):
     assert {"sources/minorloop.c", "sources/minorloop.h"} <= set(names)
 
 
-@pytest.mark.parametrize("first", ["linear", pytest.param("operator", marks=pytest.mark.whole)])
-def test_with_a_linear_part(model, first, tmp_path):
-    path = tmp_path / "actuator.fmu"
-    cascade = Cascade(model, LAGS, first)
-    export_fmu(cascade, path, input="voltage", output="tip")
-    assert not validation.validate_fmu(str(path))
-    u = np.random.default_rng(1).uniform(-2, 2, 200)
-    low = float(model.levels[0]) / (LAGS.dc_gain if first == "linear" else 1)
-    state, expected = cascade.begin(low), []
-    for sample in u:
-        y, state = cascade.step(state, float(sample))
-        expected.append(y)
-    found = simulated(path, u, 0.01)[0][1:]
-    np.testing.assert_allclose(found, expected, atol=1e-11 * np.ptp(expected))
-
-
 def instance_of(path, folder):
     from fmpy.fmi2 import FMU2Slave
 

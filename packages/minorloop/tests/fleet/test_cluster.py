@@ -5,7 +5,7 @@ import pytest
 import fleet_faults
 from fleet_records import OPTIONS, write_fleet
 from later import Later
-from minorloop.errors import FleetError, ParameterError
+from minorloop.errors import ParameterError
 from minorloop.fleet import _cluster, _worker, identification
 from minorloop.fleet.identification import identify_fleet
 
@@ -31,11 +31,6 @@ def _workers(monkeypatch):
     workers.close()
 
 
-def on(cluster, work):
-    """Call a function in the event loop of the scheduler and the workers."""
-    cluster.loop.add_callback(work)
-
-
 def test_a_cluster_needs_no_shared_files_and_ends_what_hangs(cluster, tmp_path):
     specimens = write_fleet(tmp_path, ["a", "hang", "b"])
     summary = identify_fleet(
@@ -48,42 +43,6 @@ def test_a_cluster_needs_no_shared_files_and_ends_what_hangs(cluster, tmp_path):
     assert [one.specimen for one in summary.identified] == ["a", "b"]
     failed = {one.specimen: one.error for one in summary.failures}
     assert "no model within the limit of 5 s" in failed["hang"]
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("what", ["scheduler", "left"])
-def test_results_are_kept_when_a_cluster_is_lost_and_the_rest_follows_later(
-    what, cluster, tmp_path, monkeypatch
-):
-    async def leave():
-        for worker in cluster.workers.values():
-            await worker.close()
-
-    async def hang_up():
-        clients[0].status = "connecting"  # what it is when its connection was closed
-
-    clients, connect = [], _cluster._connect
-    monkeypatch.setattr(
-        _cluster, "_connect", lambda address: clients.append(connect(address)) or clients[0]
-    )
-    faults = {"scheduler": hang_up, "left": leave}
-    ends = {"scheduler": "the scheduler at tcp.* is gone", "left": "no worker at tcp.* within 2 s"}
-    (tmp_path / "wait.closed").touch()
-    specimens, seen = write_fleet(tmp_path, ["a", "b", "wait"]), []
-
-    def watch(done, of, last):
-        seen.append(last.specimen)
-        if len(seen) == 2:
-            on(cluster, faults[what])
-
-    def go_on(**options):
-        return identify_fleet(specimens, tmp_path / "out", watch=watch, **options, **OPTIONS)
-
-    with pytest.raises(FleetError, match=ends[what] + ".*2 of 3 specimens are done and kept"):
-        go_on(workers=cluster.scheduler_address, patience=2.0)
-    (tmp_path / "wait.closed").unlink()
-    assert len(go_on(workers=1).identified) == 3
-    assert sorted(seen) == ["a", "b", "wait"]
 
 
 def test_refuses_addresses_without_a_scheduler(tmp_path):

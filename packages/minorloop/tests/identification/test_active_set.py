@@ -18,12 +18,13 @@ SPECS = (
 )
 
 
-@pytest.fixture
-def sparse(monkeypatch):
-    """Use the sparse system for planes of any size."""
-    monkeypatch.setattr(least_squares, "_LEAST_SPARSE", 0)
-    monkeypatch.setattr(least_squares, "_FILL", np.inf)
-    monkeypatch.setattr(everett_system, "_REVERSALS", np.inf)
+@pytest.fixture(params=["dense", "sparse"])
+def _system(request, monkeypatch):
+    """Use either system for planes of any size."""
+    if request.param == "sparse":
+        monkeypatch.setattr(least_squares, "_LEAST_SPARSE", 0)
+        monkeypatch.setattr(least_squares, "_FILL", np.inf)
+        monkeypatch.setattr(everett_system, "_REVERSALS", np.inf)
 
 
 def dense_optimum(problem):
@@ -34,8 +35,9 @@ def dense_optimum(problem):
     return 0.5 * nnls(columns, problem.y, maxiter=10_000)[1] ** 2
 
 
+@pytest.mark.usefixtures("_system")
 @pytest.mark.parametrize("spec", SPECS)
-def test_the_optimum_is_that_of_scipy(spec, sparse):
+def test_the_optimum_is_that_of_scipy(spec):
     for seed in range(4):
         rng = np.random.default_rng(seed)
         samples, noise = int(rng.choice([5, 30, 300])), float(rng.choice([1e-3, 0.1]))

@@ -1,26 +1,10 @@
-import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 from benchmarks import optima
 from fixed_options import Plane, identify
 from minorloop.identification import Smooth, active_set, dense_solver, least_squares
-from minorloop.identification.dense_solver import GramRows, Quadratic
 from minorloop.identification.design_matrix import DesignMatrix
 from plane_problems import a_problem, objective
-
-
-def test_the_solution_is_that_of_scipy():
-    rng = np.random.default_rng(0)
-    rows, y = rng.normal(size=(40, 12)), rng.normal(size=40)
-    rows /= np.linalg.norm(rows, axis=0)
-    gram = rows.T @ rows
-    found = dense_solver.solve(
-        Quadratic(GramRows.of(gram), rows.T @ y), np.ones(12, dtype=bool), float(np.linalg.norm(y))
-    )
-    np.testing.assert_allclose(found.z, nnls(rows, y)[0], atol=1e-10)
-    assert found.kkt <= active_set.TOLERANCE
-
 
 PATHS = {
     "conjugate gradients": ((dense_solver, "_FACTORISED", 10), (least_squares, "_LARGE", 20)),

@@ -3,8 +3,6 @@ import pytest
 
 from minorloop.identification import excitation
 
-LEVELS = np.linspace(-1.2, 1.2, 11)
-
 
 @pytest.mark.parametrize(("bands", "condition"), [(4, None), (10, 73), (12, 106), (20, 300)])
 def test_decaying_staircases_determine_everything(bands, condition):

@@ -33,14 +33,6 @@ def test_every_other_structure_is_found_too(options):
     assert found.model.slope == pytest.approx(plane.slope, abs=1e-8)
 
 
-def test_samples_not_measured_move_the_memory_only():
-    u, y = a_record(noise=0.0)
-    gaps = np.random.default_rng(1).uniform(size=y.size) < 0.5
-    found = identify(u, np.where(gaps, np.nan, y), Plane(LEVELS))
-    assert found.samples == np.count_nonzero(~gaps)
-    np.testing.assert_allclose(found.model.weights, a_plane().weights, atol=1e-7)
-
-
 @pytest.mark.parametrize("lag", [0, 3, 11])
 def test_a_lag_is_found_and_predicted(lag):
     u, y = a_record()

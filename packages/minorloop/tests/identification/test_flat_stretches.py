@@ -6,16 +6,6 @@ from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 
 
-@pytest.mark.parametrize("shape", INPUTS)
-def test_a_stuck_output_is_named_with_its_stretch(shape):
-    u, y = record(shape)
-    first, count = u.size // 3, u.size // 5
-    y[first : first + count] = y[first]
-    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
-    assert finding.kind == "stuck"
-    assert finding.samples == tuple(range(first, first + count))
-
-
 def noisy(seed=1000, size=8000):
     """A long record with noise of 0.1 % of the span, on loops that shrink and grow."""
     time = np.arange(size) / 400
@@ -24,10 +14,15 @@ def noisy(seed=1000, size=8000):
     return u, y + 1e-3 * np.ptp(y) * noise
 
 
-@pytest.mark.parametrize("first", [840, 2200, 4130])
-@pytest.mark.parametrize("count", [50, 300])
-def test_a_noisy_sensor_that_repeats_itself_is_stuck_even_for_a_short_time(first, count):
-    u, y = noisy()
+@pytest.mark.parametrize(
+    ("shape", "first", "count"),
+    [
+        *((shape, each.size // 3, each.size // 5) for shape, each in INPUTS.items()),
+        *(("noisy", first, count) for first in (840, 2200, 4130) for count in (50, 300)),
+    ],
+)
+def test_a_stuck_output_is_named_with_its_stretch_though_it_is_short(shape, first, count):
+    u, y = noisy() if shape == "noisy" else record(shape)
     y[first : first + count] = y[first]
     (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
     assert finding.kind == "stuck"
@@ -62,16 +57,6 @@ def test_an_output_that_saturates_smoothly_is_not_clipped():
     assert kinds(u, y) == []
 
 
-def test_few_inputs_at_random_to_an_output_that_saturates_seldom_look_clipped():
-    found = 0
-    for seed in range(1000, 1040):
-        rng = np.random.default_rng(seed)
-        u = np.r_[0, 1, rng.uniform(size=50)]
-        y = plant(u)
-        found += "clipped" in kinds(u, np.tanh(4 * y / np.ptp(y)) + 0.003 * rng.normal(size=u.size))
-    assert found <= 4
-
-
 def wire(u):
     """Phase of a wire with memory of its shape: logistic branches, scaled between reversals."""
 
@@ -88,13 +73,28 @@ def wire(u):
     return y
 
 
-def test_readings_of_a_wire_that_happen_to_be_dense_at_an_end_are_not_clipped():
-    found = 0
-    for seed in range(1000, 1030):
-        rng = np.random.default_rng(seed)
-        u = np.repeat(np.r_[0, 1, rng.uniform(size=80)], 3)
-        found += "clipped" in kinds(u, wire(u) + 0.05 * u + 0.005 * rng.normal(size=u.size))
-    assert found <= 2  # 6 by the density alone
+def few_inputs(rng):
+    """Inputs at random to a plant whose output saturates."""
+    u = np.r_[0, 1, rng.uniform(size=50)]
+    y = plant(u)
+    return u, np.tanh(4 * y / np.ptp(y)) + 0.003 * rng.normal(size=u.size)
+
+
+def readings_of_a_wire(rng):
+    """Readings that happen to be dense at an end."""
+    u = np.repeat(np.r_[0, 1, rng.uniform(size=80)], 3)
+    return u, wire(u) + 0.05 * u + 0.005 * rng.normal(size=u.size)
+
+
+@pytest.mark.parametrize(
+    ("readings", "seeds", "most"), [(few_inputs, 40, 4), (readings_of_a_wire, 30, 2)]
+)
+def test_readings_that_are_dense_at_an_end_seldom_look_clipped(readings, seeds, most):
+    """By the density alone, those of 6 wires did."""
+    found = sum(
+        "clipped" in kinds(*readings(np.random.default_rng(1000 + seed))) for seed in range(seeds)
+    )
+    assert found <= most
 
 
 @pytest.mark.parametrize("shape", ["sine", "levels"])

@@ -4,63 +4,30 @@ import numpy as np
 import pytest
 
 from minorloop import Channel, ParameterError, Plan, Record, Setup, Store, run
-from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.records import Timing
 from minorloop.lab.run import check_plan
+from simulated_plant import Plant
 
 SETUP = Setup("bench", "voltage [V]", "tip [mm]")
 LEVELS = [0.5, -0.25, -0.25, 0.75, 0.0]
 
 
-class Instrument:
-    """A source and a meter on a clock of their own, with a log of what they did and when."""
+class Noisy(Plant):
+    """A source and a meter with noise, on a clock that runs already."""
 
     def __init__(self, answer, noise=0.0):
-        self.time, self.answer, self.noise = 50.0, answer, noise
-        self.value, self.sets, self.reads = 0.0, [], []
-        self.chance = np.random.default_rng(0)
-
-    def now(self):
-        return self.time
-
-    def sleep(self, seconds):
-        self.time += seconds
-
-    def set(self, value):
-        self.value = value
-        self.sets.append(self.time)
-
-    def safe(self):
-        self.value = 0.0
+        super().__init__(answer)
+        self.clock.time, self.noise, self.chance = 50.0, noise, np.random.default_rng(0)
 
     def read(self):
-        self.sleep(self.answer / 2)
-        self.reads.append(self.time)
-        self.sleep(self.answer / 2)
-        return self.output() + self.noise * self.chance.normal()
-
-    def output(self):
-        return 2.0 * self.value + 1.0
-
-
-class Cooling(Instrument):
-    """The output follows the input in 3 s."""
-
-    def output(self):
-        went = self.time - self.sets[-1] if self.sets else 0.0
-        return 2.0 * self.value * (1 - np.exp(-went / 3.0))
+        return super().read() + 1.0 + self.noise * self.chance.normal()
 
 
 def _bench(plant):
-    bench = Bench(
-        plant,
-        plant,
-        Channel("voltage", "V", -1.0, 1.0),
-        Channel("tip", "mm", -5.0, 5.0),
-        clock=plant,
-    )
+    bench = plant.bench()
     bench.check()
     plant.reads.clear()
+    plant.sent.clear()
     return bench
 
 
@@ -77,13 +44,13 @@ def _measured(path, bench, plan):
 @pytest.mark.parametrize("answer", [0.001, 0.03, 1.0])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_stored_times_are_true_and_no_constant_is_unsettled(tmp_path, answer, noise):
-    plant = Instrument(answer, noise)
+    plant = Noisy(answer, noise)
     hold = max(1.0, 10 * answer)
     plan = _plan(hold).slowed(answer)
     points, traces = _measured(tmp_path / "a", _bench(plant), plan)
     assert {p.verdict for p in points} <= {"settled", "extrapolated"}
     stored = np.concatenate([t + p.t - p.held for p, (t, _) in zip(points, traces, strict=True)])
-    np.testing.assert_allclose(stored, np.array(plant.reads) - plant.sets[0], atol=1e-9)
+    np.testing.assert_allclose(stored, np.array(plant.reads) - plant.sent[0][0], atol=1e-9)
     for point, (t, _) in zip(points, traces, strict=True):
         shortest = 0.25 * hold - plan.sample_interval / 2
         assert shortest <= point.held <= hold + 1e-9
@@ -92,18 +59,26 @@ def test_stored_times_are_true_and_no_constant_is_unsettled(tmp_path, answer, no
         assert point.sample_interval == pytest.approx(plan.sample_interval, rel=0.3)
 
 
+class Cooling(Plant):
+    """The output follows the input in 3 s."""
+
+    def read(self):
+        found = super().read()
+        return found * (1 - np.exp((self.sent[-1][0] - self.clock.now()) / 3.0))
+
+
 def test_the_longest_hold_ends_by_the_clock(tmp_path):
     plant = Cooling(0.1)
     points, traces = _measured(tmp_path / "a", _bench(plant), _plan(2.0, [1.0], window=1.0))
     assert points[0].held == pytest.approx(2.0)
     assert traces[0][0].size == 20
     assert points[0].verdict == "unsettled"
-    assert plant.time - plant.sets[0] == pytest.approx(2.0)
+    assert plant.reads[-1] - plant.sent[0][0] == pytest.approx(2.0, abs=0.1)
 
 
 def test_the_shortest_hold_that_is_named_is_possible():
     for answer in (0.001, 0.0123, 0.1, 0.7):
-        plant = Instrument(answer)
+        plant = Noisy(answer)
         with pytest.raises(ParameterError, match="possible is") as refused:
             check_plan(_bench(plant), _plan(4 * answer))
         words = str(refused.value).split("possible is ")[1].split()
@@ -122,14 +97,14 @@ def test_a_replay_takes_as_long_as_the_holds_took(tmp_path):
 
     with Store.create(tmp_path / "a", plan, SETUP) as store:
         with pytest.raises(KeyboardInterrupt):
-            run(_bench(Instrument(0.1)), plan, store, watch=stop)
+            run(_bench(Noisy(0.1)), plan, store, watch=stop)
         before = store.points()
-        again = Instrument(0.1)
+        again = Noisy(0.1)
         assert run(_bench(again), plan, store) == "replayed"
         held = [point.held for point in before]
         # The second and third level are the same, so that the source is set once for both.
         replayed = [held[0], held[1] + held[2]]
-        np.testing.assert_allclose(np.diff(again.sets)[:2], replayed)
+        np.testing.assert_allclose(np.diff([t for t, _ in again.sent])[:2], replayed)
         assert store.points()[:3] == before
         assert store.points()[3].t == pytest.approx(before[-1].t + store.points()[3].held)
 

@@ -71,20 +71,6 @@ def test_a_file_in_another_encoding_is_read_and_said(tmp_path):
         assert ["Windows-1252" in note for note in log.notes] == [True] * (encoding == "cp1252")
 
 
-def test_the_memory_continues_over_a_gap_on_a_smooth_slope(file):
-    """Of 2000 rows 10 are missing, at once, where the input is far from its turns."""
-    kept = np.delete(np.arange(T.size), slice(468, 478))
-    y = MODEL.simulate(U)
-    log = read_log(write(file, T[kept], U[kept], y[kept]), input="u", output="y", time="time")
-    assert np.isfinite(log.with_known_memory().y).all()
-    assert "the memory continues" in log.of_memory[0]
-    assert log.left_out() == ()
-    even = log.evenly_sampled()
-    assert np.isnan(even.y[468:478]).all()
-    assert np.isfinite(even.y).sum() >= kept.size - 2  # the ends of the gap, by rounding
-    np.testing.assert_allclose(even.u, U, atol=2e-3)
-
-
 @pytest.mark.parametrize("header", ["Datum;Uhrzeit", "date;time [hh:mm:ss.f]"])
 def test_the_time_of_day_is_the_time_and_continues_after_midnight(header, tmp_path):
     path = tmp_path / "log.csv"

@@ -17,25 +17,21 @@ LASER = LaserCurvature(20.0, 15.0, 0.02, 0.05)
 LEVELS = decaying_staircase(uniform_levels(-1.2, 1.2, 4))
 
 
-def strip_log(*, hold, interval=0.5, noise=2e-3, input_noise=2e-3, specimen=1000):
-    """A log of the strip through a laser, noise in mm and V; and the settled curvatures."""
-    twin, records, truth = Ipmc(specimen=specimen), [], []
+@pytest.fixture(scope="module")
+def long():
+    """A log of the strip through a laser, and the settled curvatures."""
+    twin, records, truth = Ipmc(specimen=1000), [], []
     for level in LEVELS:
-        records.append(twin.apply(level, hold, interval))
+        records.append(twin.apply(level, 200.0, 0.5))
         state = twin.checkpoint()
         truth.append(twin.apply(level, 6000.0, 6000.0).y[-1])
         twin.restore(state)
     record = Record.joined(records)
-    chance = np.random.default_rng(specimen)
+    chance = np.random.default_rng(1000)
     d = 1e3 * displacement_from_curvature(record.y, 0.02, 0.015)
-    d = d + noise * chance.normal(size=d.size)
-    u = record.u + input_noise * chance.normal(size=d.size)
+    d = d + 2e-3 * chance.normal(size=d.size)
+    u = record.u + 2e-3 * chance.normal(size=d.size)
     return Record(u, d, record.t, "voltage [V]", "distance [mm]"), np.array(truth)
-
-
-@pytest.fixture(scope="module")
-def long():
-    return strip_log(hold=200.0)
 
 
 def test_a_log_through_a_laser_becomes_settled_curvatures(long):
@@ -53,18 +49,6 @@ def test_a_log_through_a_laser_becomes_settled_curvatures(long):
     common = np.array([point.common_sd for point in found.points])
     assert 0.1 <= common.min() <= common.max() <= 0.3
     assert found.notes == ()
-
-
-def test_what_has_not_settled_drives_memory_only():
-    log, _ = strip_log(hold=15.0, interval=0.1)
-    found = reduce(log, conversion=LASER)
-    count = found.count("unsettled")
-    assert count >= 5
-    assert np.isnan(found.record().y).sum() == count
-    assert np.isfinite(found.record(unsettled=True).y).all()
-    assert all(np.isnan(p.sd) == (p.verdict == "unsettled") for p in found.points)
-    assert f"{count} of {LEVELS.size} holds did not settle" in found.notes[0]
-    assert found.columns()["curvature [1/m]"].count("") == count
 
 
 def test_signs_are_flipped_and_time_is_counted(long):
@@ -141,6 +125,18 @@ def staircase_log(count, chance=1000):
     t = np.arange(u.size) * 60.0 / count
     noise = rng.normal(size=(2, u.size))
     return t, u + 0.005 * noise[0], u + 0.02 * noise[1]
+
+
+def test_what_has_not_settled_drives_memory_only():
+    t, u, y = staircase_log(60)
+    y += np.tile(np.linspace(0, 1, 60), 12) * np.repeat(np.arange(12) % 2, 60)
+    found = reduce(Record(u, y, t, "field [A]", "position [um]"))
+    assert found.count("unsettled") == 6
+    assert np.isnan(found.record().y).tolist() == [False, True] * 6
+    assert np.isfinite(found.record(unsettled=True).y).all()
+    assert all(np.isnan(p.sd) == (p.verdict == "unsettled") for p in found.points)
+    assert "6 of 12 holds did not settle" in found.notes[0]
+    assert found.columns()["position [um]"].count("") == 6
 
 
 def test_a_stuck_sensor_is_noticed_and_its_holds_are_left_out():

@@ -104,15 +104,6 @@ def test_a_dead_meter_is_warned_of_and_then_ends_the_run(tmp_path, since, repeat
     assert f"holds {since + 1} to {since + 2}, while voltage went from -1 to 1 V" in warning
 
 
-def test_a_dead_meter_ends_a_run_of_small_steps_when_the_input_has_crossed_its_range(tmp_path):
-    plan = Plan([-1.0, -0.5, 0.0, 0.5, 1.0], 40.0, sample_interval=0.5, input="voltage [V]")
-    with (
-        Store.create(tmp_path / "dead.sqlite", plan, SETUP) as store,
-        pytest.raises(InstrumentError, match=r"holds 1 to 5, while voltage went from -1 to 1 V"),
-    ):
-        run(Dead(0), plan, store)
-
-
 def test_an_actuator_that_does_not_move_within_a_small_part_of_its_limits_is_only_warned_of(store):
     plan = Plan([-0.4, 0.4] * 3, 40.0, sample_interval=0.5, input="voltage [V]")
     warnings = []
@@ -157,22 +148,6 @@ def test_a_signal_leaves_the_actuator_safe(store, name):
     assert signal.getsignal(getattr(signal, name)) == before
 
 
-def test_a_second_signal_does_not_keep_it_from_being_safe(store):
-    class Slow(Bench):
-        def safe(self):
-            os.kill(os.getpid(), signal.SIGINT)
-            super().safe()
-
-    bench = Slow()
-
-    def watch(progress):
-        os.kill(os.getpid(), signal.SIGINT)
-
-    with pytest.raises(Stopped):
-        run(bench, PLAN, store, watch=watch)
-    assert bench.sent[-1] == "safe"
-
-
 @pytest.mark.parametrize("fails_after", [2, None])
 def test_an_actuator_that_cannot_be_made_safe_is_an_error_of_its_own(store, fails_after):
     class Stuck(Bench):
@@ -184,7 +159,8 @@ def test_an_actuator_that_cannot_be_made_safe_is_an_error_of_its_own(store, fail
     ) as caught:
         run(Stuck(fails_after), PLAN, store)
     assert store.finished == (fails_after is None)
-    assert ("the cable was pulled" in str(caught.value)) == (fails_after == 2)
+    said = str(caught.value).partition("the run ended because of: ")[2]
+    assert said == ("the cable was pulled" if fails_after == 2 else "")
 
 
 def test_refuses_before_anything_is_applied(store, twin):

@@ -179,7 +179,7 @@ class TestHonesty:
     @pytest.mark.parametrize("tolerance", [1e-4, 5e-3])
     def test_of_decays_in_noise(self, tau, noise, tolerance):
         ends = [
-            _judged(_decay(tau) + noise * _noise(seed), tolerance=tolerance) for seed in range(100)
+            _judged(_decay(tau) + noise * _noise(seed), tolerance=tolerance) for seed in range(40)
         ]
         assert np.mean([abs(end.value) <= 3 * end.sd for end in ends]) >= 0.95
         # Nor is it bought with uncertainties that say nothing.

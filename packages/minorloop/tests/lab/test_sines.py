@@ -5,14 +5,12 @@ import pytest
 
 from minorloop.connect import connect
 from minorloop.errors import InstrumentError, LimitError, ParameterError, StoreError
-from minorloop.lab.actuator import Channel
-from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.run import check_plan, measured_sines, run
 from minorloop.lab.sines import SLOW, Sine, grid
 from minorloop.lab.store import Setup, Store
-from simulated_clock import Clock
+from simulated_plant import Plant
 
 SINE = Sine(0.5, 0.7, 0.1, -1.2, 20.0, 3, 2, 40)
 GRID = {"preamble": -1.2, "hold": 20.0}
@@ -81,33 +79,21 @@ def planned(frequencies, amplitudes, input=VOLTAGE):
 PLAN = planned([0.2, 1.0], [0.7, 1.0])
 
 
-class Plant:
-    """An output of twice the input; reading fails after a number of readings."""
+class Failing(Plant):
+    """Its reading fails after a number of readings."""
 
-    def __init__(self, clock, answer=0.0):
-        self.clock, self.answer = clock, answer
-        self.value, self.left, self.applied = 0.0, np.inf, []
-
-    def set(self, value):
-        self.value = value
-        self.applied.append(value)
-
-    def safe(self):
-        self.value = 0.0
+    left = np.inf
 
     def read(self):
-        self.clock.sleep(self.answer)
         self.left -= 1
         if self.left < 0:
             raise InstrumentError("the meter gave no answer within 2 s")
-        return 2.0 * self.value
+        return super().read()
 
 
 def bench(answer=0.0, rate=np.inf, tick=0.05):
-    clock = Clock()
-    plant = Plant(clock, answer)
-    voltage, tip = Channel("voltage", "V", -1.2, 1.2, rate), Channel("tip", "mm", -5.0, 5.0)
-    return plant, Bench(plant, plant, voltage, tip, clock=clock, tick=tick)
+    plant = Failing(answer)
+    return plant, plant.bench(-1.2, 1.2, rate, tick=tick)
 
 
 def strip():
@@ -123,32 +109,6 @@ def outputs(store):
     return [one.y for one in measured_sines(store)]
 
 
-class Enough(Exception):
-    pass
-
-
-def after(count):
-    def watch(progress):
-        if progress.point is not None and progress.index == count - 1:
-            raise Enough
-
-    return watch
-
-
-def test_a_stopped_run_on_a_twin_ends_like_one_that_was_not(tmp_path):
-    with created(tmp_path / "whole.sqlite", strip()) as store:
-        assert run(strip(), PLAN, store) == "fresh"
-        whole = outputs(store)
-    with created(tmp_path / "parts.sqlite", strip()) as store:
-        with pytest.raises(Enough):
-            run(strip(), PLAN, store, watch=after(2))
-        assert len(store) == 2
-        assert run(strip(), PLAN, store) == "restored"
-        assert run(strip(), PLAN, store) == "finished"
-        for one, other in zip(whole, outputs(store), strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
 def test_a_bench_gets_every_sample_and_continues_at_the_next_sine(tmp_path):
     plant, actuator = bench()
     with created(tmp_path / "s.sqlite", actuator) as store:
@@ -157,9 +117,9 @@ def test_a_bench_gets_every_sample_and_continues_at_the_next_sine(tmp_path):
             run(actuator, PLAN, store)
         assert plant.value == 0.0
         assert len(store) == 1
-        plant.left, plant.applied = np.inf, []
+        plant.left, plant.sent = np.inf, []
         assert run(actuator, PLAN, store) == "fresh"
-        assert plant.applied[0] == -1.2  # the preamble of the second sine
+        assert plant.sent[0][1] == -1.2  # the preamble of the second sine
         for one in measured_sines(store):
             np.testing.assert_allclose(one.y, 2 * one.u, atol=1e-12)
             assert one.held
@@ -191,7 +151,7 @@ def test_what_a_bench_cannot_do_is_refused_before(frequency, amplitude, options,
     plan = planned([frequency], [amplitude])
     with pytest.raises(error, match=says):
         check_plan(actuator, plan)
-    assert plant.applied == []
+    assert plant.sent == []
 
 
 def test_a_store_of_holds_has_no_sines(tmp_path):
@@ -207,7 +167,7 @@ def test_a_sine_without_readings_stays_open_and_is_measured_by_the_next_call(tmp
     if streamed:
         plant, actuator = bench(tick=0.01)
         read = actuator.exchange
-        actuator.exchange = lambda u: np.nan if len(plant.applied) > 300 else read(u)
+        actuator.exchange = lambda u: np.nan if len(plant.sent) > 300 else read(u)
     else:
         actuator = strip()
         drive = actuator.drive

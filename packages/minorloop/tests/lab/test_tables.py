@@ -95,12 +95,12 @@ class TestExcel:
         refused(lambda each: read_each(each, bounds), file, sentence)
 
     def test_what_its_rows_take_is_counted(self, monkeypatch):
-        bounds = Bounds(memory=2**20)
+        bounds = Bounds(memory=2**18)
         monkeypatch.setattr("minorloop.lab.tables.LARGEST", bounds)
         row = "<row><c><v>0.5</v></c><c><v>1.25</v></c></row>"
-        file = workbook(self.file, (HEADERS, 1), (row, 20_000))
+        file = workbook(self.file, (HEADERS, 1), (row, 5_000))
         refused(lambda each: read_each(each, bounds), file, "of memory or more; a file of .* CSV")
-        rows = 2**20 // 200
+        rows = 2**18 // 200
         assert len(read_each(workbook(self.file, (HEADERS, 1), (row, rows)), bounds)) == 2
 
     def test_its_texts_are_counted(self):

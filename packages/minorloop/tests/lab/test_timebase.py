@@ -66,13 +66,6 @@ class TestChecks:
         assert how in said
         assert check_times(t + (by + 20 * interval) * (t >= t[300])).breaks.size == (by < 1e9)
 
-    def test_uneven_samples_are_reported(self):
-        steps = np.random.default_rng(1000).uniform(0.5, 1.5, 1000)
-        found = check_times(np.cumsum(steps))
-        assert found.uneven > 0.5
-        assert "samples are uneven" in found.notes[0]
-        assert found.breaks.size == 0
-
     @pytest.mark.parametrize(
         ("t", "message"),
         [

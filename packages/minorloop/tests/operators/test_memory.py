@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,13 +24,6 @@ def remembered(history):
 @given(values)
 def test_memory_holds_extrema_that_nothing_later_exceeded(history):
     assert Memory.after(history, low=-1, high=1).extrema == remembered(history)
-
-
-@given(values)
-def test_a_memory_survives_json(history):
-    memory = Memory.after(history, low=-1, high=1)
-    assert Memory(json.loads(json.dumps(memory.extrema))) == memory
-    assert hash(Memory(memory.extrema)) == hash(memory)
 
 
 def test_a_memory_of_another_plane_is_clamped():

@@ -60,14 +60,6 @@ def user(identified):
     return identified[0]
 
 
-def test_columns_are_described(client):
-    reply = drop(client).json()
-    assert reply["name"] == "run.csv"
-    assert [c["header"] for c in reply["columns"]] == ["time [s]", "voltage [V]", "length [um]"]
-    assert [c["time"] for c in reply["columns"]] == [True, False, False]
-    assert reply["columns"][1]["rows"] == 400
-
-
 def test_a_model_comes_in_stages(identified):
     _, reply = identified
     assert reply[-1] == {"report": True}

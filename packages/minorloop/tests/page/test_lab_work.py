@@ -107,18 +107,3 @@ def test_memory_goes_in_and_out(folder):
         (reply,) = lab_work.move(folder, memory, u)
         memory = reply["memory"]
     assert memory == list(Memory.after(inputs, low=0.0, high=1.0).extrema)
-
-
-def test_warnings_go_with_the_model_and_its_inverse(folder, tmp_path):
-    found = result(folder, levels=5)
-    assert found["warnings"] == []
-    (reply,) = lab_work.invert(folder, [0.5], "negative")
-    assert reply["warnings"] == []
-    table = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)
-    table[100:160, 1] = table[100, 1]
-    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
-    found = result(folder, levels=5)
-    assert "the output is stuck" in found["warnings"][0]
-    assert found["advice"][0] == found["warnings"][0]
-    (reply,) = lab_work.invert(folder, [0.5], "negative")
-    assert reply["warnings"] == found["warnings"]

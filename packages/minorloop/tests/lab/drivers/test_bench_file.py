@@ -1,12 +1,11 @@
-import tomllib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from minorloop import InstrumentError, ParameterError, SafetyError, connect
+from minorloop import InstrumentError, ParameterError, SafetyError
 from minorloop.lab.drivers import bench_file
-from minorloop.lab.drivers.bench_file import open_bench, read_description
+from minorloop.lab.drivers.bench_file import open_bench
 from minorloop.lab.wrapped_actuator import single_channel
 
 BENCH = """
@@ -108,14 +107,6 @@ def test_channels_are_converted_limited_and_wired_as_the_file_says(opened):
     assert device.done[-1] == "closed"
 
 
-def test_a_reading_past_a_quarter_circle_makes_the_bench_safe(opened):
-    bench, device, _ = opened()
-    device.readings = [12.0, 2.0]
-    with pytest.raises(InstrumentError, match="reads nan for curvature"):
-        bench.exchange(0.25)
-    assert device.done[-1] == "safe"
-
-
 def test_a_bench_that_does_not_confirm_that_it_is_safe_is_not_opened(opened, monkeypatch):
     monkeypatch.setattr(Recorder, "safe", lambda self: 1 / 0)
     with pytest.raises(SafetyError, match="may still be on, switch it off by hand"):
@@ -137,19 +128,6 @@ def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch, open_device, s
     monkeypatch.setattr(bench_file, "loaded", loaded)
     with pytest.raises(InstrumentError, match=f"device 'one' cannot be opened: {said}"):
         opened()
-
-
-def test_a_table_is_a_file_beside_the_bench_file(opened, tmp_path):
-    (tmp_path / "force.csv").write_text("reading [V],force [N]\n0,0\n10,5\n")
-    bench, _, _ = opened(BENCH.replace("polynomial = [0.0, 1.0, 1.0]", 'table = "force.csv"'))
-    assert bench.exchange(0.5)[1] == 1.0
-
-
-def test_the_description_has_all_but_times(opened):
-    bench, _, _ = opened()
-    expected = tomllib.loads(BENCH)
-    del expected["safe_within"]
-    assert bench.description == expected
 
 
 @pytest.mark.parametrize(
@@ -194,12 +172,3 @@ def test_a_bench_may_have_no_sensors(opened):
     assert bench.exchange([0.5]).shape == (0,)
     with pytest.raises(ParameterError, match="the actuator has no output; give it one"):
         single_channel(bench)
-
-
-def test_files_are_toml_or_json_by_their_names_and_may_have_one_channel(tmp_path):
-    (tmp_path / "a.toml").write_text("tick = 0.04\n[input]\nname='u'\nlow=0\nhigh=1\n")
-    (tmp_path / "a.json").write_text('{"tick": 0.04, "input": {"name": "u", "low": 0, "high": 1}}')
-    assert read_description(tmp_path / "a.toml") == read_description(tmp_path / "a.json")
-    (tmp_path / "a.toml").write_text("input={name='u', low=0, high=1}\noutput={name='y'}\n")
-    with pytest.raises(ParameterError, match="needs a source and a meter, or a board"):
-        connect(f"bench:{tmp_path / 'a.toml'}")

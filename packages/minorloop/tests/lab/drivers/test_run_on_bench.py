@@ -5,30 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from minorloop import Channel, InstrumentError, Plan, Store
+from minorloop import InstrumentError, Plan, Store
 from minorloop.cli import main
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.drivers.visa import ScpiSource
-from simulated_clock import Clock
-
-
-class Plant:
-    """Fails at one input until it is mended."""
-
-    def __init__(self):
-        self.value, self.bad = 0.0, 0.75
-
-    def set(self, value):
-        self.value = value
-
-    def safe(self):
-        self.value = 0.0
-
-    def read(self):
-        if self.value == self.bad:
-            raise InstrumentError("the meter gave no answer within 2 s")
-        return 2.0 * self.value
+from simulated_plant import Plant
 
 
 @pytest.fixture
@@ -107,16 +89,12 @@ def failing_at(level, trouble):
 
 
 def test_a_meter_that_becomes_slow_is_warned_of(tmp_path, monkeypatch, capsys):
-    clock = Clock()
-
     class Tiring(Plant):
         def read(self):
-            clock.sleep(0.3 if self.value == 0.5 else 0.01)
+            self.lag = 0.3 if self.value == 0.5 else 0.01
             return super().read()
 
-    plant = Tiring()
-    ends = Channel("voltage", "V", -1.0, 1.0), Channel("tip", "mm", -5.0, 5.0)
-    bench = Bench(plant, plant, *ends, clock=clock)
+    bench = Tiring().bench()
     bench.check()
     monkeypatch.setattr("minorloop.lab.drivers.visa.open_bench", lambda path: bench)
     monkeypatch.chdir(tmp_path)
@@ -141,26 +119,6 @@ def stays_on(monkeypatch, after):
     monkeypatch.setattr(ScpiSource, "safe", safe_or_not)
 
 
-@pytest.fixture
-def hurried(simulated):
-    """The line that runs on a bench that is soon given up."""
-    described = json.loads(Path("bench.json").read_text())
-    Path("bench.json").write_text(json.dumps({**described, "safe_within": 0.05}))
-    return simulated
-
-
-def test_a_run_that_ends_with_its_source_on_perhaps_has_a_status_of_its_own(
-    hurried, monkeypatch, capsys
-):
-    stays_on(monkeypatch, 1)
-    assert main([*hurried, "--json"]) == 3
-    shown = capsys.readouterr()
-    assert json.loads(shown.out)["error"]["kind"] == "SafetyError"
-    said = shown.err.splitlines()[-1]
-    assert said.startswith("error: the source may still be on, switch it off by hand: in 0.05 s")
-    assert said.endswith("no answer; 2 of 2 levels are kept")
-
-
 @pytest.mark.parametrize(
     ("trouble", "message"),
     [
@@ -170,14 +128,17 @@ def test_a_run_that_ends_with_its_source_on_perhaps_has_a_status_of_its_own(
     ],
 )
 def test_a_source_that_stays_on_does_not_hide_what_came_before_nor_the_other_way_round(
-    trouble, message, hurried, monkeypatch, capsys
+    trouble, message, simulated, monkeypatch, capsys
 ):
+    described = json.loads(Path("bench.json").read_text())
+    Path("bench.json").write_text(json.dumps({**described, "safe_within": 0.05}))
+
     def stop(link, text):
         raise trouble
 
     monkeypatch.setattr(VisaLink, "ask", failing_at("VOLT -0.5", stop))
     stays_on(monkeypatch, 1)
-    assert main(hurried) == 3
+    assert main(simulated) == 3
     said = capsys.readouterr().err.splitlines()[-1]
     assert "may still be on, switch it off by hand" in said
     assert f"the error before: {message}" in said.replace("asked 'READ?', ", "")

@@ -27,17 +27,6 @@ def board(*lines):
     return Board(Script([HELLO, *lines]))
 
 
-def test_a_board_is_a_source_and_a_meter():
-    one = board(
-        (write(2, "SET", "0.25"), ok(2, "0.25")),
-        (write(3, "GET"), ok(3, "1.5")),
-        (write(4, "SAFE"), ok(4)),
-    )
-    one.set(0.25)
-    assert one.read() == 1.5
-    one.safe()
-
-
 def test_late_and_damaged_answers_are_thrown_away():
     late, damaged = ok(1, "9.9"), ok(2, "7.7").replace("7.7", "7.8")
     one = board((write(2, "GET"), "\n".join([late, damaged, "", "\x00ÿ", ok(2, "1.5")])))
