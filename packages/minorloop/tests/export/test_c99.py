@@ -70,7 +70,7 @@ FIRMS = {
     "relays": (relays(), {"inverse": False}),
     "after-effect": (after_effect(), {"interval": INTERVAL}),
 }
-SHORT = ["lags before it", "little memory", "bent plays", "relays", "after-effect"]
+SHORT = ["lags after it", "lags before it", "little memory", "bent plays", "relays", "after-effect"]
 """What is compiled in each run of the tests; the others once in a while."""
 
 
