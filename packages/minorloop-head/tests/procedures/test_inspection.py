@@ -9,7 +9,7 @@ import pytest
 from minorloop.errors import InstrumentError
 from minorloop_head.geometry import Pinhole, wall_distance
 from minorloop_head.procedures import inspection
-from minorloop_head.procedures.inspected_view import InspectedView, with_finding
+from minorloop_head.procedures.inspected_view import with_finding
 from minorloop_head.procedures.inspection import (
     NOT_VISITED,
     ONE_PLACE,
@@ -18,13 +18,13 @@ from minorloop_head.procedures.inspection import (
     unvisited,
     views_of,
 )
-from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.procedures.probing import Kept
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.ultrasound.pits import PitDepth
-from minorloop_head.vision.defects import Findings, Hole
+from minorloop_head.vision.defects import Findings
+from scripted_inspection import hole, inspected_view
 
 from .fakes import CALIBRATION, MOUNT
 from .test_rig import Devices, on_bench
@@ -112,17 +112,12 @@ def test_echoes_confirm_a_hole_that_was_not_centred(verdict, confirmed):
         def scanned(self, view):
             return replace(view, probed=PitDepth(verdict, *PLACE))
 
-    said, rim = [], np.zeros((3, 2))
-    picture = InspectedPicture(name="hole 1 again", t=0.0, verdict="good")
+    said = []
     steps = (LogEntry(0.0, "centre", "55.6 px from the middle", False),)
-    view = InspectedView(
-        picture=picture, image=np.zeros((2, 2), np.uint8), angles=(0.0, 0.0), joints=(0.0, 0.0),
-        place=(0.0, 0.0), seen=(Hole(np.array(PLACE), 1e-3, 3.6, "dark", rim),), steps=steps,
-    )  # fmt: skip
-    view = with_finding(view, 10e-3)
+    view = inspected_view("hole 1 again", seen=(hole(*PLACE, 3.6),), steps=steps)
     rig = SimpleNamespace(say=lambda *words, **_: said.append(words))
     kept = Kept()
-    inspection._Visits(rig, kept, Probed())._probe(view, ("view 3",))
+    inspection._Visits(rig, kept, Probed())._probe(with_finding(view, 10e-3), ("view 3",))
     (after,) = kept.views.values()
     assert (after.finding is not None) == confirmed
     if not confirmed:
