@@ -5,7 +5,7 @@ import threading
 import msgspec
 import pytest
 
-from console_rig import view
+from console_rig import control, view
 from minorloop_head.console import loop, messages
 from minorloop_head.console.camera_protocol import CameraReport, CameraRequest
 from minorloop_head.console.channel import NewestPipe
@@ -21,7 +21,10 @@ AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch"
 
 
 class Running:
-    """A loop in a process of its own, with a plant, and this end of its pipes."""
+    """A loop in a process of its own, with a plant, and this end of its pipes.
+
+    Without a plant, it has to identify its wires.
+    """
 
     def __init__(self, folder, *, plant=True, **settings):
         self.context = forking()
@@ -29,7 +32,8 @@ class Running:
         beats = self.context.RawArray("d", len(NAMES))
         handle = ProcessHandle("loop", NAMES, theirs, beats)
         wanted = LoopSettings(folder=str(folder), timeout=5.0, **settings)
-        self.process = self.context.Process(target=loop.run, args=(handle, wanted))
+        given = (handle, wanted, None, control() if plant else None)
+        self.process = self.context.Process(target=loop.run, args=given)
         self.process.start()
         theirs.close()
         self.pipe, self.camera = self.give("server"), self.give("camera")
