@@ -211,7 +211,7 @@ def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():
     assert sent(session, "findings")[-1]["findings"][0]["verdict"] == "measured"
 
 
-@pytest.mark.parametrize("how", ["mode", "silence", "release"])
+@pytest.mark.parametrize("how", ["mode", "silence"])
 def test_a_scan_is_stopped_without_a_jump(how):
     pilot = scanning()
     pilot.drive(60)
@@ -219,11 +219,8 @@ def test_a_scan_is_stopped_without_a_jump(how):
     if how == "mode":
         pilot.mode("HOLD")
         pilot.drive()
-    elif how == "silence":
-        pilot.silence(4)
     else:
-        pilot.order(messages.Release)
-        pilot.silence()
+        pilot.silence(4)
     session = pilot.session
     assert session.state.mode == "HOLD"
     assert session.state.rates == (0.0, 0.0)

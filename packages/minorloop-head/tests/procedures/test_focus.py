@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from minorloop_head.geometry import wall_point
 from minorloop_head.procedures.focus import focus, peak_of, sharpness
 from minorloop_head.procedures.values import Reading, Running
 from minorloop_head.sources import Frame
-from vision.walls import CAMERA, photograph
+from vision.walls import AIM, CAMERA, photograph
 
-AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
 MIDDLE = (319.5, 239.5)
 
 

@@ -11,7 +11,6 @@ from minorloop_head.reconstruction.findings import finding_of
 from minorloop_head.reconstruction.fusion import mean_depths
 from minorloop_head.twins.pipe import Bore, Dent, Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
-from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.joint_fit import solve_without_floor
 from minorloop_head.ultrasound.pits import (
@@ -24,7 +23,7 @@ from minorloop_head.ultrasound.pits import (
 from papers.catheter.scan_trials import draw_trial
 from papers.catheter.scan_trials import scan as sweep
 
-from .synthetic import fit_of, pit
+from .synthetic import fit_of, heard, pit
 
 MOUNT = Mount(advance=20e-3)
 PROBE = CalibratedProbe(Probe(), MOUNT)
@@ -39,13 +38,8 @@ def scan(
     pipe = Pipe(bores=bores, dents=dents, water=water)
     sonar = Ultrasound(pipe, MOUNT, specimen=5, seed=seed, noise=noise, temperature=temperature)
     rng = np.random.default_rng(seed)
-    bursts = []
-    for target in raster(PROBE, CENTRE, points=points, pitch=pitch):
-        place = target + np.radians(0.1) * rng.standard_normal(2)
-        sonar.look(*place)
-        shots = [sonar.shot() for _ in range(4)]
-        bursts.append(average(shots, np.tile(place, (4, 1)), np.zeros(4)))
-    return bursts
+    targets = raster(PROBE, CENTRE, points=points, pitch=pitch)
+    return [heard(sonar, one + np.radians(0.1) * rng.standard_normal(2)) for one in targets]
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import Mount, wall_point
+from minorloop_head.geometry import Mount
 from minorloop_head.procedures.meter import LIMITS
 from minorloop_head.twins.camera import Camera, ImageSensor
 from minorloop_head.twins.pipe import Pipe
@@ -18,9 +18,7 @@ from minorloop_head.vision.frame_checks import (
     same_light,
 )
 
-from .walls import CAMERA, LENS, photograph
-
-AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+from .walls import AIM, LENS, photograph
 
 
 @pytest.fixture(scope="module")
