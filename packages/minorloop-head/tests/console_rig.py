@@ -24,6 +24,7 @@ __all__ = [
     "MADE_UP",
     "PIT",
     "SMALL",
+    "STILL",
     "DirectCamera",
     "Pilot",
     "ScriptedCamera",
@@ -39,6 +40,8 @@ __all__ = [
 ]
 ADDRESS = "twin:pipe"
 AHEAD = (0.0, 0.0, 0.0, 1.0)
+STILL = {"pose": AHEAD, "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
+"""What a page sends of an operator who does nothing."""
 PIT = (0.45, 20e-3, 1e-3, 0.5e-3)
 """Phi, z, diameter and depth of the first pit of the pipe behind the address."""
 SMALL = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))

@@ -11,7 +11,7 @@ import time
 import msgspec
 import pytest
 
-from console_rig import SMALL, control
+from console_rig import SMALL, STILL, control
 from minorloop_head.console import camera_process, loop, messages, supervisor, watchdog
 from minorloop_head.console.camera_protocol import CameraReport
 from minorloop_head.console.channel import NewestPipe
@@ -21,7 +21,6 @@ from minorloop_head.console.supervisor import Part, Supervisor
 from offspring import PRELOADED, forking
 
 PRELOADED.extend(f"minorloop_head.console.{name}" for name in ("camera_process", "watchdog"))
-AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
 
 
 class BlankCamera:
@@ -103,7 +102,7 @@ class Console:
         """Press HEAD until it is on."""
 
         def steering(message):
-            self.order(messages.Drive, **AHEAD)
+            self.order(messages.Drive, **STILL)
             self.order(messages.SetMode, mode="HEAD")
             return message["mode"] == "HEAD"
 

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from minorloop import Channel
 from minorloop_head.geometry import Mount
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.values import NOW, Reading, Request
@@ -20,6 +21,10 @@ CALIBRATION = HeadCalibration(lens=LENS, leds=led_positions(), offset=(0.1e-3, -
 @cache
 def camera():
     return Camera(Pipe.draw(1), MOUNT)
+
+
+CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
 
 
 class Loop:
