@@ -395,7 +395,7 @@ def sweeping():
 
 
 def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
-    monkeypatch.setattr("minorloop_head.console.scanning.ALONG", 0.5e-3)  # a few lines
+    monkeypatch.setattr("minorloop_head.console.scanning.ALONG", 0.3e-3)  # a few lines
     pilot, before = sweeping()
     scans = []
     pilot.until(

@@ -24,7 +24,7 @@ def soon_cold(monkeypatch):
 def head(spoil=lambda frame: frame, **options):
     """A cold head, and its rig for scoring."""
     rig = open_plant("twin:pipe", specimen=1002, seed=3)
-    tip, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.5)
+    tip, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.25)
     wires = RigWires(rig, tip)
     seen = SeenHead(
         wires, lambda: spoil(wires.frame()), view, expose=tip.expose, every=4, **options
@@ -183,7 +183,7 @@ def test_a_camera_that_cannot_show_the_angles_is_refused_at_the_start(lens, erro
 
 
 def test_the_zero_is_looked_for_only_without_current():
-    _, view = open_tip("twin:pipe", scale=0.25)
+    _, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.25)
     angles = seen_angles.SeenAngles(view)
     still = Frame(0.0, np.zeros((1, 1), np.uint8))
     assert np.isnan(angles.read(still)).all()

@@ -34,7 +34,7 @@ def follow(servo, place, angles, steps, bias=(0.0, 0.0)):
     return np.array(errors), np.array(ways)
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(place=places, a=st.floats(-0.15, 0.15), b=st.floats(-0.15, 0.15))
 def test_the_error_decays_at_the_gain(place, a, b):
     servo = Servo(CAMERA, gain=1.0, **FAST)
