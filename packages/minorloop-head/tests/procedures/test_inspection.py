@@ -21,12 +21,12 @@ from minorloop_head.procedures.inspection import (
 from minorloop_head.procedures.probing import Kept
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.twins.camera import Camera
-from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.twins.pipe import Bore
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.vision.defects import Findings
 from scripted_inspection import hole, inspected_view
 
-from .fakes import CALIBRATION, MOUNT
+from .fakes import CALIBRATION, MOUNT, PIPE
 from .test_rig import Devices, on_bench
 
 PLACE = (-2.2, 20e-3)
@@ -36,7 +36,7 @@ PLACE = (-2.2, 20e-3)
 def devices():
     """Devices whose camera is in a pipe with a hole."""
     bore = Bore(*PLACE, 1e-3, brightness=0.0, lining=0.08)
-    seen = Camera(replace(Pipe.draw(1), bores=(bore,)), replace(MOUNT, advance=0.0))
+    seen = Camera(replace(PIPE, bores=(bore,)), replace(MOUNT, advance=0.0))
     return Devices(seen)
 
 

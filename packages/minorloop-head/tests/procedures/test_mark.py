@@ -16,10 +16,10 @@ from minorloop_head.procedures.mark import (
 )
 from minorloop_head.procedures.meter import Light
 from minorloop_head.procedures.values import Request
-from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.twins.pipe import Bore
 from minorloop_head.twins.rig import SimulatedTip
 
-from .fakes import CALIBRATION, MOUNT, Loop, eye
+from .fakes import CALIBRATION, MOUNT, PIPE, Loop, eye
 
 PLACE, CATHETER = (0.5, 24e-3), (1e-3, 0.0)
 CALIBRATED = replace(CALIBRATION, tool=Tool())
@@ -39,7 +39,7 @@ class Bench(Loop):
     def __init__(self, blind=()):
         super().__init__(place=CATHETER, share=0.5)
         hole = Bore(*PLACE, 1e-3)
-        pipe = replace(Pipe.draw(1), bores=(hole,))
+        pipe = replace(PIPE, bores=(hole,))
         self.tip, self.blind, self.ticks = (
             SimulatedTip(pipe, mount=replace(MOUNT, advance=0)),
             blind,

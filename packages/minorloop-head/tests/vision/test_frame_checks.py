@@ -87,7 +87,7 @@ def test_lights_that_cross_over_are_good_and_a_strip_of_the_same_light_is_torn()
 
 @pytest.fixture(scope="module")
 def camera():
-    camera = Camera(Pipe.draw(3), Mount())
+    camera = Camera(Pipe.draw(3, length=51.2e-3), Mount())
     camera.look(0.4, 0.0)
     camera.focus_at(20e-3)
     return camera

@@ -26,7 +26,7 @@ class Seen:
     """A camera in a pipe, and the estimator of its angles."""
 
     def __init__(self):
-        self.camera = Camera(Pipe.draw(1006), Mount(), LENS.scaled(0.5), seed=1)
+        self.camera = Camera(Pipe.draw(1006, length=51.2e-3), Mount(), LENS.scaled(0.5), seed=1)
         self.camera.focus_at(10e-3)
         known = CalibratedCamera(self.camera.calibration, Mount(), self.camera.leds)
         self.eyes = WallAngles(known)
