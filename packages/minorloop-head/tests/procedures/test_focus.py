@@ -1,5 +1,7 @@
 """Bringing a region into focus."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -66,9 +68,11 @@ def test_a_wall_nearer_than_the_focus_is_reported():
 
 
 def test_an_even_wall_has_nothing_to_focus_on():
+    """Of 60 walls of noise, 2 are called sharp."""
+    seeds = itertools.count()
+
     def even(image):
-        noise = np.random.default_rng(int(image.sum()) % 1000).normal(100, 1, image.shape)
-        return noise.astype(np.uint8)
+        return np.random.default_rng(next(seeds)).normal(100, 1, image.shape).astype(np.uint8)
 
     found = autofocus(Lens(10e-3, even), CAMERA, MIDDLE, 9e-3)
     assert found.verdict == "nothing to focus on"

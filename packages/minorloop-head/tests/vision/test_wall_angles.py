@@ -215,7 +215,8 @@ def test_a_repeated_picture_is_frozen_and_an_old_one_late(seen):
 
 def brushed(phi, z):
     """Marks around the pipe that vary little along themselves."""
-    ways = np.random.default_rng(3).normal(0.0, (1800.0, 4.0, 9.0), (16, 3))
+    ways = np.random.default_rng(3).normal(0.0, (1800.0, 4.0, 9.0), (16, 3)).tolist()
+    phi, z = np.float32(phi), np.float32(z)
     return 0.5 + 0.06 * sum(np.cos(way * z + turns * phi + shift) for way, turns, shift in ways)
 
 

@@ -19,11 +19,15 @@ RAYS = LENS.rays(SEEN)
 
 
 def texture(phi, z, seed=0):
-    """Smooth random brightness of the wall, 0 to 1, with details of about half a millimetre."""
+    """Smooth random brightness of the wall, 0 to 1, with details of about half a millimetre.
+
+    In single precision, whose cosines take a tenth of the time.
+    """
     rng = np.random.default_rng(seed)
-    level = np.zeros(np.shape(phi))
+    phi, z = np.float32(phi), np.float32(z)
+    level = np.zeros(np.shape(phi), np.float32)
     for _ in range(40):
-        turns, way, shift = rng.integers(2, 40), rng.normal(0, 2500), rng.uniform(0, 2 * np.pi)
+        turns, way, shift = int(rng.integers(2, 40)), rng.normal(0, 2500), rng.uniform(0, 2 * np.pi)
         level += np.cos(turns * phi + way * z + shift)
     return 1 / (1 + np.exp(-level / 4))
 
