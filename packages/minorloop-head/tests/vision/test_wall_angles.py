@@ -46,8 +46,9 @@ class Seen:
 
     def goes(self, degrees, tilt=REST[1]):
         """Turn to a pan in steps of half a degree."""
-        start = float(self.state.angles[0])
-        for pan in np.linspace(start, math.radians(degrees), 40)[1:]:
+        start, end = float(self.state.angles[0]), math.radians(degrees)
+        count = math.ceil(abs(end - start) / math.radians(0.5))
+        for pan in np.linspace(start, end, count + 1)[1:]:
             sight = self.step(pan, tilt)
         return sight
 
