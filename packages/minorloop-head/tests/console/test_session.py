@@ -1,6 +1,7 @@
 import math
+from copy import deepcopy
 from dataclasses import asdict, replace
-from functools import partial
+from functools import cache, partial
 
 import msgspec
 import numpy as np
@@ -254,8 +255,9 @@ def numbers_of(pilot, name):
     return [numbers for one, numbers in every_command(pilot) if one == name]
 
 
+@cache
 def beside():
-    """In TRACK of a scripted target on the wall beside the head."""
+    """In TRACK of a scripted target on the wall beside the head; to be copied."""
     pilot = Pilot().steering()
     pilot.drive(200, pose=right(36.0, -15.0))
     pilot.camera.target = (319.5, 239.5, 1.0, True)
@@ -267,7 +269,7 @@ def beside():
 
 def marking():
     """With the tool on its way to a scripted target."""
-    pilot = beside()
+    pilot = deepcopy(beside())
     pilot.order(messages.Mark)
     pilot.drive(2)
     assert numbers_of(pilot, "mark") == [[]]
