@@ -56,6 +56,7 @@ ELSEWHERE = {
     "minorloop_head/inspection/identification.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/inspection/inspect_pictures.py": "minorloop_head/cli/test_inspect.py",
     "minorloop_head/procedures/calibrate.py": "minorloop_head/cli/test_head.py",
+    "minorloop_head/procedures/calibration.py": "minorloop_head/procedures/test_head_file.py",
     "minorloop_head/procedures/calibration_report.py": "minorloop_head/cli/test_head.py",
     "minorloop_head/procedures/inspected_view.py": "minorloop_head/procedures/test_inspection.py",
     "minorloop_head/procedures/photograph.py": "minorloop_head/cli/test_head.py",

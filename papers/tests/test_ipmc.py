@@ -9,7 +9,9 @@ from truth import hidden_truth
 
 @pytest.fixture(scope="module")
 def study():
-    with hidden_truth():
+    """The study at every other frequency."""
+    with hidden_truth(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ipmc, "FREQUENCIES", ipmc.FREQUENCIES[::2])
         return ipmc.run_study(3)
 
 

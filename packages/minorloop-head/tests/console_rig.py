@@ -14,12 +14,17 @@ from minorloop_head.console.perception import Perception
 from minorloop_head.console.plant import open_plant, open_tip
 from minorloop_head.console.session import Session
 from minorloop_head.console.units import to_shown
+from minorloop_head.control.head import head_control
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
+from wires import made_up
 
 __all__ = [
     "AHEAD",
+    "MADE_UP",
     "PIT",
+    "SMALL",
+    "STILL",
     "DirectCamera",
     "Pilot",
     "ScriptedCamera",
@@ -35,8 +40,14 @@ __all__ = [
 ]
 ADDRESS = "twin:pipe"
 AHEAD = (0.0, 0.0, 0.0, 1.0)
+STILL = {"pose": AHEAD, "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
+"""What a page sends of an operator who does nothing."""
 PIT = (0.45, 20e-3, 1e-3, 0.5e-3)
 """Phi, z, diameter and depth of the first pit of the pipe behind the address."""
+SMALL = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+"""A camera of few pixels."""
+MADE_UP = head_control("observer", (made_up(), made_up()))
+"""Control of wires that are known at once."""
 
 
 @cache
@@ -132,12 +143,13 @@ class ScriptedCamera:
 
 
 class Pilot:
-    """A session and its pilot."""
+    """A session and its pilot, who sees little of a plant that is given."""
 
-    def __init__(self, camera=None):
-        self.plant = open_plant(ADDRESS)
-        self.camera = camera or ScriptedCamera()
-        self.session = Session(self.plant, view(), control(), self.camera)
+    def __init__(self, camera=None, plant=None):
+        self.camera, parts = camera or ScriptedCamera(), (SMALL, MADE_UP)
+        if plant is None:
+            plant, parts = open_plant(ADDRESS), (view(), control())
+        self.plant, self.session = plant, Session(plant, *parts, self.camera)
         self.now, self.seq = 100.0, 0
 
     def order(self, kind, **content):
@@ -209,8 +221,7 @@ class SilentLoop:
         self.settings, self.received, self.orders = settings, received, []
 
     def start(self):
-        small = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
-        self.received(text("hello", view={}, known=small.to_dict(), cone=28.0, planes=[]))
+        self.received(text("hello", view={}, known=SMALL.to_dict(), cone=28.0, planes=[]))
 
     def order(self, message):
         self.orders.append(message)

@@ -38,6 +38,16 @@ def hole(phi, z, evidence):
     return Hole(np.array([phi, z]), 1e-3 / 3, evidence, "dark", rim)
 
 
+def inspected_view(name, **known):
+    """A view with a good picture; besides, what is given is known of it."""
+    blank = {
+        "picture": InspectedPicture(name=name, t=0.0, verdict="good"),
+        "image": np.zeros((240, 320), np.uint8),
+        **dict.fromkeys(("angles", "joints", "place"), (0.0, 0.0)),
+    }
+    return InspectedView(**{**blank, **known})
+
+
 class _Rig(SimpleNamespace):
     """A rig whose clock goes on by a tick with each entry of its log."""
 
@@ -101,7 +111,7 @@ class Script:
 
 
 @pytest.fixture
-def script(tmp_path, monkeypatch):
+def script(tmp_path, monkeypatch, without_pictures):
     found = Script(tmp_path / "found")
     course = np.stack([np.linspace(-0.4, 0.1, 9), np.full(9, 22e-3)], axis=1)
     crack = TracedCrack(course, np.linspace(0.1e-3, 0.3e-3, 9), 5e-3, 0.3)
@@ -117,9 +127,9 @@ def script(tmp_path, monkeypatch):
         shown = Findings(
             () if torn else tuple(found.shown.get(name, ())), "torn" if torn else "good"
         )
-        image = np.full((240, 320), 40 + len(name), np.uint8)
-        blank = InspectedView(
-            picture=InspectedPicture(name=name, t=1.0, verdict=shown.verdict), image=image,
+        blank = inspected_view(
+            name, picture=InspectedPicture(name=name, t=1.0, verdict=shown.verdict),
+            image=np.full((240, 320), 40 + len(name), np.uint8),
             angles=(0.1, 0.2), joints=(0.61234, 0.7), place=(1e-3, 0.0),
         )  # fmt: skip
         return inspection._Seen(blank, shown, VIEW.camera_at((0.0, 0.0)))

@@ -13,7 +13,7 @@ import pytest
 
 import compiled
 from benchmarks import _board, _cortex
-from console_rig import Pilot, ScriptedCamera
+from console_rig import Pilot
 from minorloop import Channel, InstrumentError, ParameterError, Preisach, RelayModel
 from minorloop.lab.drivers import link
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
@@ -21,15 +21,8 @@ from minorloop.lab.drivers.serial_board import SerialBoard
 from minorloop.lab.drivers.serial_line import parse, write
 from minorloop_head.board import HEAD_LINES, BoardAxis, board_source
 from minorloop_head.console.plant import open_plant
-from minorloop_head.console.session import Session
 from minorloop_head.console.watchdog import Command, WatchedPlant
-from minorloop_head.control.head import head_control
-from minorloop_head.geometry import Pinhole
-from minorloop_head.procedures.calibration import HeadCalibration
-from wires import made_up
 
-SMALL = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
-CONTROL = head_control("observer", (made_up(), made_up()))
 EXAMPLES = Path(__file__).parents[3] / "examples"
 PARTS = "control.c", "protocol.c", "numbers.c", "axis0.c", "axis1.c"
 PORTS = """
@@ -371,10 +364,7 @@ def test_the_console_steers_wires_through_an_emulated_board_until_it_is_killed(
         plant = open_plant(f"bench:{tmp_path / 'bench.toml'}")
         plant.flood(True)
         until(log, "DRIVE 0.0 0.0 15")
-        pilot = Pilot.__new__(Pilot)  # without the simulated head, which takes seconds
-        pilot.now, pilot.seq = 100.0, 0
-        pilot.session = Session(plant, SMALL, CONTROL, ScriptedCamera())
-        pilot.steering(30)
+        pilot = Pilot(plant=plant).steering(30)
         assert pilot.session.state.mode == "HEAD"
         drives = [until(log, "DRIVE").split() for _ in range(3)]
         assert 0.0 < float(drives[-1][1]) <= 0.4

@@ -51,13 +51,6 @@ def mission():
         return missions.run_mission(1)
 
 
-@pytest.fixture
-def rig():
-    head, _ = missions.draw_mission(1)
-    with head.opened(lambda entry: None) as opened:
-        yield opened
-
-
 @pytest.mark.whole
 def test_a_pit_at_the_edge_of_the_picture_is_centred_under_water():
     head, truth = missions.draw_mission(1015)
@@ -200,9 +193,13 @@ def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
     assert told.stabilised_rms(0.0) < 0.5
 
 
-def test_the_catheter_rolls_to_where_weak_wires_reach_a_place_that_they_would_not_else(rig):
+def test_the_catheter_rolls_to_where_weak_wires_reach_a_place_that_they_would_not_else():
     stroke = np.array([[0.0, 50.0], [0.0, 50.0]])
-    rig.control = SimpleNamespace(reach=lambda wanted: stroke)
+    rig = SimpleNamespace(
+        calibration=HeadCalibration(lens=LENS, leds=np.empty((0, 3))),
+        control=SimpleNamespace(reach=lambda wanted: stroke),
+        most=np.full(2, np.inf),
+    )
     below, above = np.array([np.pi / 2, 20e-3]), np.array([-np.pi / 2, 20e-3])
     assert steps._near(rig, below)[1] == 0.0
     rolled = steps._near(rig, above)

@@ -15,26 +15,22 @@ from minorloop_head.twins.surroundings import Sway
 from minorloop_head.ultrasound.pits import PITCH
 
 
-def fitted(flooded):
+def fitted():
     """Reports of the fit of a raster over the pit, with the joints exactly at its targets.
 
     The base sways by a degree once there is a picture of it at rest.
     """
     probe, known = tip()
-    probe.flood(flooded)
+    probe.flood(True)
     probe.expose(0.01, 4.0)
-    echoes, scan, sway = (
-        ScanEchoes(known, 1, PIT[:2], PIT[2]),
-        RasterScan(calibration=known),
-        Sway(),
-    )
+    echoes, scan = ScanEchoes(known, 1, PIT[:2], PIT[2]), RasterScan(calibration=known)
     step = PITCH / known.radius
     advance, roll = scan.rolled(PIT[0] - 2.5 * step, (PIT[1], 0.0)).tolist()
     targets = scan.targets(PIT[:2], (advance, roll))
     for k, wanted in enumerate([targets[0], *targets]):
         t, row = 0.5 * k, max(k - 1, 0) // scan.points
         here = (*wanted.tolist(), advance, roll + row * step)
-        turned = wanted + (sway.at(t) if k else 0.0)
+        turned = wanted + (Sway().at(t) if k else 0.0)
         probe.move_to(request((*turned.tolist(), *here[2:])).stance)
         echoes.read(t, here)
         if k:
@@ -42,12 +38,12 @@ def fitted(flooded):
             assert echoes.arrived(t) is None
         echoes.see(probe.frame().image, t)
         if k:
-            assert not echoes.arrived(t) or not flooded
+            assert not echoes.arrived(t)
     return list(depth_work.depth(**echoes.job()))
 
 
 def test_the_echoes_of_a_scan_give_depth_map_and_mesh():
-    *stages, last = fitted(True)
+    *stages, last = fitted()
     assert len(stages) == 2
     result = last["result"]
     assert result["verdict"] == "measured"

@@ -1,7 +1,5 @@
 """A session over a line that delays, drops, holds up and is cut."""
 
-import heapq
-
 import numpy as np
 import pytest
 
@@ -12,52 +10,38 @@ TICK = 0.04
 HELD_WITHIN = 0.2
 
 
-class Line:
-    """A line that delays or drops messages.
+class Remote(Pilot):
+    """A pilot whose page sends 50 times a second over a line.
 
-    Parameters
-    ----------
-    latency, jitter : float
-        Seconds; the jitter is added, evenly distributed.
-    drop : float
-        Share that is lost.
+    The line has a latency and a jitter in seconds, and drops a share of what is sent.
     """
 
-    def __init__(self, latency=0.0, jitter=0.0, drop=0.0):
-        self.latency, self.jitter, self.drop = latency, jitter, drop
-        self._rng, self._way, self._last = np.random.default_rng(4), [], 0.0
-        self.cut = self.suspended = False
-
-    def send(self, message, now):
-        if self.cut or self._rng.random() < self.drop:
-            return
-        # Messages of a stream do not overtake each other.
-        due = max(self._last, now + self.latency + self.jitter * self._rng.random())
-        self._last = due
-        heapq.heappush(self._way, (due, message.seq, message))
-
-    def arrived(self, now):
-        while not self.suspended and self._way and self._way[0][0] <= now:
-            yield heapq.heappop(self._way)[2]
-
-
-class Remote(Pilot):
-    """A pilot whose page sends 50 times a second over a line."""
-
-    def __init__(self, line):
+    def __init__(self, latency, jitter=0.0, drop=0.0):
         super().__init__()
-        self.line, self.pose, self.stick = line, right(0.0), (0.0, 0.0)
+        self.latency, self.jitter, self.drop = latency, jitter, drop
+        self.cut = self.suspended = False
+        self.pose, self.stick = right(0.0), (0.0, 0.0)
+        self._rng, self._way = np.random.default_rng(4), []
 
     def say(self, kind, **content):
         self.seq += 1
-        self.line.send(kind(seq=self.seq, t=self.now, grant=1, **content), self.now)
+        if self.cut or self._rng.random() < self.drop:
+            return
+        due = self.now + self.latency + self.jitter * self._rng.random()
+        if self._way:  # messages of a stream do not overtake each other
+            due = max(due, self._way[-1][0])
+        self._way.append((due, kind(seq=self.seq, t=self.now, grant=1, **content)))
+
+    def arrived(self):
+        while not self.suspended and self._way and self._way[0][0] <= self.now:
+            yield self._way.pop(0)[1]
 
     def run(self, seconds, look=lambda session: None):
         for _ in range(round(seconds / TICK)):
             for _ in range(2):
                 self.say(messages.Drive, pose=self.pose, age=0.0, stick=self.stick, clutch=False)
                 self.now += TICK / 2
-            for message in self.line.arrived(self.now):
+            for message in self.arrived():
                 self.session.receive(message, self.now)
             self.session.tick(self.now)
             look(self.session)
@@ -88,7 +72,7 @@ def held_after(remote):
 
 @pytest.mark.parametrize("latency", [0.05, 0.3])
 def test_a_line_that_is_slow_and_drops_a_tenth_still_steers(latency):
-    remote = Remote(Line(latency, jitter=0.02, drop=0.1)).on_the_way()
+    remote = Remote(latency, jitter=0.02, drop=0.1).on_the_way()
     modes = set()
     remote.run(10.0, lambda session: modes.add(session.state.mode))
     assert modes == {"HEAD"}
@@ -97,13 +81,13 @@ def test_a_line_that_is_slow_and_drops_a_tenth_still_steers(latency):
 
 @pytest.mark.parametrize("how", ["cut", "suspended"])
 def test_a_line_that_is_cut_or_held_up_holds_in_time_and_continues_without_a_jump(how):
-    remote = Remote(Line(0.01)).on_the_way()
-    setattr(remote.line, how, True)
+    remote = Remote(0.01).on_the_way()
+    setattr(remote, how, True)
     seconds, command = held_after(remote)
     assert seconds <= HELD_WITHIN
     remote.pose = right(-40.0)
     remote.run(1.0)
-    setattr(remote.line, how, False)
+    setattr(remote, how, False)
     remote.run(1.0)  # delayed messages arrive at once; they move nothing
     assert remote.session.state.mode == "HOLD"
     assert remote.session.state.command == command

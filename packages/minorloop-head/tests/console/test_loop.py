@@ -5,7 +5,7 @@ import threading
 import msgspec
 import pytest
 
-from console_rig import view
+from console_rig import STILL, control, view
 from minorloop_head.console import loop, messages
 from minorloop_head.console.camera_protocol import CameraReport, CameraRequest
 from minorloop_head.console.channel import NewestPipe
@@ -17,11 +17,13 @@ from offspring import PRELOADED, forking
 
 PRELOADED.append("minorloop_head.console.loop")
 NAMES = ("loop", "plant", "camera", "server")
-AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
 
 
 class Running:
-    """A loop in a process of its own, with a plant, and this end of its pipes."""
+    """A loop in a process of its own, with a plant, and this end of its pipes.
+
+    Without a plant, it has to identify its wires.
+    """
 
     def __init__(self, folder, *, plant=True, **settings):
         self.context = forking()
@@ -29,7 +31,8 @@ class Running:
         beats = self.context.RawArray("d", len(NAMES))
         handle = ProcessHandle("loop", NAMES, theirs, beats)
         wanted = LoopSettings(folder=str(folder), timeout=5.0, **settings)
-        self.process = self.context.Process(target=loop.run, args=(handle, wanted))
+        given = (handle, wanted, None, control() if plant else None)
+        self.process = self.context.Process(target=loop.run, args=given)
         self.process.start()
         theirs.close()
         self.pipe, self.camera = self.give("server"), self.give("camera")
@@ -126,7 +129,7 @@ def test_a_camera_that_does_not_open_is_reported(tmp_path):
 
 def test_a_restarted_plant_stays_cold_until_a_mode_is_requested(running):
     running.until("state")
-    running.order(messages.Drive, **AHEAD)
+    running.order(messages.Drive, **STILL)
     running.order(messages.SetMode, mode="HEAD")
     running.until("state", lambda message: min(message["current"]) > 0.1)
     running.open("its process was restarted")
@@ -138,7 +141,7 @@ def test_a_restarted_plant_stays_cold_until_a_mode_is_requested(running):
         message = running.until("state")
     assert (message["mode"], message["current"], message["trouble"]) == ("HOLD", [0.0, 0.0], "")
     assert message["angle"][0] < -25
-    running.order(messages.Drive, **AHEAD)
+    running.order(messages.Drive, **STILL)
     running.order(messages.SetMode, mode="HEAD")
     while running.until("state")["angle"][0] < -5:
         running.answer()

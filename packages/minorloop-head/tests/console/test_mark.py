@@ -32,12 +32,12 @@ class Touching:
         pixel = np.add(tool_pixel(view(), tool, now.place, now.angles), off)
         self.ticks(4, "", ("pick", pixel.tolist()))
 
-    def ticks(self, count, what, *commands):
-        """Ticks until something was reported."""
+    def ticks(self, count, what, *commands, until=lambda tool: False):
+        """Ticks until something was reported, or a condition on the tool is met."""
         for n in range(count):
             given = commands if n == 0 else ()
             self.events += self.camera.tick(request(self.here, *given)).events
-            if what in [event["what"] for event in self.events]:
+            if what in [event["what"] for event in self.events] or until(self.tool):
                 return
 
     def marked(self):
@@ -62,11 +62,12 @@ def test_a_touch_that_is_ended_withdraws_the_tool_and_reports_nothing():
     touch = Touching()
     touch.camera._marking = replace(marking(view()), close=60.0)
     for command in ("end_mark", "pick"):
-        touch.ticks(40, "", ("mark", []))
+        touch.ticks(40, "", ("mark", []), until=lambda tool: tool.extension > 5e-3)
         assert touch.tool.extension > 5e-3
         touch.ticks(1, "", ("pick", [320.0, 240.0]) if command == "pick" else (command, []))
         touch.ticks(1, "", ("end_mark", []))  # as the loop does after a pick
-        touch.ticks(60, "marked")
+        touch.ticks(60, "marked", until=lambda tool: tool.extension == 0.0)
+        touch.ticks(3, "marked")
         assert touch.tool.extension == 0.0
         assert not [each for each in touch.events if each["what"] in ("touched", "marked")]
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from console_rig import AHEAD, right
 from minorloop_head.console.modes import (
     MODES,
     StickMap,
@@ -17,13 +18,7 @@ from minorloop_head.console.modes import (
 
 TICK = 0.04
 CONFIG = TeleopConfig()
-AHEAD = (0.0, 0.0, 0.0, 1.0)
 HERE = TickInput(pose=AHEAD, pose_age=0.0, link_age=0.0)
-
-
-def right(degrees):
-    half = math.radians(-degrees) / 2
-    return 0.0, math.sin(half), 0.0, math.cos(half)
 
 
 def run(state, inputs, ticks):

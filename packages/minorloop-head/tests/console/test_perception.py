@@ -80,16 +80,16 @@ def test_while_the_outline_about_a_pick_is_looked_for_there_is_no_target_and_the
 def test_a_point_that_is_centred_is_exposed_for_and_the_whole_picture_otherwise():
     """Of wall that the whole picture makes white, nothing can be tracked."""
     camera = Perception(tip()[0], view())
-    for n in range(80):
-        commands = [("pick", [400.0, 400.0])] if n == 30 else []
+    for n in range(60):
+        commands = [("pick", [400.0, 400.0])] if n == 25 else []
         asked = request(there(), *commands, number=n)
-        report = camera.tick(msgspec.structs.replace(asked, centring=n >= 50))
-        if n in (49, 79):
+        report = camera.tick(msgspec.structs.replace(asked, centring=n >= 35))
+        if n in (34, 59):
             u, v = np.round(report.target[:2]).astype(int).tolist()
             about = camera.image[v - 40 : v + 40, u - 40 : u + 40].mean()
-            exposed = camera.image.mean() if n == 49 else about
+            exposed = camera.image.mean() if n == 34 else about
             assert exposed == pytest.approx(LIMITS.grey, abs=10.0)
-            assert (about > 1.5 * LIMITS.grey) == (n == 49)
+            assert (about > 1.5 * LIMITS.grey) == (n == 34)
 
 
 def test_a_scan_that_cannot_be_flooded_or_is_not_on_gives_no_echoes():

@@ -5,20 +5,12 @@ import numpy as np
 import pytest
 
 from board_process import commands, simulated_board
-from console_rig import Pilot, ScriptedCamera
+from console_rig import Pilot
 from minorloop.errors import InstrumentError, LimitError, ModelFileError, ParameterError
 from minorloop_head.console.plant import flowing_water, head_at, open_plant, probed
-from minorloop_head.console.session import Session
 from minorloop_head.console.watchdog import Command, WatchedPlant
-from minorloop_head.control.head import head_control
-from minorloop_head.geometry import Pinhole
-from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile, save_head
 from minorloop_head.twins.surroundings import Surroundings, convection
-from wires import made_up
-
-SMALL = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
-CONTROL = head_control("observer", (made_up(), made_up()))
 
 
 def test_the_gas_of_the_simulated_pipe_cools_the_wires_of_its_head_while_it_is_drained():
@@ -56,10 +48,7 @@ def test_a_head_on_a_serial_board_is_steered(board):
         plant.exchange(np.zeros(4))
         time.sleep(seconds)
     assert 0.2 <= plant.time < 60.0
-    pilot = Pilot.__new__(Pilot)  # without the simulated head, which takes seconds
-    pilot.now, pilot.seq = 100.0, 0
-    pilot.session = Session(plant, SMALL, CONTROL, ScriptedCamera())
-    pilot.steering(2)
+    pilot = Pilot(plant=plant).steering(2)
     assert pilot.session.state.mode == "HEAD"
     pilot.until(lambda s: s.reading[0] > 0.02)  # rad: its wires get warm, in the board's own time
     plant.safe()

@@ -72,6 +72,14 @@ def test_a_process_that_ended_or_hangs_is_restarted_and_meets_the_other(watched,
         os.kill(before, 0)
 
 
+def checked_until(supervisor, holds):
+    """Run the supervisor until a condition is met."""
+    deadline = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < deadline, "it was never met"
+        supervisor.check()
+
+
 def leading(handle):
     """Have a pipe to the other process; for a process of its own."""
     handle.begin(b=NewestPipe()).wait()
@@ -93,13 +101,10 @@ def test_of_a_process_that_ends_because_another_did_nothing_is_said(tmp_path):
     supervisor = Supervisor(parts, [("a", "b")], notify=said.append)
     supervisor.start()
     try:
-        before, deadline = [supervisor.pid(name) for name in "ab"], time.monotonic() + 60
-        while not met.exists() and time.monotonic() < deadline:
-            supervisor.check()
-        os.kill(before[0], signal.SIGKILL)
-        while {supervisor.pid(name) for name in "ab"} & {*before} and time.monotonic() < deadline:
-            supervisor.check()
-        assert not {supervisor.pid(name) for name in "ab"} & {*before}
+        before = {supervisor.pid(name) for name in "ab"}
+        checked_until(supervisor, met.exists)
+        os.kill(supervisor.pid("a"), signal.SIGKILL)
+        checked_until(supervisor, lambda: not {supervisor.pid(name) for name in "ab"} & before)
         assert said == ["the a process has ended; it is restarted"]
     finally:
         supervisor.end()
@@ -116,11 +121,9 @@ def test_a_process_that_is_stopped_before_its_first_heartbeat_is_restarted():
     supervisor = Supervisor([Part(name="a", target=waiting, patience=0.2)], [], notify=said.append)
     supervisor.start()
     try:
-        before, deadline = supervisor.pid("a"), time.monotonic() + 60
+        before = supervisor.pid("a")
         os.kill(before, signal.SIGSTOP)
-        while supervisor.pid("a") == before and time.monotonic() < deadline:
-            supervisor.check()
-        assert supervisor.pid("a") != before
+        checked_until(supervisor, lambda: supervisor.pid("a") != before)
         assert said == ["the a process hangs; it is killed and restarted"]
     finally:
         supervisor.end()

@@ -253,43 +253,33 @@ def test_a_plant_that_is_missing_is_opened_as_soon_as_it_is_there_and_the_loop_k
     assert watchdog._opened(settings, NewestPipe(), handle, over) is None
 
 
-class Lamp:
-    def __init__(self):
-        self.done = []
-
-    def light(self, lights):
-        self.done.append(list(lights))
-
-    def flood(self, on):
-        raise InstrumentError("the bench has no line 'pump'")
-
-
 def test_lights_and_pump_are_switched_in_the_other_process_before_the_call_returns():
     ours, theirs = Pipe()
-    lamp, wires = Lamp(), RemoteWires(NewestPipe(ours), 60.0)
-    both = threading.Thread(target=lambda: [carry_out(lamp, theirs) for _ in range(2)])
+    plant, wires = Dim(), RemoteWires(NewestPipe(ours), 60.0)
+    both = threading.Thread(target=lambda: [carry_out(plant, theirs) for _ in range(2)])
     both.start()
     wires.light((True, False, True))
-    assert lamp.done == [[True, False, True]]
-    with pytest.raises(InstrumentError, match="were not switched: the bench has no line 'pump'"):
+    assert plant.done == [("lights", True, False, True)]
+    with pytest.raises(InstrumentError, match="were not switched: no pump"):
         wires.flood(True)
     both.join()
 
 
 def test_a_plant_that_is_silent_or_gone_is_an_error_and_a_late_answer_is_forgotten():
     ours, theirs = Pipe()
-    lamp, wires = Lamp(), RemoteWires(NewestPipe(ours), 0.0)
-    with pytest.raises(InstrumentError, match="the plant does not answer"):
-        wires.light((True,))
-    carry_out(lamp, theirs)
-    with pytest.raises(InstrumentError, match="the plant does not answer"):
-        wires.light((False,))
+    plant, wires = Dim(), RemoteWires(NewestPipe(ours), 0.0)
+
+    def is_silent(wires):
+        with pytest.raises(InstrumentError, match="the plant does not answer"):
+            wires.light((True,))
+
+    is_silent(wires)
+    carry_out(plant, theirs)
+    is_silent(wires)
     theirs.close()
-    with pytest.raises(InstrumentError, match="the plant does not answer"):
-        wires.light((True,))
-    with pytest.raises(InstrumentError, match="the plant does not answer"):
-        RemoteWires(NewestPipe(), 0.0).light((True,))
-    assert lamp.done == [[True]]
+    is_silent(wires)
+    is_silent(RemoteWires(NewestPipe(), 0.0))
+    assert plant.done == [("lights", True)]
 
 
 def test_an_answer_that_comes_during_the_next_command_is_not_taken_for_its_answer():

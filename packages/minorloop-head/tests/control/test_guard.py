@@ -194,14 +194,15 @@ def test_right_readings_after_late_ones_are_believed_again_once_the_wire_is_cold
 
 @pytest.mark.parametrize(("name", "target"), [("observer", 10.0), ("internal_model", 40.0)])
 def test_a_wire_whose_sensor_is_reversed_cools_and_the_log_says_why(name, target):
-    guard, plant = guarded(name), Wire(noise=0.05, seed=1)
-    state, seen, highest = guard.begin(), 0.0, 0.0
-    for k in range(300):
-        current, state = guard.step(state, target, -seen, t=TICK * k)
-        seen = plant.exchange(current)
-        highest = max(highest, angle(plant))
-    assert highest < 6.0
-    assert current == 0.0
+    angles = []
+
+    def turned_round(t, y):
+        angles.append(y)
+        return -y
+
+    currents, state, _ = loop(guarded(name), target, 12.0, spoil=turned_round)
+    assert max(angles) < 6.0
+    assert currents[-1] == 0.0
     assert state.fault == "reversed"
     said = [event.text for event in state.log if event.cause == "sensor"]
     assert len(said) == 1

@@ -55,7 +55,7 @@ def test_it_goes_on_from_any_line_with_the_same_findings(script):
     """The line after is cut, and the picture that comes before it is torn."""
     script.run()
     whole, lines, taken, made = script.content(), script.lines(), [*script.taken], [*script.made]
-    for end in range(1, len(lines), 2):
+    for end in range(len(lines) - 1, 0, -2):
         done = [json.loads(line) for line in lines[:end]]
         views = {each["picture"][:-4] for each in done if each["what"] == "view"}
         points = sum(len(each["bursts"]) for each in done if each["what"] == "scan")
@@ -73,11 +73,21 @@ def test_it_goes_on_from_any_line_with_the_same_findings(script):
         assert all(each["t"] <= later["t"] for each, later in pairwise(again))
 
 
+def ending(error):
+    """End an inspection at its crack."""
+
+    def before(rig, name):
+        if name == "crack 1":
+            raise error
+
+    return before
+
+
 @pytest.mark.usefixtures("unreported")
 def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(script):
     """What it shows then is visited after what was visited before, under a number of its own."""
     script.probe, script.torn = False, {"view 1", "hole 2 again"}
-    script.before = interrupted_at("crack 1")
+    script.before = ending(KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
         script.run()
     before = script.content()
@@ -91,14 +101,6 @@ def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(script):
     assert [row["kind"] for row in after["findings"]] == ["hole or pit", "crack"]
     assert after["findings"][0] == before["findings"][0]
     assert [row["seen in"] for row in after["unconfirmed"]] == [["view 3"], ["view 1"]]
-
-
-def interrupted_at(last):
-    def before(rig, name):
-        if name == last:
-            raise KeyboardInterrupt
-
-    return before
 
 
 @pytest.mark.usefixtures("unreported")
@@ -167,14 +169,6 @@ def test_a_wall_that_cannot_be_left_is_refused_before_anything_moves(script, lea
     assert not script.folder.exists()
 
 
-def ending(error):
-    def before(rig, name):
-        if name == "crack 1":
-            raise error
-
-    return before
-
-
 @pytest.mark.parametrize(
     ("error", "said"),
     [
@@ -183,7 +177,6 @@ def ending(error):
         (KeyboardInterrupt(), "interrupted; 1 of 1 depths known"),
     ],
 )
-@pytest.mark.usefixtures("drawn")
 def test_one_that_ends_early_keeps_what_it_found(script, error, said):
     script.before = ending(error)
     with pytest.raises(type(error)) as ended:

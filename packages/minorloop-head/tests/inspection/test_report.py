@@ -1,28 +1,21 @@
 """What the report of an inspection says, by the content of a saved one."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop_head.inspection.lines import StepRow, visit_row
-from minorloop_head.procedures.inspected_view import InspectedView, with_finding
-from minorloop_head.procedures.pictures import InspectedPicture
+from minorloop_head.procedures.inspected_view import with_finding
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.ultrasound.pits import PitDepth
-from scripted_inspection import hole
+from scripted_inspection import hole, inspected_view
 
 
 def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach():
     def row(*each):
-        view = InspectedView(
-            picture=InspectedPicture(name="hole 1", t=0.0, verdict="good"),
-            image=np.zeros((2, 2), np.uint8), angles=(0.0, 0.0), joints=(0.0, 0.0),
-            place=(0.0, 0.0), seen=(hole(0.3, 20e-3, 5.0),),
-            steps=tuple(LogEntry(0.0, what, "", succeeded) for what, succeeded in each),
-        )  # fmt: skip
+        steps = tuple(LogEntry(0.0, what, "", succeeded) for what, succeeded in each)
+        view = inspected_view("hole 1", seen=(hole(0.3, 20e-3, 5.0),), steps=steps)
         return visit_row(with_finding(view, 10e-3), 2e-3)
 
     silent = row(("scan", True), ("modality", False))
@@ -33,14 +26,10 @@ def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach
 
 
 def finding(verdict="measured", evidence=5.0, **values):
-    seen = replace(hole(0.3, 20e-3, evidence), evidence=evidence)
+    seen = hole(0.3, 20e-3, evidence)
     sizes = {"diameter": 1e-3, "place_sd": 1e-5, "diameter_sd": 1e-5, "depth_sd": 1e-5, **values}
-    view = InspectedView(
-        picture=InspectedPicture(name="hole 1", t=0.0, verdict="good"),
-        image=np.zeros((2, 2), np.uint8), angles=(0.0, 0.0), joints=(0.0, 0.0),
-        place=(0.0, 0.0), seen=(seen,), probed=PitDepth(verdict, 0.3, 20e-3, **sizes),
-    )  # fmt: skip
-    return with_finding(view, 10e-3)
+    probed = PitDepth(verdict, 0.3, 20e-3, **sizes)
+    return with_finding(inspected_view("hole 1", seen=(seen,), probed=probed), 10e-3)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from minorloop import Channel
 from minorloop_head.geometry import Mount
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.values import NOW, Reading, Request
@@ -14,12 +15,17 @@ from minorloop_head.vision.calibrated_camera import CalibratedCamera
 
 TICK = 0.04
 MOUNT = Mount(offset=(0.1e-3, -0.1e-3), roll=0.3, advance=1e-3)
+PIPE = Pipe.draw(1, length=51.2e-3)
 CALIBRATION = HeadCalibration(lens=LENS, leds=led_positions(), offset=(0.1e-3, -0.1e-3), roll=0.3)
 
 
 @cache
 def camera():
-    return Camera(Pipe.draw(1), MOUNT)
+    return Camera(PIPE, MOUNT)
+
+
+CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
 
 
 class Loop:

@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from minorloop import Channel, InstrumentError
+from minorloop import InstrumentError
 from minorloop.lab.drivers.bench import Bench
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.values import Plant, Tip
 from minorloop_head.twins.head import Head
+from simulated_clock import Clock
 
-CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+from .fakes import ANGLES, CURRENTS
 
 
 class Wires:
@@ -47,25 +47,16 @@ def test_a_bench_with_two_wires_is_a_plant_whose_catheter_stands_still():
     assert wires.done == [[0.1, 0.2], "safe"]
 
 
-class Clock:
-    t = 10.0
-
-    def now(self):
-        return self.t
-
-    def sleep(self, seconds):
-        self.t += seconds
-
-
 def test_its_time_is_that_of_the_last_exchange_in_whole_ticks_and_a_twin_has_its_own():
     clock = Clock()
+    clock.time = 10.0
     plant, twin = ActuatorPlant(bench(Wires()), clock), ActuatorPlant(Head(), clock)
     times = []
     for late in (0.0, 0.025, 0.025, 0.025, 0.3, 0.0):
         for one in (plant, twin):
             one.exchange(np.zeros(4))
         times.append(round(plant.time / plant.tick))
-        clock.t += 0.04 + late
+        clock.time += 0.04 + late
     assert times == [0, 1, 3, 4, 6, 14]
     assert twin.time is None
     assert ActuatorPlant(bench(Wires())).time is None

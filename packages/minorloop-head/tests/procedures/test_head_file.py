@@ -57,6 +57,8 @@ def test_a_head_is_read_as_it_was_written(path):
     assert (again.serial, again.calibrated) == (HEAD.serial, EARLY)
     assert again.calibration.to_dict() == VIEW.to_dict()
     assert again.measured == FOUND
+    at_rest = again.calibration.camera_at((0.0, 0.0)), again.calibration.probe_at((0.0, 0.0))
+    assert [each.radius for each in at_rest] == [VIEW.radius] * 2
     known = again.identified
     assert (known.on, known.limits, known.highest) == (LATE, WIRES.limits, 0.35)
     assert (known.check, known.stores, known.address) == (WIRES.check, WIRES.stores, "twin:head")

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from minorloop_head.console.plant import open_tip
-from minorloop_head.procedures.inspected_view import InspectedView
 from minorloop_head.procedures.inspected_wall import SeenWall, seen_wall
-from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.reconstruction.depth_map import Patch
+from scripted_inspection import inspected_view
 
 RING = Patch.ring(10e-3, 20e-3, step=0.5e-3)
 
@@ -37,10 +36,8 @@ def test_wall_counts_as_searched_where_the_smallest_hole_is_shown_whole_and_larg
     """Not at the edge of the picture, nor far along the pipe, where a hole is narrow."""
     tip, view = open_tip("twin:pipe")
     tip.move_to((math.radians(25.0), 0.0, 0.0, 0.0, 5e-3, 0.0))
-    shown = InspectedView(
-        picture=InspectedPicture(name="view 1", t=0.0, verdict="good"), image=tip.frame().image,
-        angles=(math.radians(25.0), 0.0), joints=(0.0, 0.0), place=(5e-3, 0.0),
-    )  # fmt: skip
+    angles, image = (math.radians(25.0), 0.0), tip.frame().image
+    shown = inspected_view("view 1", image=image, angles=angles, place=(5e-3, 0.0))
     seen = seen_wall([shown], view)
     camera, where = view.camera_at((5e-3, 0.0)), seen.patch.places[seen.searched]
     around = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)

@@ -16,10 +16,10 @@ from minorloop_head.procedures.mark import (
 )
 from minorloop_head.procedures.meter import Light
 from minorloop_head.procedures.values import Request
-from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.twins.pipe import Bore
 from minorloop_head.twins.rig import SimulatedTip
 
-from .fakes import CALIBRATION, MOUNT, Loop, eye
+from .fakes import CALIBRATION, MOUNT, PIPE, Loop, eye
 
 PLACE, CATHETER = (0.5, 24e-3), (1e-3, 0.0)
 CALIBRATED = replace(CALIBRATION, tool=Tool())
@@ -39,7 +39,7 @@ class Bench(Loop):
     def __init__(self, blind=()):
         super().__init__(place=CATHETER, share=0.5)
         hole = Bore(*PLACE, 1e-3)
-        pipe = replace(Pipe.draw(1), bores=(hole,))
+        pipe = replace(PIPE, bores=(hole,))
         self.tip, self.blind, self.ticks = (
             SimulatedTip(pipe, mount=replace(MOUNT, advance=0)),
             blind,
@@ -65,18 +65,24 @@ class Bench(Loop):
 
 
 @cache
-def touched(blind=()):
+def touched(blind=(), beside=BESIDE):
     bench, light = Bench(blind), Light()
-    touch = Touch(place=np.array(PLACE), beside=np.array(BESIDE))
+    touch = Touch(place=np.array(PLACE), beside=np.array(beside))
     found = bench.run(Marking(calibration=CALIBRATED).touch(touch, light))
     assert light.gain != 1.0
     return bench, found
 
 
-def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
-    bench, state = touched()
+@pytest.mark.parametrize("beside", [BESIDE, EDGE])
+def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark(beside):
+    """At the edge, the picture shows the outline and not the whole patch: one beside it is tracked.
+
+    Else the patch about the outline is tracked.
+    """
+    bench, state = touched(beside=beside)
     assert (state.verdict, state.outlined) == (TOUCHED, True)
-    wanted = PLACE + BESIDE / np.array([10e-3, 1.0])
+    assert (wall_distance(state.tracked, state.place, 10e-3) > 1e-3) == (beside == EDGE)
+    wanted = PLACE + beside / np.array([10e-3, 1.0])
     assert wall_distance(bench.tip.tool.marks[-1], wanted, 10e-3) < 0.1e-3
     assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3
     axis = eye().place(eye().lens.centre, *bench.angles)
@@ -101,15 +107,3 @@ def test_a_place_out_of_reach_and_a_head_without_a_tool_are_said():
     beyond, bare = Touch(place=np.array((0.5, 8e-3))), Marking(calibration=CALIBRATION)
     assert loop.run(marking.touch(beyond, Light())).verdict == BEYOND
     assert loop.run(bare.touch(Touch(place=np.array(PLACE)), Light())).verdict == NO_TOOL
-
-
-def test_a_feature_at_the_edge_of_the_picture_is_marked_by_a_patch_beside_it():
-    """The picture shows the outline, but not the whole patch about it."""
-    bench, marking, beside = Bench(), Marking(calibration=CALIBRATED), EDGE
-    touch = Touch(place=np.array(PLACE), beside=np.array(beside))
-    state = bench.run(marking.touch(touch, Light()))
-    assert (state.verdict, state.outlined) == (TOUCHED, True)
-    assert wall_distance(state.tracked, state.place, 10e-3) > 1e-3
-    wanted = PLACE + np.array(beside) / np.array([10e-3, 1.0])
-    assert wall_distance(bench.tip.tool.marks[-1], wanted, 10e-3) < 0.1e-3
-    assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3

@@ -10,14 +10,13 @@ from minorloop_head.inspection.journal import converted, plain
 from minorloop_head.inspection.lines import RingLine
 from minorloop_head.procedures import probing as module
 from minorloop_head.procedures import ring as ring_module
-from minorloop_head.procedures.inspected_view import InspectedView, with_finding
-from minorloop_head.procedures.pictures import InspectedPicture
+from minorloop_head.procedures.inspected_view import with_finding
 from minorloop_head.procedures.probing import Kept, Probing
 from minorloop_head.procedures.ring import Ring, ring_sweep
 from minorloop_head.procedures.scan import ScannedRaster
-from minorloop_head.procedures.values import LogEntry, Reading
-from minorloop_head.ultrasound.crack_depth import CrackDepth
+from minorloop_head.procedures.values import Reading
 from minorloop_head.ultrasound.pits import PitDepth
+from scripted_inspection import inspected_view
 
 from .test_probe_steps import HOLE, TRACED, Rig
 
@@ -46,15 +45,7 @@ class Head(Rig):
 
 
 def view_of(shown, name="hole 1"):
-    view = InspectedView(
-        picture=InspectedPicture(name=name, t=0.0, verdict="good"),
-        image=np.zeros((240, 320), np.uint8),
-        angles=(0.0, 0.0),
-        joints=(0.5, 0.5),
-        place=(0.0, 0.0),
-        seen=(shown,),
-    )
-    return with_finding(view, 10e-3)
+    return with_finding(inspected_view(name, seen=(shown,)), 10e-3)
 
 
 @pytest.fixture
@@ -64,8 +55,7 @@ def made(monkeypatch):
 
     def scan(rig, place, shift, *, before, told):
         shifts.append(shift)
-        begun = 0 if before is None else before.point
-        for point in range(begun, 3):
+        for point in range(3):
             told(ScannedRaster(reference=np.zeros(2), point=point, done=False))
         rig.say("scan", "36 of 36 points")
         return ScannedRaster(reference=np.array([20e-3, shift]), point=3)
@@ -100,27 +90,6 @@ def test_a_hole_is_touched_scanned_and_its_finding_has_a_depth(made):
     assert kept.scan_of(replace(found, probed=PitDepth("disturbed", 0.3, 20e-3))) is told[3][1]
 
 
-@pytest.mark.parametrize("kept", [1, 2])
-def test_a_scan_that_is_kept_is_not_repeated_nor_is_the_touch_before_it(made, kept):
-    first = Kept()
-    whole = Probing(Head(), first).scanned(view_of(HOLE))
-    made.clear()
-    after = Kept(scans=dict(list(first.scans.items())[:kept]))
-    again = Probing(Head(), after).scanned(view_of(HOLE))
-    assert made == [0.5][: 2 - kept]
-    assert again.finding == whole.finding
-    assert [step.what for step in again.steps] == ["touch", "scan", "scan", "measure"]
-
-
-def test_a_scan_that_was_cut_off_goes_on_and_its_hole_is_not_touched_again(made):
-    touched = (LogEntry(0.0, "touch", "touched"),)
-    part = ScannedRaster(reference=np.zeros(2), point=2, done=False, steps=touched)
-    kept = Told(scans={"hole 1": part})
-    found = Probing(Head(), kept).scanned(view_of(HOLE))
-    assert [scanned.point for _, scanned in kept.told] == [2, 3, 0, 1, 2, 3]
-    assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
-
-
 def test_what_the_probe_does_not_reach_is_said_before_travel_and_of_each_finding(made, monkeypatch):
     monkeypatch.setattr(module, "reach_words", lambda rig: (SAID, False))
     rig, kept = Head(), Kept()
@@ -151,22 +120,14 @@ def test_a_dry_pipe_is_not_scanned(made):
     ]
 
 
-def test_the_pipe_is_swept_round_once(monkeypatch):
-    rig, kept, rings = Head(), Kept(), iter([Ring(None, None)])
+def test_the_pipe_is_swept_round_in_water_and_drained_after(monkeypatch):
+    rig, kept = Head(), Kept()
     for name in ("go", "meter"):
         monkeypatch.setattr(module, name, lambda *given, **more: None)
-    monkeypatch.setattr(module, "ring_sweep", lambda rig: next(rings))
-    for _ in range(2):
-        Probing(rig, kept).roll_round(20e-3)
+    monkeypatch.setattr(module, "ring_sweep", lambda rig: Ring(None, None))
+    Probing(rig, kept).roll_round(20e-3)
     assert kept.ring is not None
     assert [request.water for request in rig.asked] == [True, False]
-
-
-def test_a_crack_has_the_depth_of_its_scan(monkeypatch):
-    deep = CrackDepth("measured", 4e-4, 1e-5)
-    monkeypatch.setattr(module, "scanned_crack", lambda rig, traced, scan: (deep, None))
-    found = Probing(Head(), Kept()).scanned(view_of(TRACED, "crack 1"))
-    assert (found.finding.depth, found.probed, found.steps) == (4e-4, deep, ())
 
 
 class BlindRig(Head):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from console_rig import control
-from minorloop import Channel, InstrumentError, ModelFileError, SafetyError
+from minorloop import InstrumentError, ModelFileError, SafetyError
 from minorloop.lab.drivers.bench import Bench
 from minorloop_head.control.head import HeadState
 from minorloop_head.geometry import wall_point
@@ -27,8 +27,9 @@ from minorloop_head.procedures.values import Request
 from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from minorloop_head.vision.defects import SEQUENCE
+from simulated_clock import Clock
 
-from .fakes import CALIBRATION, camera
+from .fakes import ANGLES, CALIBRATION, CURRENTS, camera
 
 
 class Plant:
@@ -143,21 +144,16 @@ def test_the_turn_of_the_base_is_counted_from_the_picture_before_the_water_comes
     assert it.reading().base == pytest.approx([0.0, 0.0])
 
 
-class Devices:
+class Devices(Clock):
     """Wires of 200 degrees an ampere, lines, a clock that they move, and a camera on them."""
 
     names = ("led 1", "led 2", "led 3")
     exposes = True
 
     def __init__(self, seen=None):
-        self.angles, self.time, self.lights = np.full(2, 30.0), 0.0, []
+        super().__init__()
+        self.angles, self.lights = np.full(2, 30.0), []
         self.seen = seen or camera()
-
-    def now(self):
-        return self.time
-
-    def sleep(self, seconds):
-        self.time += seconds
 
     def set(self, values):
         self.angles = 200.0 * values
@@ -202,10 +198,6 @@ class Weak(Control):
         return np.clip(reference / 200.0, 0.0, 0.4), state
 
 
-CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
-
-
 def bench_of(devices, reading=None, angles=ANGLES, **options):
     """A bench of wires, with lines if the devices have some, on the clock of the devices."""
     options = {"tick": 0.04, "clock": devices, **options}
@@ -239,27 +231,22 @@ def test_procedures_run_on_a_bench_with_a_camera():
     assert devices.time == pytest.approx(it.t, abs=0.05)  # each tick took its time, on their clock
 
 
-class Loaded:
+class Loaded(Clock):
     """Two wires that turn as time passes, on a machine that is late in three ticks of four."""
 
     def __init__(self):
-        self.head, self.t, self._ticks = Head(noise=0.05, delay=0.04), 0.0, 0
+        super().__init__()
+        self.head, self._ticks = Head(noise=0.05, delay=0.04), 0
         self._seen = np.zeros(2)
 
-    def now(self):
-        return self.t
-
-    def sleep(self, seconds):
-        self.t += seconds
-
     def set(self, values):
-        while self.head.clock < self.t - 1e-9:
+        while self.head.clock < self.time - 1e-9:
             self._seen = self.head.exchange(self._u)
         self._u = values
 
     def read(self):
         self._ticks += 1
-        self.t += 0.3 * (self._ticks % 4 > 0)
+        self.time += 0.3 * (self._ticks % 4 > 0)
         return self._seen
 
     def safe(self):
@@ -278,7 +265,7 @@ def test_on_a_loaded_machine_the_wires_are_where_control_expects_them():
         )
     assert faults == {""}
     assert it.angles == pytest.approx(turn, abs=0.06)
-    assert plant.time == pytest.approx(devices.t, abs=0.4)
+    assert plant.time == pytest.approx(devices.time, abs=0.4)
     assert plant.time > 5 * it.t
 
 

@@ -13,6 +13,7 @@ from minorloop_head.procedures.identify import check_head
 from minorloop_head.procedures.seen_angles import SeenHead, sweep
 from minorloop_head.sources import Frame
 from minorloop_head.twins.rig import RigWires
+from simulated_clock import Clock
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +24,7 @@ def soon_cold(monkeypatch):
 def head(spoil=lambda frame: frame, **options):
     """A cold head, and its rig for scoring."""
     rig = open_plant("twin:pipe", specimen=1002, seed=3)
-    tip, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.5)
+    tip, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.25)
     wires = RigWires(rig, tip)
     seen = SeenHead(
         wires, lambda: spoil(wires.frame()), view, expose=tip.expose, every=4, **options
@@ -103,29 +104,24 @@ def test_a_camera_that_shows_nothing_stops_the_run_and_says_why(monkeypatch):
         seen.apply(np.zeros(2), 0.4, 0.4)
 
 
-class Slow:
+class Slow(Clock):
     """Two wires and a camera on one clock; a picture takes three quarters of a tick."""
 
     tick, inputs, outputs = 0.04, tuple(Channel(f"{n}", "A", 0.0, 0.4) for n in ("pan", "tilt")), ()
 
     def __init__(self):
-        self.t, self.applied = 0.0, []
-
-    def now(self):
-        return self.t
-
-    def sleep(self, seconds):
-        self.t += seconds
+        super().__init__()
+        self.applied = []
 
     def at_once(self, u):
-        self.applied.append((self.t, *u))
+        self.applied.append((self.time, *u))
         return np.zeros(0)
 
     exchange = at_once
 
     def picture(self):
-        self.t += 0.03
-        return Frame(self.t, np.zeros((4, 4), np.uint8))
+        self.time += 0.03
+        return Frame(self.time, np.zeros((4, 4), np.uint8))
 
     def safe(self):
         pass
@@ -149,10 +145,10 @@ def test_pictures_that_take_time_do_not_make_a_hold_longer_than_its_record_says(
     devices = Slow()
     view = HeadCalibration(lens=Pinhole(4, 4, 4.0, (1.5, 1.5)), leds=np.zeros((1, 3)))
     head = SeenHead(devices, devices.picture, view, clock=devices)
-    began = devices.t
+    began = devices.time
     record = head.apply(np.array([0.2, 0.0]), 8.0, 0.4)
-    assert devices.t - began == pytest.approx(8.0, abs=0.1)
-    assert record.timing.ended - record.timing.began == pytest.approx(devices.t - began)
+    assert devices.time - began == pytest.approx(8.0, abs=0.1)
+    assert record.timing.ended - record.timing.began == pytest.approx(devices.time - began)
     assert np.diff(record.t) == pytest.approx([0.4] * 19, abs=0.05)
 
 
@@ -182,12 +178,12 @@ def test_a_camera_that_cannot_show_the_angles_is_refused_at_the_start(lens, erro
     with pytest.raises(error, match=sentence):
         SeenHead(devices, devices.picture, view, clock=devices, waits=lambda: waited.append(True))
     assert (len(devices.applied) == 1, len(waited)) == (not waited, error is InstrumentError)
-    assert devices.t < 15.0
+    assert devices.time < 15.0
     assert not np.array(devices.applied)[:, 1:].any()
 
 
 def test_the_zero_is_looked_for_only_without_current():
-    _, view = open_tip("twin:pipe", scale=0.25)
+    _, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.25)
     angles = seen_angles.SeenAngles(view)
     still = Frame(0.0, np.zeros((1, 1), np.uint8))
     assert np.isnan(angles.read(still)).all()

@@ -16,7 +16,8 @@ PLACE = np.array([10e-3, 0.4])
 
 @pytest.fixture(scope="module")
 def tip():
-    made = SimulatedTip(Pipe.draw(3), mount=Mount(), specimen=3, seed=3, optics=LENS.scaled(0.5))
+    pipe, optics = Pipe.draw(3, length=51.2e-3), LENS.scaled(0.5)
+    made = SimulatedTip(pipe, mount=Mount(), specimen=3, seed=3, optics=optics)
     made.expose(0.01, 3.0)
     made.focus_at(20e-3)
     return made

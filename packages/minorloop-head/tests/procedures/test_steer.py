@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from console_rig import MADE_UP
 from minorloop.errors import ParameterError
 from minorloop_head.control.head import LEAD, camera_control, head_control
 from minorloop_head.control.limits import WireLimits
@@ -8,12 +9,10 @@ from minorloop_head.procedures.steer import steer
 from minorloop_head.twins.head import Head
 from wires import identified, made_up
 
-CONTROL = head_control("observer", (made_up(), made_up()))
-
 
 def test_a_head_reaches_its_targets_and_is_left_safe():
     head = Head(noise=0.05, seed=3)
-    result = steer(head, CONTROL, [[30.0, 30.0], [40.0, 20.0]], 8.0)
+    result = steer(head, MADE_UP, [[30.0, 30.0], [40.0, 20.0]], 8.0)
     np.testing.assert_allclose(result.reached, result.targets, atol=1.0)
     assert result.current.max() <= 0.4
     assert result.t[-1] == pytest.approx(16.0)

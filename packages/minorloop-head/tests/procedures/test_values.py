@@ -106,16 +106,11 @@ def test_a_procedure_that_a_loop_closes_at_any_tick_leaves_all_safe_once(name, c
 
 
 def test_only_what_a_request_names_is_set():
-    told = []
-
-    class Tip:
-        def __getattr__(self, name):
-            return lambda *values: told.append((name, *values))
-
-    apply_to_tip(Tip(), NOTHING)
-    assert told == []
-    apply_to_tip(Tip(), Request(exposure=(0.01, 2.0), water=False))
-    assert told == [("expose", 0.01, 2.0), ("flood", False)]
+    tip = Tip()
+    apply_to_tip(tip, NOTHING)
+    assert tip.told == []
+    apply_to_tip(tip, Request(exposure=(0.01, 2.0), water=False))
+    assert tip.told == [("expose", 0.01, 2.0), ("flood", False)]
 
 
 def test_rounding_of_a_clock_does_not_cost_a_tick():

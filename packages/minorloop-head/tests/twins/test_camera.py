@@ -1,6 +1,7 @@
 """The simulated camera, against optics."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ CLEAN = ImageSensor(
     read=0.0, electrons=1e9, veil_near=0.0, veil_far=0.0, lens_dirt=0.0, readout=0.0
 )
 PLACE = (0.3, 20e-3)
+BARE = Pipe(length=25.6e-3, finish=MATT)
+HOLED = replace(BARE, bores=(Bore(*PLACE, 1.1e-3, lining=0.01),))
 MOUNT = Mount()
 AIM = MOUNT.aim(wall_point(*PLACE, 10e-3))
 
@@ -40,7 +43,7 @@ def middle(image, half=3):
 @pytest.mark.parametrize("led", range(3))
 def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
     lights = tuple(n == led for n in range(3))
-    camera = looking_at(Pipe(length=25.6e-3, finish=MATT), lights=lights, sensor=CLEAN, gain=0.5)
+    camera = looking_at(BARE, lights=lights, sensor=CLEAN, gain=0.5)
     point = wall_point(*PLACE, 10e-3)
     to_led = MOUNT.pose(*AIM).to_pipe(led_positions()[led]) - point
     far = np.linalg.norm(to_led)
@@ -50,8 +53,7 @@ def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
 
 
 def test_a_hole_is_where_the_score_expects_it():
-    pipe = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1e-3, lining=0.01),))
-    camera = looking_at(pipe, sensor=CLEAN)
+    camera = looking_at(HOLED, sensor=CLEAN)
     camera.look(AIM[0] + 0.1, AIM[1] - 0.05)
     u, v = camera._pixel(*PLACE)
     image = camera.frame().image.astype(float)
@@ -63,12 +65,11 @@ def test_a_hole_is_where_the_score_expects_it():
 
 
 def test_water_hides_what_is_under_it():
-    pipe = Pipe(length=25.6e-3, finish=MATT, water=2e-3)
-    dry, wet = Pipe(length=25.6e-3, finish=MATT), pipe
-    camera = Camera(wet, MOUNT, sensor=CLEAN)
-    plain = Camera(dry, MOUNT, sensor=CLEAN)
+    seen, without = (
+        Camera(replace(BARE, water=water), MOUNT, sensor=CLEAN).frame().image.astype(float)
+        for water in (2e-3, None)
+    )
     below, above = np.s_[400:, 300:340], np.s_[:100, 300:340]
-    seen, without = camera.frame().image.astype(float), plain.frame().image.astype(float)
     np.testing.assert_allclose(seen[above], without[above], atol=1.0)
     assert np.abs(seen[below] - without[below]).mean() > 2
 
@@ -114,9 +115,8 @@ def steepness(image):
 
 
 def test_out_of_focus_is_blurred_and_focus_takes_time():
-    hole = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1.1e-3, lining=0.01),))
-    sharp = looking_at(hole, sensor=CLEAN)
-    soft = looking_at(hole, sensor=CLEAN, focus=5e-3)
+    sharp = looking_at(HOLED, sensor=CLEAN)
+    soft = looking_at(HOLED, sensor=CLEAN, focus=5e-3)
     assert steepness(soft.frame().image) < 0.5 * steepness(sharp.frame().image)
     before = soft.focus
     soft.focus_at(20e-3)
@@ -128,13 +128,12 @@ def test_out_of_focus_is_blurred_and_focus_takes_time():
 
 
 def test_a_rolling_shutter_sees_rows_one_after_the_other():
-    hole = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1.1e-3, lining=0.01),))
-    rolling = looking_at(hole, sensor=ImageSensor(readout=30e-3))
+    rolling = looking_at(HOLED, sensor=ImageSensor(readout=30e-3))
     rolling.look(*AIM, rates=(0.5, 0.0))
-    still = looking_at(hole, sensor=CLEAN)
+    still = looking_at(HOLED, sensor=CLEAN)
     shift = rolling._pixel(*PLACE)[0] - still._pixel(*PLACE)[0]
     # Half of the readout and of the exposure have passed at the middle row.
-    turned = looking_at(hole, sensor=CLEAN)
+    turned = looking_at(HOLED, sensor=CLEAN)
     turned.look(AIM[0] + 0.5 * 0.02, AIM[1])
     expected = turned._pixel(*PLACE)[0] - still._pixel(*PLACE)[0]
     assert shift == pytest.approx(expected, abs=0.5)

@@ -9,11 +9,13 @@ from minorloop_head.twins.pipe import Pipe
 from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import FULL, Filling, Sway
 
+PIPE = Pipe.draw(1, length=51.2e-3)
+
 
 def test_sway_moves_the_picture_and_not_the_sensors():
     frames, readings = [], []
     for sway in (None, Sway(0.035)):
-        rig, tip = Rig(Head(seed=1), sway=sway), SimulatedTip(Pipe.draw(1))
+        rig, tip = Rig(Head(seed=1), sway=sway), SimulatedTip(PIPE)
         for _ in range(20):
             readings.append(rig.exchange(np.zeros(4)))
         tip.move_to(rig.stance())
@@ -34,9 +36,9 @@ def test_a_rig_is_a_head_and_a_catheter_on_one_clock():
 
 
 def test_a_tip_has_echoes_in_water_only_and_the_image_of_a_camera_there():
-    tip = SimulatedTip(Pipe.draw(1))
+    tip = SimulatedTip(PIPE)
     tip.move_to((0.31, 0.0, 0.0, 0.0, 0.02, 0.0))
-    camera = Camera(Pipe.draw(1), Mount(advance=0.02))
+    camera = Camera(PIPE, Mount(advance=0.02))
     camera.look(0.31, 0.0)
     np.testing.assert_array_equal(tip.frame().image, camera.frame().image)
     dry = tip.shots(1)[0].trace
@@ -66,7 +68,7 @@ def test_water_cools_the_wires_and_sways_the_head_until_it_is_drained():
 
 def test_a_tip_tells_the_plant_when_the_pipe_is_flooded():
     rig = Rig(flooded=Filling(level=FULL * 10e-3, temperature=10.0))
-    tip = SimulatedTip(Pipe.draw(1), flow=rig.flood)
+    tip = SimulatedTip(PIPE, flow=rig.flood)
     tip.flood(True)
     assert rig.head.surroundings.ambient == 10.0
     tip.flood(False)

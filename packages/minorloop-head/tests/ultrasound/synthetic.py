@@ -1,8 +1,9 @@
-"""Fits to spectra that the model itself makes, for tests of the search without a scan."""
+"""Bursts of the twin, and fits to spectra that the model itself makes, without a scan."""
 
 import numpy as np
 
 from minorloop_head.geometry import Mount, Probe
+from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.joint_fit import CENTRE as UNKNOWNS
 from minorloop_head.ultrasound.joint_fit import JointFit
@@ -12,6 +13,13 @@ from minorloop_head.ultrasound.spectra import Spectra
 
 PROBE = CalibratedProbe(Probe(), Mount(roll=-np.pi, advance=20e-3))
 CENTRE = (0.0, 20e-3)
+
+
+def heard(sonar, place, shots=4):
+    """A burst of a simulated probe that is turned to a pan and tilt."""
+    sonar.look(*place)
+    fired = [sonar.shot() for _ in range(shots)]
+    return average(fired, np.tile(place, (shots, 1)), np.zeros(shots))
 
 
 def pit(**changes):

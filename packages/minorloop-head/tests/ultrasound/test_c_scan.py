@@ -46,6 +46,18 @@ def swept(depth_of=None, share_of=None, *, size=4e-3, step=0.24e-3, off=None, mi
     return found
 
 
+def at(one):
+    """x and y of a burst, in metres from the middle."""
+    return 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+
+
+def dimmed(bursts, factor):
+    """Bursts of which the traces are multiplied by a factor of x and y."""
+    for one in bursts:
+        one.burst.trace[:] *= factor(*at(one))
+    return bursts
+
+
 def round_pit(depth, diameter=1e-3):
     return lambda x, y: depth if math.hypot(x, y) < diameter / 2 else 0.0
 
@@ -89,14 +101,10 @@ def test_a_smooth_dent_is_no_pit():
     assert found.noise[0] < 3e-6  # the dent is no noise
 
 
-def lossy(share, at=0.0, half=1.4e-3, depth_of=None):
+def lossy(share):
     """Bursts that lose a share of the echo on a line along x."""
-    bursts = swept(depth_of or (lambda x, y: 0.0), lambda x, y: 1.0)
-    for one in bursts:
-        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
-        if abs(y - at) < 0.12e-3 and abs(x) < half:
-            one.burst.trace[:] *= 1 - share
-    return bursts
+    on_it = lambda x, y: abs(y) < 0.12e-3 and abs(x) < 1.4e-3  # noqa: E731
+    return dimmed(swept(), lambda x, y: 1 - share * on_it(x, y))
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6])
@@ -108,12 +116,9 @@ def test_a_slender_loss_of_the_echo_is_a_crack(share):
 
 
 def test_the_place_of_a_bent_crack_is_on_it():
-    bursts, arch = swept(), lambda x: 0.8e-3 - 1.4e-3 * (x / 1.4e-3) ** 2
-    for one in bursts:
-        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
-        if abs(y - arch(x)) < 0.25e-3 and abs(x) < 1.4e-3:
-            one.burst.trace[:] *= 0.5
-    (find,) = c_scan(bursts, PROBE, PATCH).finds
+    arch = lambda x: 0.8e-3 - 1.4e-3 * (x / 1.4e-3) ** 2  # noqa: E731
+    on_it = lambda x, y: abs(y - arch(x)) < 0.25e-3 and abs(x) < 1.4e-3  # noqa: E731
+    (find,) = c_scan(dimmed(swept(), lambda x, y: 1 - 0.5 * on_it(x, y)), PROBE, PATCH).finds
     assert find.kind == CRACK
     x, y = 10e-3 * (find.phi - BOTTOM), find.z - Z
     assert abs(y - arch(x)) < 0.3e-3
@@ -131,19 +136,16 @@ def test_the_band_of_a_depth_has_that_of_the_speed_of_sound():
 
 
 def test_a_slender_loss_between_walls_of_different_depth_is_the_flank_of_a_dent():
-    step = swept(share_of=lambda x, y: 1.0, off=None)
+    step = dimmed(swept(), lambda x, y: 0.5 if abs(y) < 0.12e-3 else 1.0)
     for one in step:
-        y = one.spot[1] - Z
-        one.spot[2] -= np.interp(y, [-0.2e-3, 0.2e-3], [0.0, 0.03e-3])
-        if abs(y) < 0.12e-3:
-            one.burst.trace[:] *= 0.5
+        one.spot[2] -= np.interp(at(one)[1], [-0.2e-3, 0.2e-3], [0.0, 0.03e-3])
     assert c_scan(step, PROBE, PATCH).finds == ()
 
 
 def test_losses_at_the_foot_of_a_bead_are_no_crack_where_sway_leaves_a_gap():
     bursts = []
     for one in swept(step=0.2e-3):
-        x, y = abs(10e-3 * (one.spot[0] - BOTTOM)), one.spot[1] - Z
+        x, y = np.abs(at(one)[0]), at(one)[1]
         if x > 0.5e-3 or not 0.1e-3 < y < 0.5e-3:
             on_it, foot = x < 0.5e-3 and -0.9e-3 < y < 0.1e-3, x < 0.9e-3 and 0.5e-3 < y < 0.7e-3
             one.burst.trace[:] *= 0.05 if on_it else 0.6 if foot else 1.0
@@ -164,7 +166,7 @@ def silenced(bursts, where):
     """Bursts of which those at some x and y metres from the middle have noise only."""
     rng = np.random.default_rng(7)
     for one in bursts:
-        if where(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z):
+        if where(*at(one)):
             one.burst.trace[:] = NOISE * rng.standard_normal(2048)
     return bursts
 
@@ -181,11 +183,8 @@ def test_a_place_without_an_echo_amid_wall_that_answers_is_a_find_without_a_dept
 @pytest.mark.parametrize(("height", "kinds"), [(0.0, [NO_ECHO]), (0.03e-3, [])])
 def test_a_place_without_an_echo_whose_edge_rises_is_a_bead(height, kinds):
     bursts = swept(lambda x, y: -height if math.hypot(x, y) < 0.7e-3 else 0.0)
+    bursts = dimmed(bursts, lambda x, y: 0.4 if 0.45e-3 <= math.hypot(x, y) < 0.7e-3 else 1.0)
     bursts = silenced(bursts, lambda x, y: math.hypot(x, y) < 0.45e-3)
-    for one in bursts:
-        off = math.hypot(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z)
-        if 0.45e-3 <= off < 0.7e-3:
-            one.burst.trace[:] *= 0.4
     assert [find.kind for find in c_scan(bursts, PROBE, PATCH).finds] == kinds
 
 

@@ -8,9 +8,10 @@ from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, Patch
 from minorloop_head.twins.pipe import Crack, Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_depth, crack_finding, crack_map
-from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import raster
+
+from .synthetic import heard
 
 MOUNT = Mount(advance=20e-3)
 PROBE = CalibratedProbe(Probe(), MOUNT)
@@ -21,12 +22,7 @@ COURSE = np.array([(-0.3, 20.1e-3), (0.3, 19.9e-3)])
 def scan(width, depth, noise=0.05, points=4):
     crack = Crack(tuple(map(tuple, COURSE)), (width, width), depth=depth)
     sonar = Ultrasound(Pipe(cracks=(crack,), water=-9.99e-3), MOUNT, seed=1, noise=noise)
-    bursts = []
-    for place in raster(PROBE, CENTRE, points=points):
-        sonar.look(*place)
-        shots = [sonar.shot() for _ in range(4)]
-        bursts.append(average(shots, np.tile(place, (4, 1)), np.zeros(4)))
-    return bursts
+    return [heard(sonar, place) for place in raster(PROBE, CENTRE, points=points)]
 
 
 def test_a_wide_crack_has_a_depth():

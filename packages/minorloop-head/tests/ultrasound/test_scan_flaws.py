@@ -68,13 +68,11 @@ def test_a_clipped_surface_is_said_with_what_it_leaves_open():
     assert matched(drawn, found)[1:] == (0, 0)
 
 
-@pytest.mark.parametrize(
-    ("thick", "said"), [((1.0, 1.1), "mm thick by its echoes"), ((1.0, 1.0), None)]
-)
-def test_a_thickness_that_the_echoes_contradict_is_said(thick, said):
-    scan = block(1003)[0].scan
-    found = scan_flaws(replace(scan, thicknesses=tuple(np.multiply(thick, scan.thicknesses))))
-    assert [said] * (said is not None) == [s for s in (said,) if s and s in str(found.advice)]
+def test_a_thickness_that_the_echoes_contradict_is_said():
+    drawn, found = block(1001)
+    wrong = tuple(np.multiply((1.0, 1.1, 1.0), drawn.scan.thicknesses))
+    advice = found.advice, scan_flaws(replace(drawn.scan, thicknesses=wrong)).advice
+    assert ["mm thick by its echoes" in str(said) for said in advice] == [False, True]
 
 
 def test_speeds_that_contradict_the_surfaces_are_refused():
@@ -92,7 +90,7 @@ def test_a_layer_that_its_surfaces_hide_is_said():
 
 
 def test_noise_alone_has_no_surface():
-    scan = block(1003)[0].scan
+    scan = block(1001)[0].scan
     noise = np.random.default_rng(0).normal(size=scan.traces.shape)
     found = scan_flaws(replace(scan, traces=noise))
     assert (found.surfaces.times.size, found.flaws) == (0, ())

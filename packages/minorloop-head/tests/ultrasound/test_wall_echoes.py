@@ -5,9 +5,10 @@ from minorloop_head.geometry import Mount, Probe, wall_point
 from minorloop_head.reconstruction.depth_map import find_water
 from minorloop_head.twins.pipe import Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
-from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.wall_echoes import Profile, centred, joined, wall_profile
+
+from .synthetic import heard
 
 WATER = -1.5e-3
 OFFSET = (0.1e-3, -0.05e-3)
@@ -24,9 +25,7 @@ def swept():
         probe = CalibratedProbe(Probe(), known)
         angles = probe.transducer.aim(known, wall_point(roll, 20e-3, 10e-3))
         sonar.move(Mount(offset=OFFSET, roll=float(roll), advance=20e-3))
-        sonar.look(*angles)
-        shots = [sonar.shot() for _ in range(4)]
-        profiles.append(wall_profile([average(shots, np.tile(angles, (4, 1)), np.zeros(4))], probe))
+        profiles.append(wall_profile([heard(sonar, angles)], probe))
     return joined(profiles)
 
 

@@ -26,14 +26,16 @@ def seen(name, rotation, position, noise=0.07, seed=0, lens=LENS):
     return SeenTarget(name, GRID[there], pixels[there] + rng.normal(0, noise, (there.sum(), 2)))
 
 
-def all_over(count=16, tilt=30.0, seed=1000, noise=0.07, lens=LENS):
-    """Pictures of a target all over the image, tilted in all directions."""
+def all_over(count=16, tilt=30.0, seed=1000, noise=0.07, lens=LENS, axis=None):
+    """Pictures of a target all over the image, tilted in all directions or about one axis."""
     rng = np.random.default_rng(seed)
     found = []
     for number in range(count):
         row, column = divmod(number % 9, 3)
         way = rng.uniform(-np.pi, np.pi)
         turn = [tilt * np.cos(way), tilt * np.sin(way), rng.normal(0, 10)]
+        if axis is not None:
+            turn = (-1.0) ** number * tilt * np.eye(3)[axis]
         aim = (0.3 * (column - 1), 0.22 * (row - 1))
         place = held(aim, rng.uniform(0.02, 0.03), turn)
         found.append(seen(f"{number}.png", *place, noise, seed, lens))

@@ -12,9 +12,7 @@ from minorloop_head.geometry import wall_point
 from minorloop_head.vision._alignment_kernels import sample
 from minorloop_head.vision.calibrated_camera import irradiance, numbers, unroll
 
-from .walls import CAMERA, LEDS, photograph, texture, window_around
-
-AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+from .walls import AIM, CAMERA, LEDS, photograph, texture, window_around
 
 
 @given(u=st.floats(5, 634), v=st.floats(5, 474))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import Mount, wall_point
+from minorloop_head.geometry import Mount
 from minorloop_head.procedures.meter import LIMITS
 from minorloop_head.twins.camera import Camera, ImageSensor
 from minorloop_head.twins.pipe import Pipe
@@ -18,9 +18,7 @@ from minorloop_head.vision.frame_checks import (
     same_light,
 )
 
-from .walls import CAMERA, LENS, photograph
-
-AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+from .walls import AIM, LENS, photograph
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +87,7 @@ def test_lights_that_cross_over_are_good_and_a_strip_of_the_same_light_is_torn()
 
 @pytest.fixture(scope="module")
 def camera():
-    camera = Camera(Pipe.draw(3), Mount())
+    camera = Camera(Pipe.draw(3, length=51.2e-3), Mount())
     camera.look(0.4, 0.0)
     camera.focus_at(20e-3)
     return camera

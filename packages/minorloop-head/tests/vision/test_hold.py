@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import Mount, Pinhole, wall_point
+from minorloop_head.geometry import Mount, Pinhole
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.servo import Cone, PointHold, Servo
 
@@ -12,15 +12,7 @@ AIM = np.radians([22.0, 8.0])
 
 def seen(angles):
     """Pixel of the point that is in the middle at AIM."""
-    pose = CAMERA.mount.pose(*AIM)
-    ray = pose.rotation[:, 2]
-    along = np.roots([ray[:2] @ ray[:2], 2 * pose.position[:2] @ ray[:2],
-                      pose.position[:2] @ pose.position[:2] - 1e-4]).max()  # fmt: skip
-    point = pose.position + along * ray
-    assert np.hypot(*point[:2]) == pytest.approx(10e-3)
-    phi = np.arctan2(point[1], point[0])
-    camera = CAMERA.mount.pose(*angles).to_camera(wall_point(phi, point[2], 10e-3))
-    return CAMERA.lens.project(camera)
+    return CAMERA.pixel(CAMERA.place(CAMERA.lens.centre, *AIM), *angles)
 
 
 def test_a_sway_is_predicted():

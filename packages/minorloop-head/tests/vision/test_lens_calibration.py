@@ -55,18 +55,6 @@ def test_a_picture_in_which_the_target_moved_is_left_out():
     assert abs(fit.lens.focal - LENS.focal) < 4 * fit.measured[0].sd
 
 
-def turned_about(axis, count=12):
-    """Pictures all over the image, tilted about one axis of the image only."""
-    found = []
-    for number in range(count):
-        row, column = divmod(number % 9, 3)
-        turn = np.zeros(3)
-        turn[axis] = 30.0 if number % 2 else -30.0
-        aim = (0.3 * (column - 1), 0.22 * (row - 1))
-        found.append(seen(f"{number}.png", *held(aim, 0.025, turn)))
-    return found
-
-
 def upper_left_hidden():
     return [
         replace(each, points=each.points[there], pixels=each.pixels[there])
@@ -78,8 +66,8 @@ def upper_left_hidden():
 @pytest.mark.parametrize(
     ("pictures", "sentence"),
     [
-        (turned_about(1), "no target is tilted up and down; tilt it so"),
-        (turned_about(0), "no target is tilted left and right; tilt it so"),
+        (all_over(12, axis=1), "no target is tilted up and down; tilt it so"),
+        (all_over(12, axis=0), "no target is tilted left and right; tilt it so"),
         (upper_left_hidden(), "hardly any corners in the upper left of the image"),
     ],
     ids=["level", "upright", "uncovered"],

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import wall_point, wrapped
+from minorloop_head.geometry import wrapped
 from minorloop_head.vision.recentre import outline_about
 from minorloop_head.vision.reflectance_map import LitFrame
 
-from .walls import CAMERA, photograph
+from .walls import AIM, CAMERA, PLACE, photograph
 
-PLACE = np.array([0.5, 20e-3])
-AIM = np.array(CAMERA.mount.aim(wall_point(*PLACE, 10e-3)))
 TRUE = CAMERA.pixel(PLACE, *AIM)
 
 

@@ -5,17 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import wall_point
-from minorloop_head.procedures.extract import acquire
-from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import find_holes
 from minorloop_head.vision.recentre import outline_about
 from minorloop_head.vision.reflectance_map import LitFrame, aligned, lay_flat
-from papers.catheter.scene_view import draw_view
 
-from .walls import CAMERA, photograph
+from .test_defects import taken
+from .walls import AIM, CAMERA, photograph
 
-AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
 ALONE = tuple(tuple(bool(n == led) for n in range(3)) for led in range(3))
 
 
@@ -55,9 +51,7 @@ SD = math.radians(0.15)
 @cache
 def scene():
     """A view, its camera and an acquisition with the true angles."""
-    view = draw_view(21, hole=True, inside="dark")
-    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
-    return view, camera, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+    return taken(21, hole=True, inside="dark")
 
 
 def mistaken(seed):

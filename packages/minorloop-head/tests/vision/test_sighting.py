@@ -6,13 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from minorloop_head.geometry import wall_point
 from minorloop_head.vision.servo import sighted_angles
 
-from .walls import CAMERA
+from .walls import AIM, CAMERA, PLACE
 
-PLACE = np.array([0.5, 20e-3])
-AIM = CAMERA.mount.aim(wall_point(*PLACE, 10e-3))
 TURN = st.floats(-0.25, 0.25)
 
 

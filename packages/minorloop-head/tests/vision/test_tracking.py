@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 from minorloop.errors import SignalError
-from minorloop_head.geometry import wall_point
 from minorloop_head.vision import tracking
 from minorloop_head.vision.tracking import PatchTracker
 
-from .walls import CAMERA, photograph, texture
+from .walls import AIM, CAMERA, PLACE, photograph, texture
 
-PLACE = np.array([0.5, 20e-3])
-AIM = np.array(CAMERA.mount.aim(wall_point(*PLACE, 10e-3)))
 TRACKER = PatchTracker(CAMERA)
 
 

@@ -97,18 +97,13 @@ def video(tmp_path):
     return path
 
 
-def test_a_folder_gives_its_images_by_name_in_grey(folder):
-    found = list(frames(str(folder)))
-    assert [number_of(each.image) for each in found] == [0, 1, 2, 3]
-    assert [each.t for each in found] == [0.0, 0.04, 0.08, 0.12]
-    assert {each.image.shape for each in found} == {SIZE}
+def test_a_folder_and_a_video_give_their_pictures_in_grey_with_their_times(folder, video):
+    for source, interval in ((folder, 0.04), (video, 0.02)):
+        found = list(frames(str(source)))
+        assert [number_of(each.image) for each in found] == [0, 1, 2, 3]
+        assert [each.t for each in found] == pytest.approx([k * interval for k in range(4)])
+        assert {each.image.shape for each in found} == {SIZE}
     assert names(str(folder)) == ["0.png", "1.png", "2.png", "3.png"]
-
-
-def test_a_video_gives_its_pictures_with_their_times(video):
-    found = list(frames(str(video)))
-    assert [number_of(each.image) for each in found] == [0, 1, 2, 3]
-    assert [each.t for each in found] == pytest.approx([0.0, 0.02, 0.04, 0.06])
 
 
 def test_a_camera_in_the_network_that_changes_its_size_gives_that_of_each_picture():

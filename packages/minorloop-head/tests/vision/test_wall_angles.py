@@ -26,7 +26,7 @@ class Seen:
     """A camera in a pipe, and the estimator of its angles."""
 
     def __init__(self):
-        self.camera = Camera(Pipe.draw(1006), Mount(), LENS.scaled(0.5), seed=1)
+        self.camera = Camera(Pipe.draw(1006, length=51.2e-3), Mount(), LENS.scaled(0.5), seed=1)
         self.camera.focus_at(10e-3)
         known = CalibratedCamera(self.camera.calibration, Mount(), self.camera.leds)
         self.eyes = WallAngles(known)
@@ -46,8 +46,9 @@ class Seen:
 
     def goes(self, degrees, tilt=REST[1]):
         """Turn to a pan in steps of half a degree."""
-        start = float(self.state.angles[0])
-        for pan in np.linspace(start, math.radians(degrees), 40)[1:]:
+        start, end = float(self.state.angles[0]), math.radians(degrees)
+        count = math.ceil(abs(end - start) / math.radians(0.5))
+        for pan in np.linspace(start, end, count + 1)[1:]:
             sight = self.step(pan, tilt)
         return sight
 
@@ -215,7 +216,8 @@ def test_a_repeated_picture_is_frozen_and_an_old_one_late(seen):
 
 def brushed(phi, z):
     """Marks around the pipe that vary little along themselves."""
-    ways = np.random.default_rng(3).normal(0.0, (1800.0, 4.0, 9.0), (16, 3))
+    ways = np.random.default_rng(3).normal(0.0, (1800.0, 4.0, 9.0), (16, 3)).tolist()
+    phi, z = np.float32(phi), np.float32(z)
     return 0.5 + 0.06 * sum(np.cos(way * z + turns * phi + shift) for way, turns, shift in ways)
 
 

@@ -19,7 +19,7 @@ REST = np.radians([-30.0, -30.0])
 @pytest.fixture(scope="module")
 def sweep():
     """Pictures of a pan up and a tilt up from rest, and what is known of the camera."""
-    camera = Camera(Pipe.draw(1006), Mount(), LENS.scaled(0.5), seed=1)
+    camera = Camera(Pipe.draw(1006, length=51.2e-3), Mount(), LENS.scaled(0.5), seed=1)
     camera.focus_at(10e-3)
     frames = []
     way = [(pan, -30.0) for pan in np.arange(-30.0, 16.0, 1.5)]
