@@ -16,8 +16,9 @@ def _study(name: str) -> Any:
 
 
 _BANDS = {name: {"*": 0.02} for name in ("head", "inspection", "stage")}
+_BANDS["ipmc"] = {"*.rms_plays": 1e-3, "*.rms_cascade": 1e-6}
 """The last digits of a model become other decisions where pictures steer the head, and end the
-search for the dynamics of a stage elsewhere."""
+search for plays, and that for dynamics, elsewhere."""
 CASES = tuple(
     Case(
         f"study_{name}",
