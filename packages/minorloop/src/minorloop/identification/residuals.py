@@ -16,17 +16,11 @@ _FEWEST = 30
 _WINDOW, _SHARE_OF_ROWS, _SHARE_OF_ERROR = 100, 0.1, 0.3
 """A start-up is over where this part of the rows is as good as the others; it has at most the share
 of the rows, and at least the share of the squared error."""
-_BLOCKS, _LEAST_BLOCK = 40, 5
-"""Blocks of rows whose means show a drift, and least rows of one, and of a group."""
-_DRIFT, _SURE = 0.4, 4.0
-"""Share of the variance of these means that a drift explains, and how many of its standard
-deviations it is."""
 _SPANNED = 0.5
 """Share of the range of the output that a group spans, from which it determines a gain: on less,
 gain and offset are extrapolated to the range by more than twice, and cancel each other."""
 PARTS = 3
 """Parts of equal size by amplitude and by rate."""
-_ROUNDING = 1e-12
 _MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, at most."""
 
@@ -210,35 +204,9 @@ def _step_or_drift(
     with one_thread():
         found = find_offset_step(columns, fitted, measured)
         if found is None:
-            return None, find_drift(columns, measured) or _drift(error)
+            return None, find_drift(columns, measured)
     place, size = found
     return OffsetStep(int(rows[some[place]]), size), 0.0
-
-
-def _drift(error: FloatArray) -> float:
-    """Change of the measured output along the record if a straight line explains the residual."""
-    means = _block_means(error)
-    change, share = _line(means)
-    left = max(1 - share, _ROUNDING)
-    sure = share * (means.size - 2) >= _SURE**2 * left
-    return -change if share >= _DRIFT and sure else 0.0
-
-
-def _line(values: FloatArray) -> tuple[float, float]:
-    """Change along a straight line through the values, and its share of their variance."""
-    centred = values - values.mean()
-    squares = float(centred @ centred)
-    if values.size < 2 or squares == 0:
-        return 0.0, 0.0
-    time = np.linspace(-0.5, 0.5, values.size)
-    change = float(time @ centred) / float(time @ time)
-    return change, change**2 * float(time @ time) / squares
-
-
-def _block_means(error: FloatArray) -> FloatArray:
-    """Return means of the residual in blocks of about the same number of rows."""
-    blocks = min(_BLOCKS, max(error.size // _LEAST_BLOCK, 1))
-    return np.array([part.mean() for part in np.array_split(error, blocks)])
 
 
 def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDifference | None:
@@ -249,7 +217,7 @@ def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDif
     for name in names:
         rows = groups == name
         x = y[rows] - y.mean()
-        if np.count_nonzero(rows) < _LEAST_BLOCK:
+        if np.count_nonzero(rows) < 5:  # rows that give no gain
             continue
         gain, offset = 0.0, float(error[rows].mean())
         if span and np.ptp(x) >= _SPANNED * span:
