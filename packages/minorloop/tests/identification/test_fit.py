@@ -39,7 +39,10 @@ def test_a_lag_is_found_and_predicted(lag):
     late = np.concatenate([np.full(lag, y[0]), y[: y.size - lag]])
     found = identify(u, late, Plane(LEVELS, lag="auto"))
     assert found.lag == lag
-    np.testing.assert_allclose(found.predict(u)[lag:], late[lag:], atol=0.05 * np.ptp(y))
+    predicted = found.predict(u)
+    np.testing.assert_allclose(predicted[lag:], late[lag:], atol=0.05 * np.ptp(y))
+    np.testing.assert_array_equal(found.predict(np.array([u, u])), [predicted, predicted])
+    assert found.predict([]).size == found.predict([], bands=0.9).y.size == 0
 
 
 def test_signed_weights_fit_a_butterfly():

@@ -15,10 +15,8 @@ _DELAYS = range(21)
 
 
 def delayed(values: FloatArray, lag: int) -> FloatArray:
-    """Delay samples by ``lag``; the first value is used for those before it."""
-    if lag == 0:
-        return values
-    return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
+    """Delay signals (..., T) by ``lag`` samples; the first value is used for those before it."""
+    return np.asarray(values[..., np.maximum(np.arange(values.shape[-1]) - lag, 0)])
 
 
 def polynomial_nrmse(

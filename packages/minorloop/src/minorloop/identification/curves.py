@@ -55,10 +55,6 @@ class Curves:
 
     def delayed(self, values: FloatArray, lag: int) -> FloatArray:
         """Delay samples (T,) within each curve; its first value is used for those before it."""
-        if lag == 0:
-            return values
-        if self.begins.size == 1:
-            return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
         rows = np.maximum(np.arange(values.size) - lag, self.first_rows(values.size))
         return np.asarray(values[rows])
 
