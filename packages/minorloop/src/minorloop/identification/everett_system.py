@@ -85,7 +85,6 @@ class EverettSystem:
         weight: FloatArray,
         scale: FloatArray,
         mesh: Mesh | None = None,
-        centre: FloatArray | None = None,
     ) -> None:
         spec = matrix.spec
         self.matrix, self.weight, self.scale = matrix, weight, scale
@@ -248,11 +247,10 @@ class EverettSystem:
             r += r[cells] * self.centre
         x = self._factor.solve(self._right(r))
         _kernels.weights_of_nodes(spec.bands, x[:cells], out[:cells])
-        if spec.offset:
-            out[cells] = x[self._root] + self.matrix.shift * x[self._total]
         if spec.slope:
             out[-1] = x[self._steep]
         if spec.offset:
+            out[cells] = x[self._root] + self.matrix.shift * x[self._total]
             out[cells] += self.centre @ out
         return out / self.scale
 

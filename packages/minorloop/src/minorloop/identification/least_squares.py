@@ -274,7 +274,7 @@ class _System:
         z = solution.z
         kkt = active_set.optimality(z, -rows.transpose(rows.residual(z)), self.bounded, size)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
-        return FittedUnknowns(self._unscaled(z, self.scale), kkt, strength, converged)
+        return FittedUnknowns(self._of_record(self.scale * z), kkt, strength, converged)
 
     def _solve_sparse(self) -> FittedUnknowns:
         """Fit without smoothness on the sparse system, if that is quicker and accurate enough.
@@ -308,7 +308,7 @@ class _System:
             found = active_set.solve_sparse(system, self.y, self.bounded, varying, size, fine)
         x = system.unknowns(found.z)
         left = float(np.linalg.norm(share * (matrix.forward(x) - self.y)))
-        x = self._unscaled(x, np.ones(x.size))
+        x = self._of_record(x)
         determined = matrix.samples >= spec.unknowns
         if left <= _NOISELESS * size and determined and spec.bands <= MOST_DENSE:
             return replace(unused, x=x)
@@ -361,9 +361,10 @@ class _System:
         mean = np.bincount(within, slope) / np.bincount(within)
         return divide(area * (slope - mean[within] <= _ROUNDING * np.abs(slope)))
 
-    def _unscaled(self, z: FloatArray, scale: FloatArray) -> FloatArray:
+    def _of_record(self, x: FloatArray) -> FloatArray:
+        """(n,) unknowns in the unit of the output."""
         spec = self.problem.matrix.spec
-        x = z * scale * self.unit
+        x = x * self.unit
         if spec.offset:
             x[spec.cells] += self.shift
         return x
