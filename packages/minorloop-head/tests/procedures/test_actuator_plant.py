@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from simulated_clock import Clock
 
 from minorloop import InstrumentError
 from minorloop.lab.drivers.bench import Bench
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.values import Plant, Tip
 from minorloop_head.twins.head import Head
+from simulated_clock import Clock
 
 from .fakes import ANGLES, CURRENTS
 

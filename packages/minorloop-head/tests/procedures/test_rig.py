@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from simulated_clock import Clock
 
 from console_rig import control
 from minorloop import InstrumentError, ModelFileError, SafetyError
@@ -28,6 +27,7 @@ from minorloop_head.procedures.values import Request
 from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from minorloop_head.vision.defects import SEQUENCE
+from simulated_clock import Clock
 
 from .fakes import ANGLES, CALIBRATION, CURRENTS, camera
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from simulated_clock import Clock
 
 from minorloop import Channel, InstrumentError, ParameterError, Plan, Setup, Store, run
 from minorloop.lab.wrapped_actuator import single_channel
@@ -14,6 +13,7 @@ from minorloop_head.procedures.identify import check_head
 from minorloop_head.procedures.seen_angles import SeenHead, sweep
 from minorloop_head.sources import Frame
 from minorloop_head.twins.rig import RigWires
+from simulated_clock import Clock
 
 
 @pytest.fixture(autouse=True)
