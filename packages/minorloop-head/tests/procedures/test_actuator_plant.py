@@ -8,7 +8,7 @@ from minorloop.lab.drivers.bench import Bench
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.values import Plant, Tip
 from minorloop_head.twins.head import Head
-from simulated_clock import Clock
+from simulated_plant import Clock
 
 from .fakes import ANGLES, CURRENTS
 

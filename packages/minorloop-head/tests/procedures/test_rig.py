@@ -27,7 +27,7 @@ from minorloop_head.procedures.values import Request
 from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from minorloop_head.vision.defects import SEQUENCE
-from simulated_clock import Clock
+from simulated_plant import Clock
 
 from .fakes import ANGLES, CALIBRATION, CURRENTS, camera
 

@@ -13,7 +13,7 @@ from minorloop_head.procedures.identify import check_head
 from minorloop_head.procedures.seen_angles import SeenHead, sweep
 from minorloop_head.sources import Frame
 from minorloop_head.twins.rig import RigWires
-from simulated_clock import Clock
+from simulated_plant import Clock
 
 
 @pytest.fixture(autouse=True)

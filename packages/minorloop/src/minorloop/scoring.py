@@ -23,7 +23,7 @@ from minorloop.identification.accuracy import Accuracy, CurveAccuracy, accuracy,
 from minorloop.identification.after_effect_result import along
 from minorloop.identification.band_model import BandModel
 from minorloop.identification.bands import BAND, Prediction
-from minorloop.identification.baseline import delayed, percent, polynomial_nrmse
+from minorloop.identification.baseline import percent, polynomial_nrmse
 from minorloop.identification.curves import AS_LEFT, Curves, as_curves, as_groups
 from minorloop.identification.record_checks import as_skip
 from minorloop.identification.residuals import ResidualSummary
@@ -239,7 +239,7 @@ def _late(known: ModelFile, t: FloatArray | None, y: FloatArray) -> FloatArray:
     """Return outputs delayed by the lag of a model."""
     if t is not None and known.lag_seconds:
         return np.interp(t - known.lag_seconds, t, y)
-    return delayed(y, known.lag)
+    return Curves.whole("negative").delayed(y, known.lag)
 
 
 def _wrong(score: ModelScore) -> Iterator[str]:

@@ -1,12 +1,13 @@
 import numpy as np
 
-from minorloop.identification.baseline import delayed, polynomial_nrmse
+from minorloop.identification.baseline import polynomial_nrmse
 from minorloop.identification.curves import Curves
 
 
 def test_a_delayed_polynomial_is_found():
     u = np.sin(np.arange(300) / 9) + 0.3 * np.sin(np.arange(300) / 31)
-    y = delayed(u, 4) ** 3 - delayed(u, 4)
+    late = Curves.whole("negative").delayed(u, 4)
+    y = late**3 - late
     train = scored = np.ones(300, dtype=bool)
     assert polynomial_nrmse(u, y, train, scored) < 1e-12
     curves = Curves(np.array([0, 150]), "negative")

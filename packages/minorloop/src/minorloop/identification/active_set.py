@@ -248,8 +248,9 @@ def solve_sparse(
 
     ``system`` has columns of about unit length, so that of many optima one with small unknowns is
     near. Pivoting goes on with factors ``fine`` (n,), which give columns less their mean about unit
-    length: a cell that hardly switches is determined to as many digits as the others. Bounded
-    unknowns that are not ``varying`` begin at zero, and are not searched inside their bounds.
+    length: a cell that hardly switches is determined to as many digits as the others. They stay
+    those of the system, and the solution has them. Bounded unknowns that are not ``varying`` begin
+    at zero, and are not searched inside their bounds.
     """
     searched = bounded & varying
     z = _interior_point(system, y, bounded, searched, scale) * system.scale / fine

@@ -14,11 +14,6 @@ _DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
 
 
-def delayed(values: FloatArray, lag: int) -> FloatArray:
-    """Delay signals (..., T) by ``lag`` samples; the first value is used for those before it."""
-    return np.asarray(values[..., np.maximum(np.arange(values.shape[-1]) - lag, 0)])
-
-
 def polynomial_nrmse(
     u: FloatArray, y: FloatArray, train: BoolArray, scored: BoolArray, curves: Curves | None = None
 ) -> float:

@@ -54,9 +54,10 @@ class Curves:
         return np.asarray(np.arange(samples) - self.first_rows(samples))
 
     def delayed(self, values: FloatArray, lag: int) -> FloatArray:
-        """Delay samples (T,) within each curve; its first value is used for those before it."""
-        rows = np.maximum(np.arange(values.size) - lag, self.first_rows(values.size))
-        return np.asarray(values[rows])
+        """Delay signals (..., T) within each curve, whose first value is used before it."""
+        samples = values.shape[-1]
+        rows = np.maximum(np.arange(samples) - lag, self.first_rows(samples))
+        return np.asarray(values[..., rows])
 
     def travelled(self, u: FloatArray, travel: float) -> FloatArray:
         """Delay inputs (T,) by a travel, in their unit, within each curve, whatever their rate.

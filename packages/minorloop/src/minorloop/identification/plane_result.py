@@ -15,7 +15,7 @@ from minorloop.identification import advising, diagnosis, residuals
 from minorloop.identification.accuracy import CurveAccuracy, by_curve
 from minorloop.identification.band_model import BandModel, within_cells
 from minorloop.identification.bands import BAND, PER_DEVIATION, Prediction, as_probability
-from minorloop.identification.baseline import delayed, nrmse, percent, polynomial_nrmse
+from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.choosing import FEWEST_GROUPS, Choice, folds
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.design_matrix import DesignMatrix
@@ -342,7 +342,7 @@ class Identification(Fit[Preisach]):
         more, the bands are of another group.
         """
         if bands is None and curves is None:
-            return delayed(self.model.simulate(u, self.start), self.lag)
+            return Curves.whole(self.start).delayed(self.model.simulate(u, self.start), self.lag)
         inputs = as_signal(u, name="u")
         parts = as_curves(curves, inputs.size, self.start, None)
         y = parts.simulate(self.model, inputs, self.lag)
