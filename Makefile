@@ -116,7 +116,7 @@ lock: ## write all locks anew; UPGRADE="numpy scipy" moves those packages on
 wheel: setup $(PAGES) ## build both wheels and source distributions into dist/, pages included
 	for each in packages/*; do (cd $$each && ../../$(BIN)/hatchling build -d ../../dist) || exit 1; done
 
-smoke: setup $(BUILT) ## build, install in fresh environments and use, with each extra alone; EXTRAS="jax mesh" for some
+smoke: setup $(BUILT) ## build, install in fresh environments and use, with each extra alone; EXTRAS="jax head" for some, EXTRAS=lowest with the lowest versions
 	$(BIN)/python tests/packaging/smoke.py $(EXTRAS)
 
 licences: setup ## list the licences of all installed dependencies

@@ -4,7 +4,8 @@ Builds the source distributions, and the wheels from these; installs that of the
 environment and uses it; runs the core's tests there; then installs each extra, and the head, alone,
 in an environment of its own on top of the plain one, and uses what it brings. Before that, the
 plain one has to say which extra is missing. All of it is in build/smoke, with the locked versions.
-``core`` as the extra runs the core's tests and no extra.
+``core`` as the extra runs the core's tests and no extra; ``lowest`` runs them with the lowest
+versions that the core allows.
 """
 
 from __future__ import annotations
@@ -187,7 +188,8 @@ def main(extras: list[str]) -> None:
     shutil.rmtree(PLACE, ignore_errors=True)
     PLACE.mkdir(parents=True)
     wheel, head = build("minorloop"), build("minorloop-head")
-    (PLACE / "constraints.txt").write_text(constraints())
+    lowest = extras == ["lowest"]
+    (PLACE / "constraints.txt").write_text(least_versions() if lowest else constraints())
     plain = environment("plain", None)
     install(plain, str(wheel))
     for line in PLAIN.split("\n")[1:-1]:
@@ -198,9 +200,9 @@ def main(extras: list[str]) -> None:
         wanted = f"{package} is not installed; pip install 'minorloop[{extra}]' brings it"
         assert wanted in said, f"without {extra}: {said}"
     say(began, "plain", f"{wheel.name} works, and says what is missing")
-    if not extras or "core" in extras:
+    if not extras or "core" in extras or lowest:
         say(began, "core", test_core(plain))
-    for extra in [name for name in extras if name != "core"] if extras else wanted_extras():
+    for extra in [name for name in extras if name not in ("core", "lowest")] if extras else wanted_extras():
         place = environment(extra, plain)
         install(place, str(head) if extra == "head" else f"{wheel}[{extra}]")
         said = use(place, USES[extra], fails=extra in MISSING)
@@ -247,6 +249,12 @@ def constraints() -> str:
     """The locked versions, without the digests, which only fit some files."""
     lock = (ROOT / "requirements.lock").read_text()
     return "\n".join(line.rstrip(" \\") for line in lock.splitlines() if re.match(r"\w", line))
+
+
+def least_versions() -> str:
+    """The lowest versions of what the core depends on."""
+    with (ROOT / "packages/minorloop/pyproject.toml").open("rb") as file:
+        return "\n".join(tomllib.load(file)["project"]["dependencies"]).replace(">=", "==")
 
 
 def environment(name: str, below: Path | None) -> Path:

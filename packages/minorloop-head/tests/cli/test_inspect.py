@@ -96,6 +96,8 @@ def test_a_wall_that_is_too_far_away_is_said_to_be(run):
         ("inspect pictures --lens 520", "give --radius, in mm"),
         ("inspect pictures --lens -5 --radius 10", "focal lengths (-5.0"),
         ("inspect pictures --head small.json", "64 by 48"),
+        ("inspect pictures --plate 0", "the size of a pixel is 0.0 m; give a length > 0"),
+        ("inspect pictures --plate 0.5 --pan 3", "leave the pose out"),
         ("inspect pictures --head bare.json", "bare.json has no calibration"),
         ("inspect camera:0 --lens 520 --radius 10", "camera:0 is a camera"),
         (f"inspect pictures {OPTIONS} --poses good.csv", "has no columns 'pan [deg]'"),
@@ -134,3 +136,11 @@ def test_a_truncated_picture_is_listed_and_the_others_are_searched(run, pictures
     printed = json.loads(out)
     assert printed["unusable"] == {"not readable": 1, "black": 1}
     assert [row["picture"] for row in printed["findings"]] == ["a.png"]
+
+
+@pytest.mark.usefixtures("pictures")
+def test_pictures_of_a_plate_are_searched_without_lens_or_pose(run):
+    status, out, _ = run("inspect pictures --plate 0.5 --out found --json")
+    assert status == 0
+    assert json.loads(out)["unusable"] == {"black": 1}
+    assert Path("found/findings.csv").read_text().startswith("picture,kind,x [mm],y [mm],width [mm]")

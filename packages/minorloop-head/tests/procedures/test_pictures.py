@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from minorloop_head.geometry import Mount, Pinhole, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
@@ -9,6 +10,7 @@ from minorloop_head.procedures.pictures import (
     InspectedPicture,
     PicturePose,
     inspect_picture,
+    inspect_plate,
     light_in,
     unusable,
 )
@@ -18,6 +20,7 @@ from vision.walls import lit_at_the_lens, photograph
 LENS = Pinhole(k1=-0.12, k2=0.02)
 VIEW = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
 HOLE = (0.1, 20e-3)
+GREY = np.full((480, 640), 90, np.uint8)
 POSE = PicturePose(pan=math.radians(24.0), advance=1e-3, roll=0.05)
 AT = Mount(lever=8e-3, advance=1e-3, roll=0.05)
 
@@ -67,3 +70,31 @@ def test_light_fits_the_right_direction_and_tells_one_that_is_far_off(pan, tilt)
     assert light_in(image, IDEAL, math.radians(pan), math.radians(tilt)).off is None
     off = light_in(image, IDEAL, math.radians(pan + 30.0), math.radians(tilt + 30.0)).off
     assert off == pytest.approx((-30.0, -30.0), abs=6.0)
+
+
+def rough_plate(seed, cracked):
+    """Grains under uneven light, perhaps with a dark wandering line of 3 pixels to row 260."""
+    rng = np.random.default_rng(seed)
+    grains = gaussian_filter(rng.normal(size=(320, 480)), 1.5)
+    grey = 120 + 12 * grains / grains.std() + np.linspace(-20, 20, 480)
+    course = 240 + 40 * np.cumsum(gaussian_filter1d(rng.normal(size=320), 8)) / 8
+    off = np.abs(np.arange(480) - course[:, None])
+    line = (off < 1.5) & (np.arange(320)[:, None] < 260) & cracked
+    return np.clip(np.where(line, 0.6 * grey, grey), 0, 255).astype(np.uint8), course
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_a_crack_of_a_rough_plate_is_found_and_none_on_a_bare_one(scale):
+    image, course = rough_plate(3, True)
+    large = image.repeat(scale, axis=0).repeat(scale, axis=1)
+    (found,) = inspect_plate(large, 1e-3 / scale).findings
+    columns, rows = ((found.outline + 0.5) / scale - 0.5).T
+    assert np.abs(columns - course[np.rint(rows).astype(int)]).max() < 6
+    assert found.length == pytest.approx(0.3, rel=0.3)
+    assert found.width == pytest.approx(3e-3, rel=0.5)
+    assert not inspect_plate(rough_plate(3, False)[0], 1e-3).findings
+
+
+def test_a_picture_of_a_plate_that_cannot_be_searched_has_a_verdict():
+    found = [inspect_plate(image, 1e-3) for image in (np.zeros((320, 480), np.uint8), GREY[:4, :4])]
+    assert unusable(found) == {"black": 1, "wrong size": 1}

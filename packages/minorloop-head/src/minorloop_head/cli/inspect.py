@@ -1,4 +1,4 @@
-"""``minorloop inspect``: find defects in pictures of a pipe that somebody else took."""
+"""``minorloop inspect``: find defects in pictures of a pipe or plate that somebody else took."""
 
 from __future__ import annotations
 
@@ -51,6 +51,13 @@ _Radius = Annotated[
     float | None,
     _common.number_option("Radius of the pipe in mm; that of the calibration if not given."),
 ]
+_Plate = Annotated[
+    float | None,
+    _common.number_option(
+        "Instead of a head or lens: size in mm of a pixel on a flat rough surface, seen from "
+        "straight above in any light. It is searched for dark cracks only."
+    ),
+]
 _Lever = Annotated[
     float,
     _common.number_option("With --lens: from the pivot of the camera to its lens, in mm."),
@@ -85,6 +92,7 @@ def run(
     head: _Head = None,
     lens: _Lens = None,
     radius: _Radius = None,
+    plate: _Plate = None,
     lever: _Lever = 0.0,
     pan: _Pan = None,
     tilt: _Tilt = None,
@@ -92,24 +100,32 @@ def run(
     out: _Out = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Find holes, pits and cracks in pictures of a pipe, each picture alone.
+    """Find holes, pits and cracks in pictures of a pipe or a plate, each picture alone.
 
     The exit status is 1 if no picture could be searched.
     """
-    from minorloop_head.inspection.inspect_pictures import inspect_pictures
+    from minorloop_head.inspection.inspect_pictures import inspect_pictures, inspect_plates
 
-    if (head is None) == (lens is None):
-        raise ParameterError("give either --head with the file of a head, or --lens and --radius")
+    if sum(given is not None for given in (head, lens, plate)) != 1:
+        raise ParameterError(
+            "give one of --head with the file of a head, --lens with --radius, or --plate"
+        )
+    posed = lever != 0.0 or any(each is not None for each in (radius, pan, tilt, poses))
+    if plate is not None and posed:
+        raise ParameterError("--plate is of a flat surface from straight above; leave the pose out")
     known = _poses(poses, pan, tilt)
     with _common.working(f"inspecting {source}", logged=True) as now:
-        content = inspect_pictures(
-            source,
-            partial(_view, head, lens, radius, lever),
-            known,
-            joints=head is not None,
-            out=out,
-            told=now,
-        )
+        if plate is not None:
+            content = inspect_plates(source, _MM * plate, out=out, told=now)
+        else:
+            content = inspect_pictures(
+                source,
+                partial(_view, head, lens, radius, lever),
+                known,
+                joints=head is not None,
+                out=out,
+                told=now,
+            )
     _show(content, out, as_json)
     check_usable(content, "picture")
 
@@ -212,14 +228,15 @@ def _check_angle(name: str, value: float) -> None:
 def _show(content: dict[str, Any], out: Path | None, as_json: bool) -> None:
     from minorloop_head.inspection.inspect_pictures import SHOWN, picture_summary
     from minorloop_head.inspection.report import table
-    from minorloop_head.procedures.pictures import COLUMNS
+    from minorloop_head.procedures.pictures import COLUMNS, PLATE_COLUMNS
     from minorloop_head.vision.defects import NOT_IN_VIEW
 
     if as_json:
         _common.print_json(content)
         return
     rows = content["findings"]
-    columns = [name for name in COLUMNS if name not in _LEFT_OUT]
+    headers = PLATE_COLUMNS if rows and PLATE_COLUMNS[3] in rows[0] else COLUMNS
+    columns = [name for name in headers if name not in _LEFT_OUT]
     first = table(rows[:SHOWN], columns)
     if first:
         _common.print_table(columns, first)

@@ -19,7 +19,7 @@ from minorloop_head.inspection.heads import (
     swept_head,
 )
 from minorloop_head.inspection.identification import identify_head
-from minorloop_head.inspection.inspect_pictures import inspect_pictures
+from minorloop_head.inspection.inspect_pictures import inspect_pictures, inspect_plates
 from minorloop_head.inspection.inspect_pipe import Inspection, inspect
 from minorloop_head.inspection.sweep_wall import SweptWall, sweep
 
@@ -32,6 +32,7 @@ __all__ = [
     "identify_head",
     "inspect",
     "inspect_pictures",
+    "inspect_plates",
     "inspected_head",
     "opened_head",
     "sweep",

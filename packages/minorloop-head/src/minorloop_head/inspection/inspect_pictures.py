@@ -1,4 +1,4 @@
-"""Inspect pictures of a pipe that somebody else took: all of them are searched, each alone."""
+"""Inspect pictures that somebody else took, of a pipe or a plate; each is searched alone."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.pictures import (
     COLUMNS,
     DAMAGED,
+    PLATE_COLUMNS,
     TIME,
     InspectedPicture,
     PicturePose,
     annotated,
     inspect_picture,
+    inspect_plate,
     unusable,
 )
 from minorloop_head.vision.calibrated_camera import Image
@@ -77,24 +79,74 @@ def inspect_pictures(
     OutputError
         If the folder is not empty, or cannot be written.
     """
-    called, view = names(source), None
+    views: list[HeadCalibration] = []
+
+    def inspected(image: Image, number: int, name: str, t: float) -> InspectedPicture:
+        pose = next(poses, None)
+        if pose is None:
+            raise RecordError(
+                f"the poses have {counted(number, 'row')}, and there are more pictures; give a row "
+                "for each"
+            )
+        if not views and not image.size:
+            return InspectedPicture(name=name, t=t, verdict=DAMAGED)
+        if not views:
+            views.append(calibrated(image.shape))
+        sight = _line_of_sight(pose, views[0] if joints else None)
+        return inspect_picture(image, views[0], sight, name, t)
+
+    return _inspected(source, inspected, COLUMNS, out, told)
+
+
+def inspect_plates(
+    source: str, pixel: float, *, out: PathLike | None = None, told: Told = untold
+) -> dict[str, Any]:
+    """Find dark cracks in pictures of a flat rough surface, each alone, in light that is not known.
+
+    Parameters
+    ----------
+    source : str
+        A picture, a folder of pictures, or a video, from straight above.
+    pixel : float
+        Size of a pixel on the surface, in metres.
+    out, told
+        As of `inspect_pictures`.
+
+    Returns
+    -------
+    dict
+        Of ``findings.json``, with places from the left and from the top of the picture.
+
+    Raises
+    ------
+    RecordError, OutputError
+        As by `inspect_pictures`.
+    ParameterError
+        If the source cannot be read, or the size of a pixel is not positive.
+    """
+
+    def inspected(image: Image, number: int, name: str, t: float) -> InspectedPicture:
+        return inspect_plate(image, pixel, name, t)
+
+    return _inspected(source, inspected, PLATE_COLUMNS, out, told)
+
+
+def _inspected(
+    source: str,
+    inspected: Callable[[Image, int, str, float], InspectedPicture],
+    columns: Sequence[str],
+    out: PathLike | None,
+    told: Told,
+) -> dict[str, Any]:
+    """Inspect the pictures of a source one by one; write and return what was found."""
+    called, any_read = names(source), False
     found: list[InspectedPicture] = []
     best: list[tuple[float, str, Image]] = []
     with nullcontext(None) if out is None else _folder(out) as folder:
         for number, frame in enumerate(frames(source, damaged=True)):
-            if view is None and frame.image.size:
-                view = calibrated(frame.image.shape)
+            any_read = any_read or frame.image.size > 0
             name = called[number] if called else f"frame {number}"
-            pose = next(poses, None)
-            if pose is None:
-                raise RecordError(
-                    f"the poses have {counted(number, 'row')}, and there are more pictures; give a "
-                    "row for each"
-                )
-            picture = InspectedPicture(name=name, t=frame.t, verdict=DAMAGED)
-            if view is not None:
-                sight = _line_of_sight(pose, view if joints else None)
-                picture = inspect_picture(frame.image, view, sight, name, frame.t)
+            picture = inspected(frame.image, number, name, frame.t)
             found.append(picture)
             told(f"{counted(len(found), 'picture')} inspected")
             if folder is not None and picture.findings:
@@ -102,12 +154,13 @@ def inspect_pictures(
                 best = sorted([*best, (_weight(picture), name, marked)], key=lambda one: -one[0])
                 best = best[:SHOWN]
         told(f"{counted(len(found), 'picture')} inspected", kept=True)
-        if view is None:
+        if not any_read:
             has = "no picture that can be read" if found else "no pictures"
             raise RecordError(f"{source} has {has}; give others")
         content = _content(found, still=bool(called))
         if folder is not None:
-            _write(folder, content, best, Path(source).name, still=bool(called))
+            used = [name for name in columns if name != TIME or not called]
+            _write(folder, content, used, best, Path(source).name)
     return content
 
 
@@ -184,16 +237,12 @@ def _mark(image: Image, picture: InspectedPicture, folder: Path, number: int) ->
 def _write(
     out: Path,
     content: dict[str, Any],
+    columns: Sequence[str],
     best: Sequence[tuple[float, str, Any]],
     title: str,
-    *,
-    still: bool,
 ) -> None:
-    """Write findings, unusable pictures and report."""
-    columns, listed = (
-        [name for name in names if name != TIME or not still]
-        for names in (COLUMNS, ("picture", TIME, "verdict"))
-    )
+    """Write findings, by the headers of their table, unusable pictures and report."""
+    listed = [name for name in ("picture", TIME, "verdict") if name != TIME or name in columns]
     tables = (("findings", columns, "findings"), ("unusable", listed, "unusable pictures"))
     for name, headers, rows in tables:
         values = ([row[header] for header in headers] for row in content[rows])

@@ -18,15 +18,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
-from minorloop_head.geometry import meet_wall, wall_point
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+from minorloop_head.geometry import Pinhole, meet_wall, wall_point
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.trace import traces_of
 from minorloop_head.reconstruction.findings import UNDECIDED
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
-from minorloop_head.vision.cracks import TracedCrack
+from minorloop_head.vision.cracks import TracedCrack, plate_cracks
 from minorloop_head.vision.defects import SINGLE, Hole, find_holes
-from minorloop_head.vision.frame_checks import GOOD
+from minorloop_head.vision.frame_checks import GOOD, check_frame
 from minorloop_head.vision.imaging import opencv
 from minorloop_head.vision.reflectance_map import LEAST_SEEN, LitFrame
 
@@ -36,6 +37,8 @@ shows, dimmed so far that the wall around has this level, with noise of one grey
 found; 35 at level 6, 12 at 4."""
 _CELLS = (24, 32)
 """Rows and columns of the cells of a picture."""
+_FEWEST = 32
+"""Least pixels along a side of a picture of a plate."""
 _FLOOR, _LEAST_LIGHT = 2.0, 1e-2
 """Grey level and irradiance that are added before the logarithm: neither noise in the dark nor the
 shape of the far end, where there is hardly any light, may decide."""
@@ -62,6 +65,8 @@ COLUMNS = (
     "v [px]",
 )
 """Headers of the table of findings; still pictures have no time."""
+PLATE_COLUMNS = tuple({"phi [deg]": "x [mm]", "z [mm]": "y [mm]"}.get(n, n) for n in COLUMNS)
+"""Those of cracks in a plate: from the left and from the top of the picture."""
 _COLOURS = {UNDECIDED: (0, 160, 255), CRACK: (255, 200, 0)}
 """Blue, green and red of the marks."""
 
@@ -87,12 +92,12 @@ class PictureFinding:
     """``hole or pit``, or ``crack``."""
     phi: float
     z: float
-    """Place on the wall, in radians and metres."""
+    """Place on the wall, in radians and metres; on a plate across and down, both in metres."""
     width: float
     length: float
     """Diameter of a hole, twice; of a crack its median width and its length. In metres."""
     evidence: float
-    """Logarithm of the odds that it is a hole; NaN for a crack."""
+    """Logarithm of the odds that it is a hole, or a crack of a plate; NaN for a crack of a wall."""
     outline: FloatArray
     """Shape (N, 2). Pixels of its rim or its course."""
 
@@ -115,18 +120,20 @@ class InspectedPicture:
     light: _PictureLight | None = None
     """Which part was searched, and whether the light contradicts the pose; None if the picture
     cannot be used."""
+    plate: bool = False
+    """Whether it shows a plate, and not the wall of a pipe."""
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row of the table for each finding, by the headers of `COLUMNS`."""
+        """Return a row of the table for each finding, by the headers of its surface."""
         return [
             dict(
                 zip(
-                    COLUMNS,
+                    PLATE_COLUMNS if self.plate else COLUMNS,
                     (
                         self.name,
                         round(self.t, 3),
                         found.kind,
-                        round(math.degrees(found.phi), 2),
+                        round(1e3 * found.phi if self.plate else math.degrees(found.phi), 2),
                         *(round(1e3 * x, 3) for x in (found.z, found.width, found.length)),
                         None if math.isnan(found.evidence) else round(found.evidence, 1),
                         *(round(float(x), 1) for x in found.pixel),
@@ -158,6 +165,45 @@ def inspect_picture(
     cracks = [crack_in(crack, camera, angles) for crack in traces_of(found, view.radius)]
     light = light_in(image, view, *angles)
     return InspectedPicture(name=name, t=t, verdict=GOOD, findings=(*holes, *cracks), light=light)
+
+
+def inspect_plate(image: Image, pixel: float, name: str = "", t: float = 0.0) -> InspectedPicture:
+    """Find dark cracks in a picture of a flat rough surface, in light that is not known.
+
+    Holes and pits are not searched: a single picture in unknown light does not tell them from
+    stains. Raises a `ParameterError` if the size of a pixel is not positive.
+
+    ``image`` (height, width): from straight above; ``pixel``: size of a pixel on the surface, in
+    metres; ``t``: time in its video, in seconds.
+    """
+    if not as_finite("size of a pixel", pixel) > 0:
+        raise ParameterError(f"the size of a pixel is {pixel} m; give a length > 0")
+    if not image.size:
+        return InspectedPicture(name=name, t=t, verdict=DAMAGED, plate=True)
+    height, width = image.shape
+    lens = Pinhole(max(width, _FEWEST), max(height, _FEWEST), float(width))
+    verdict = check_frame(image, lens)
+    if verdict != GOOD:
+        return InspectedPicture(name=name, t=t, verdict=verdict, plate=True)
+    findings = []
+    for course, wide, evidence in plate_cracks(image):
+        x, y = pixel * course[len(course) // 2]
+        length = pixel * float(np.hypot(*np.diff(course, axis=0).T).sum())
+        findings.append(
+            PictureFinding(
+                kind=CRACK,
+                phi=float(x),
+                z=float(y),
+                width=pixel * wide,
+                length=length,
+                evidence=evidence,
+                outline=course,
+            )
+        )
+    light = _PictureLight(float((_greys(image) >= LEAST_GREY).mean()), None)
+    return InspectedPicture(
+        name=name, t=t, verdict=GOOD, findings=tuple(findings), light=light, plate=True
+    )
 
 
 def unusable(pictures: Iterable[InspectedPicture]) -> dict[str, int]:
@@ -226,12 +272,9 @@ def light_in(image: Image, view: HeadCalibration, pan: float, tilt: float) -> _P
 
     ``image`` (height, width); ``pan`` and ``tilt``: of the line of sight, in radians.
     """
-    rows, columns = _CELLS
-    at = [np.linspace(0, n, m + 1).astype(int) for n, m in zip(image.shape, _CELLS, strict=True)]
-    total = np.add.reduceat(image.astype(np.float64), at[0][:-1], axis=0)
-    grey = np.add.reduceat(total, at[1][:-1], axis=1) / np.outer(np.diff(at[0]), np.diff(at[1]))
+    grey = _greys(image)
     light, resolution = _seen(view, pan, tilt)
-    near = resolution.reshape(rows, columns) >= LEAST_SEEN
+    near = resolution.reshape(_CELLS) >= LEAST_SEEN
     seen = float((near & (grey >= LEAST_GREY)).mean())
     level = _normal(np.log(grey.ravel() + _FLOOR))
     directions, patterns = _patterns(view)
@@ -244,6 +287,14 @@ def light_in(image: Image, view: HeadCalibration, pan: float, tilt: float) -> _P
     ):
         return _PictureLight(seen, None)
     return _PictureLight(seen, (float(off[0]), float(off[1])))
+
+
+def _greys(image: Image) -> FloatArray:
+    """Return the mean grey level (rows, columns) of each cell of a picture."""
+    at = [np.linspace(0, n, m + 1).astype(int) for n, m in zip(image.shape, _CELLS, strict=True)]
+    total = np.add.reduceat(image.astype(np.float64), at[0][:-1], axis=0)
+    cells = np.add.reduceat(total, at[1][:-1], axis=1)
+    return np.asarray(cells / np.outer(np.diff(at[0]), np.diff(at[1])))
 
 
 @lru_cache(maxsize=1)  # by identity: a run has one calibration

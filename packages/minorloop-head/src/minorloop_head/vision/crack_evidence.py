@@ -25,6 +25,8 @@ LEAST_EVIDENCE = 1.0
 of a wall without a crack counts too."""
 WEIGHTS = Path(__file__).with_name("crack_weights.npz")
 """Trees for places and weights for whole lines, written by ``python -m benchmarks.cracks fit``."""
+PLATE_WEIGHTS = Path(__file__).with_name("plate_weights.npz")
+"""The same for rough plates in unknown light, written by ``python -m benchmarks.plates fit``."""
 _SIDE, _CORE = 24, 9
 """Half texels to either side of a course, and those of them that may belong to the line; beyond
 them is the wall: 0.23 mm contain half a crack of 0.3 mm with its blur, and 0.6 mm show the inside
@@ -269,7 +271,7 @@ def whole_features(found: Profiles, along: FloatArray) -> FloatArray:
 
 
 @cache
-def crack_odds() -> CrackOdds:
-    """Return the odds in use."""
-    with np.load(WEIGHTS) as kept:
+def crack_odds(weights: Path = WEIGHTS) -> CrackOdds:
+    """Return the odds in a file, those of the wall of a pipe if none is given."""
+    with np.load(weights) as kept:
         return CrackOdds(**{name: kept[name] for name in kept.files})

@@ -17,12 +17,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
+from scipy.spatial.distance import cdist
 
 from minorloop.arrays import BoolArray, FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
-from minorloop_head.vision.calibrated_camera import Window
+from minorloop_head.vision.calibrated_camera import Image, Window
 from minorloop_head.vision.crack_evidence import (
     LEAST_EVIDENCE,
+    PLATE_WEIGHTS,
     CrackOdds,
     Profiles,
     crack_odds,
@@ -32,7 +34,7 @@ from minorloop_head.vision.crack_evidence import (
 )
 from minorloop_head.vision.crack_lines import line_heights
 from minorloop_head.vision.crack_links import FEWEST, cut_at_crossings, followed, joined
-from minorloop_head.vision.imaging import Image32
+from minorloop_head.vision.imaging import Image32, shrunk
 
 _HIGH, _LOW, _LEAST = 3.5, 2.2, 0.02
 """Heights that a piece reaches and stays above, as multiples of the median height of the map, and
@@ -98,6 +100,7 @@ def trace_cracks(
     least: float = LEAST_EVIDENCE,
     shortest: float = 1.5e-3,
     apart: Sequence[tuple[float, float, float]] = (),
+    odds: CrackOdds | None = None,
 ) -> tuple[TracedCrack, ...]:
     """Trace the cracks on a map of the wall, longest first.
 
@@ -119,6 +122,8 @@ def trace_cracks(
         Least length in metres.
     apart : sequence of (phi, z, diameter)
         Holes, whose rims are left out.
+    odds : CrackOdds, optional
+        Of lines; those of the wall of a pipe if not given.
     """
     levels = np.asarray(stack, dtype=np.float32)
     levels = levels[None] if levels.ndim == 2 else levels
@@ -131,10 +136,59 @@ def trace_cracks(
         raise ParameterError(f"a pipe of radius {radius} m; give a length > 0 in m")
     found = [
         crack
-        for crack in traced_lines(lined_wall(levels, window, radius, apart), window, radius)
+        for crack in traced_lines(lined_wall(levels, window, radius, apart), window, radius, odds)
         if crack.length >= shortest and crack.evidence >= least
     ]
     return tuple(sorted(found, key=lambda crack: -crack.length))
+
+
+PLATE_RADIUS = 1.0
+"""Radius of the pipe as which a plate is searched, in metres: a picture of 0.05 mm a pixel is flat
+on it."""
+_PLATE_LEAST, _PLATE_SHORTEST, _PLATE_FINEST = 2.0, 30, 300
+"""Least evidence and length in pixels of a crack in a plate, and fewest pixels along the shorter
+side of a picture of half the size that is searched too, for cracks too wide for the filter."""
+_FLOOR = 4.0
+"""Grey level added before the logarithm, so that noise in the dark stays small."""
+
+
+def plate_levels(image: Image | Image32) -> tuple[Image32, Window]:
+    """Return the logarithm (1, rows, columns) of a picture, and its window of 0.05 mm a pixel."""
+    levels = np.log(np.asarray(image, dtype=np.float32) + np.float32(_FLOOR))
+    return levels[None], Window(0.0, 0.0, 0.05e-3, *levels.shape)
+
+
+def plate_cracks(image: Image) -> list[tuple[FloatArray, float, float]]:
+    """Trace dark cracks in a picture of a plate in unknown light, those of most evidence first.
+
+    ``image`` (height, width): grey levels.
+
+    Returns
+    -------
+    list of ((N, 2) array, float, float)
+        Columns and rows along it, its median width in pixels, and its evidence.
+    """
+    found: list[tuple[FloatArray, float, float]] = []
+    level, scale = np.asarray(image, dtype=np.float32), 1
+    while scale == 1 or min(level.shape) >= _PLATE_FINEST:
+        stack, window = plate_levels(level)
+        for crack in trace_cracks(
+            stack,
+            window,
+            PLATE_RADIUS,
+            least=_PLATE_LEAST,
+            shortest=_PLATE_SHORTEST * window.step,
+            odds=crack_odds(PLATE_WEIGHTS),
+        ):
+            course = scale * (window.texels(crack.places, PLATE_RADIUS) + 0.5) - 0.5
+            found.append((course, scale * crack.width / window.step, crack.evidence))
+        level, scale = shrunk(level), 2 * scale
+    kept: list[tuple[FloatArray, float, float]] = []
+    for one in sorted(found, key=lambda each: -each[2]):
+        near = [cdist(one[0], other[0]).min(axis=1) < _APART * scale for other in kept]
+        if not near or np.mean(np.any(near, axis=0)) < 0.5:
+            kept.append(one)
+    return kept
 
 
 def traced_lines(
