@@ -204,7 +204,7 @@ REFUSED = [
     (SignalError, "20 samples count for 7 parameters", lambda: moved(rows=20)),
     (ParameterError, "'weight'; give names out of mass", lambda: moved(fixed=["weight"])),
     (ParameterError, "rough is 'best'", lambda: moved("best")),
-    (SignalError, "even tied to the record", lambda: moved(UNSTABLE, period=512)),
+    (SignalError, "even if a spring ties it to the record", lambda: moved(UNSTABLE, period=512)),
 ]
 
 
