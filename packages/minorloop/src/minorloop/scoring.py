@@ -563,7 +563,7 @@ class ModelScore(Scored):
             "the input, and in time with the 90 % bands, if the model has some."
         )
         report.add(
-            "How good it is",
+            "Quality",
             table=Table(("", ""), self.summary()),
             pictures=[Picture(self.plot(**labels), caption)],
             notes=[*known.warnings, *self.advice, *self.simulation.notes],

@@ -121,7 +121,7 @@ OPTIONS = [
     ("holdout is 0.95; give", {"holdout": 0.95}),
     ("give one of them", {"prior": "gaussian", "smoothness": 0.1}),
     ("noise is -1.0; give a standard deviation >= 0", {"noise": -1.0}),
-    ('there is none with prior "none"', {"mean": "ridge", "prior": "none"}),
+    ('cannot be combined with prior "none"', {"mean": "ridge", "prior": "none"}),
 ]
 DEVIATIONS = [
     ("noise is -0.1 at index 0; give standard deviations >= 0", np.full(400, -0.1)),
@@ -153,7 +153,7 @@ REFUSED = [
     (ParameterError, "1 to 4", lambda: fit_response(HERTZ, LAG, order=5)),
     (ParameterError, "order is .best.; give", lambda: fit_response(HERTZ, LAG, order="best")),
     (SignalError, "shape", lambda: fit_response([1.0, 2.0], [1.0])),
-    (SignalError, "leave its frequency out", lambda: fit_response([1.0, 2.0], [1.0, 0.0])),
+    (SignalError, "remove its frequency", lambda: fit_response([1.0, 2.0], [1.0, 0.0])),
     (SignalError, "2 frequencies for 3 poles", lambda: fit_response([1, 2], [1, 0.5], order=3)),
     (SignalError, "gain reaches .*; scale it to below", lambda: fit_response(HERTZ, 1e307 * LAG)),
     (ParameterError, "give", lambda: Recursive(GRID, forgetting=0.0)),

@@ -204,7 +204,7 @@ def _export(store: Path, save: Path | None, force: bool, as_json: bool) -> None:
             sines_as_log(measured_sines(opened), *names) if sines else opened.columns()
         )
     rows = len(next(iter(columns.values())))
-    more = "; the run goes on" if running else ""
+    more = "; the run continues" if running else ""
     said = f"{rows} {'samples' if sines else 'settled points'} written to {{}}{more}"
 
     def show() -> None:
