@@ -97,7 +97,7 @@ def test_spikes_of_a_measured_input_are_no_extremes(long):
     assert found.count("passed") == 0
     np.testing.assert_allclose(found.record().u, LEVELS, atol=1e-3)
     assert "20 outliers of voltage [V]" in found.notes[0]
-    assert "not taken for the input" in found.notes[0]
+    assert "not used as input" in found.notes[0]
 
 
 def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
