@@ -176,7 +176,7 @@ REFUSED = [
     (ParameterError, "holds is 2", lambda: Adaptive(0.0, 1.0, holds=2)),
     (ParameterError, "least_gain is 1.5", lambda: Adaptive(0.0, 1.0, least_gain=1.5)),
     (ParameterError, r"give 0\.556 h or more", lambda: design_holds(None, 0.5, 200.0)),
-    (ParameterError, "one of them", lambda: design_holds(5, 1.0, 200.0)),
+    (ParameterError, "either in holds or in hours", lambda: design_holds(5, 1.0, 200.0)),
     (ParameterError, "holds is 2; give a whole number from 3 to 1000", lambda: design(GRID, 2)),
     (ParameterError, "memory is a list", lambda: next_input(chosen(Gaussian()), [0.0, 1.0])),
     (ParameterError, "needs the prior", lambda: next_input(chosen(Smooth()), NOW)),

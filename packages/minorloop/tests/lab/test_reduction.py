@@ -221,5 +221,5 @@ def test_an_input_that_never_rests_is_refused_in_one_sentence_without_warnings()
     """Warnings are errors here; holds of three samples are looked for, to name them."""
     t = 0.01 * np.arange(2000)
     u = np.sin(20 * t) * np.exp(-t / 20)
-    with pytest.raises(RecordError, match="where the input never rests, identify the record as it"):
+    with pytest.raises(RecordError, match="if the input never rests, identify the record as it"):
         reduce(Record(u, u, t))
