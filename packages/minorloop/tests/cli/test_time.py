@@ -71,7 +71,7 @@ def has_mass(found):
     [
         (moving, "dynamics:levels=8,first=operator,poles=2", "nrmse_train", "compared", has_lags),
         (holds, "viscosity:creep=spectrum,levels=4", "left_out_nrmse", "time explains", creeps),
-        (vibration, "vibration:rough=rough.json,period=256", "nrmse", "error of the model", has_mass),
+        (vibration, "vibration:rough=rough.json,period=256", "nrmse", "and its loops", has_mass),
     ],
     ids=["dynamics", "viscosity", "vibration"],
 )
