@@ -241,7 +241,7 @@ class Cascade:
         between : {"straight", "held"}
             The input between samples, as in `Linear.simulate`.
         """
-        times, wanted = as_waveform(t, targets, name="targets")
+        times, goals = as_waveform(t, targets, name="targets")
         linear = _invertible(self.linear)
         seconds = _filter_time(linear, times, self.noise, filter_time)
         # A held input is early by half a sample.
@@ -250,17 +250,17 @@ class Cascade:
         late -= early
         ahead = None if self.ahead is None else _invertible(self.ahead)
         held = before * (1.0 if ahead is None else ahead.dc_gain)
-        needed, gain = wanted, linear.dc_gain
+        needed, gain = goals, linear.dc_gain
         w, memory = self.operator.step(start, held * (gain if self.first == "linear" else 1.0))
         if self.creep is not None:
             rest = w if self.first == "linear" else w * gain
-            needed = self.creep.compensate(times, wanted, before=rest)
+            needed = self.creep.compensate(times, goals, before=rest)
         if self.first == "operator":
             needed = np.interp(times + late, times, needed)
             needed = inverse.simulate(times, needed, before=w * gain, between="straight")
         settled = gain if self.first == "operator" else 1.0
         settled *= 1.0 if self.creep is None else self.creep.dc_gain
-        found = _inverted(self.operator, needed, memory, unreachable, wanted, (w * gain, settled))
+        found = _inverted(self.operator, needed, memory, unreachable, goals, (w * gain, settled))
         u, lead = found.u, late
         if self.first == "linear":
             filtered = np.interp(times + late, times, u)
@@ -273,7 +273,7 @@ class Cascade:
             seconds, lead = max(seconds, before_seconds), lead + late - early
         model = replace(self, linear=linear, ahead=ahead)
         y = model.simulate(times, u, start, before=before, between=between)
-        return CascadeInversion(times, u, y, wanted, found.reachable, seconds, lead)
+        return CascadeInversion(times, u, y, goals, found.reachable, seconds, lead)
 
 
 def _sampled(linear: Linear, interval: float) -> Linear:
@@ -301,7 +301,7 @@ def _inverted(
     needed: FloatArray,
     memory: Any,
     unreachable: Unreachable,
-    wanted: FloatArray,
+    goals: FloatArray,
     rest: tuple[float, float],
 ) -> Inversion:
     """Invert the required outputs of an operator; errors name the targets that are out of reach.
@@ -313,30 +313,30 @@ def _inverted(
         return found
     except UnreachableError as error:
         low, high = np.sort(rest[1] * np.array(operator.range)).tolist()
-        refuse_unreachable(wanted, low, high, within_reach(wanted, low, high))
+        refuse_unreachable(goals, low, high, within_reach(goals, low, high))
         reached = operator.invert(needed, memory, "clip").reachable
         index = int(np.flatnonzero(~reached)[0])
         raise UnreachableError(
-            f"target {wanted[index]:g} at index {index} needs {needed[index]:g} from the operator, "
+            f"target {goals[index]:g} at index {index} needs {needed[index]:g} from the operator, "
             f"because of the dynamics; the output rests at {rest[0]:g} before. Begin there, move "
             f'slower, or pass unreachable="clip" ({error})'
         ) from None
 
 
-def _filter_time(linear: Linear, t: FloatArray, noise: float, wanted: float | None) -> float:
+def _filter_time(linear: Linear, t: FloatArray, noise: float, given: float | None) -> float:
     if linear.relative_degree == 0:
         return 0.0
-    if wanted is None:
+    if given is None:
         # For a resonance, it is the period over 2 pi, not the longer decay time.
         fastest = 1 / float(np.abs(linear.poles).max())
         # The default time constant of the filter is at least a fifth of the fastest time constant,
         # and two sampling intervals. A choice: the input stays smooth from sample to sample.
         smooth = 2.0 * float(np.median(np.diff(t)))
         return max(0.2 * fastest, smooth, _time_of_gain(linear, noise))
-    seconds = as_finite("filter_time", wanted)
+    seconds = as_finite("filter_time", given)
     if seconds <= 0:
         raise ParameterError(
-            f"filter_time is {wanted:g} s; a system with more poles than zeros cannot be inverted "
+            f"filter_time is {given:g} s; a system with more poles than zeros cannot be inverted "
             "without a filter, so give a positive time"
         )
     return seconds

@@ -96,7 +96,7 @@ class Creep:
 
         ``targets`` (T,): target outputs. Raises a `NotInvertibleError` without a prompt part.
         """
-        times, wanted = as_waveform(t, targets, name="targets")
+        times, goals = as_waveform(t, targets, name="targets")
         if self.gain <= 0:
             raise NotInvertibleError(
                 f"the prompt gain is {self.gain:g}; without a positive prompt gain the "
@@ -105,7 +105,7 @@ class Creep:
         x = np.empty(times.size)
         crept = np.full(self.times.size, as_finite("before", before))
         decay = _decay(times, self.times)
-        _kernels.compensate(decay, self.strengths, self.gain, wanted - self.offset, crept, x)
+        _kernels.compensate(decay, self.strengths, self.gain, goals - self.offset, crept, x)
         return x
 
     def __str__(self) -> str:
