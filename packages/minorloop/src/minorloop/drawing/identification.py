@@ -129,7 +129,7 @@ def draw_score(
 ) -> Any:
     """Draw loop and record, measured and predicted, and the residual by the input and in time.
 
-    Parameters are as of `draw_identification`.
+    Parameters are as in `draw_identification`.
     """
     if part == "curves":
         return _draw_curves(result)
@@ -185,7 +185,7 @@ def _jumps(u: FloatArray) -> IntArray:
     """Return the samples before which the input jumps, as between curves with few labels."""
     steps = np.abs(np.diff(u))
     usual = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    # An input jumps if it changes by more than so many usual steps and this share of its range
+    # An input jumps if it changes by more than this many usual steps and this share of its range
     return np.flatnonzero(steps > max(20 * usual, 0.05 * float(np.ptp(u)))) + 1
 
 
@@ -204,7 +204,7 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
         return
     shade = np.ma.masked_where(~unexcited, np.ones(unexcited.shape))
     grey = ListedColormap(["0.85"])
-    # Under a prior, what it assumes there stays visible.
+    # The assumptions of a prior there stay visible.
     alpha = 1.0 if result.posterior is None else _VEIL
     mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, alpha=alpha, rasterized=True)
     clip_to_plane(axes, mesh, result.model)

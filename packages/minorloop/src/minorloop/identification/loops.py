@@ -43,7 +43,7 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
 
 
 def loop_areas(u: FloatArray, y: FloatArray, loops: IntArray) -> FloatArray:
-    """Return the areas (C,) of loops (C, 2) as of `closed_loops`, in units of input times output.
+    """Return the areas (C,) of loops (C, 2) from `closed_loops`, in units of input times output.
 
     The area of a loop is that of the polygon through its samples, also those of smaller loops
     within it. It is positive if the output is late.
