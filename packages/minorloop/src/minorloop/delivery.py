@@ -98,7 +98,7 @@ class Delivery(Chooser):
     def plan(self, *, input: str) -> Plan:
         """Return the plan of a run: the saturation, then intervals without inputs yet.
 
-        The name and unit of the input are as in `TargetDrive.plan`.
+        The name and unit of the input are as of `TargetDrive.plan`.
         """
         count = self.targets.size * self.intervals
         holds = np.r_[self.settling, np.full(count, self.every)]
@@ -123,7 +123,7 @@ class Delivery(Chooser):
         TargetDrive(self.model.settled, self.targets, self.saturation).check(channel)
 
     def choose(self, points: Sequence[Point]) -> float | None:
-        """Return the next input, as in `TargetDrive.choose`; None when every target is done."""
+        """Return the next input, as of `TargetDrive.choose`; None when every target is done."""
         if not points:
             return self.saturation
         done = len(points) - 1

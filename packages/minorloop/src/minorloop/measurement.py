@@ -72,7 +72,7 @@ class Apparatus:
     """
 
     address: str
-    """Address as in `minorloop.connect`, such as ``twin:ipmc,specimen=3``."""
+    """Address as of `minorloop.connect`, such as ``twin:ipmc,specimen=3``."""
     input: str | None = None
     """Input of an actuator with several inputs; by default that of the plan or the model."""
     output: str | None = None
@@ -114,7 +114,7 @@ _SIMULATED: dict[str, Any] = {"specimen": None, "seed": 0, "noise": 0.0}
 
 @dataclass(frozen=True)
 class HoldEnds:
-    """Criteria for the end of a hold of a plan; None as in `Plan`."""
+    """Criteria for the end of a hold of a plan; None as of `Plan`."""
 
     tolerance: float | None = None
     """Slope of a settled output, in its unit per second; by default the slope that moves the output
@@ -187,14 +187,14 @@ class Approach:
     corrections: int = 0
     within: float = 0.0
     absolute: bool = False
-    """``corrections``, ``within`` and ``absolute``: as in `TargetDrive`."""
+    """``corrections``, ``within`` and ``absolute``: as of `TargetDrive`."""
     hold: float = _HOLD
     """Longest hold of a target, in seconds."""
     every: float | None = None
-    """For a model with after-effect: seconds between inputs, as in `Delivery`. A target is met
+    """For a model with after-effect: seconds between inputs, as of `Delivery`. A target is met
     after the first interval, and kept while the output creeps."""
     tolerance: float | None = None
-    """Slope of a settled output, as in `HoldEnds`."""
+    """Slope of a settled output, as of `HoldEnds`."""
     saturation: float | None = None
     """Input that saturates the actuator before the first target; by default the lowest level of the
     model."""
@@ -235,7 +235,7 @@ class RunResult:
     figures: Mapping[str, Any]
     """Actuator, specimen and progress by name, for JSON."""
     mode: ResumeMode
-    """How the actuator was brought to the first level of this session, as in `minorloop.run`."""
+    """How the actuator was brought to the first level of this session, as of `minorloop.run`."""
     warnings: tuple[str, ...] = ()
     """Warnings about the bench, the holds and the meter."""
     findings: RunFindings | None = None
@@ -266,7 +266,7 @@ def measure(
 ) -> RunResult:
     """Carry out a plan on an actuator, and keep every settled point in a new store.
 
-    Raises a `StoreError` if the store exists; a `MinorloopError` as in `minorloop.connect`, `Plan`
+    Raises a `StoreError` if the store exists; a `MinorloopError` as of `minorloop.connect`, `Plan`
     and `minorloop.run`.
 
     Parameters
@@ -274,7 +274,7 @@ def measure(
     apparatus : Apparatus
         The actuator.
     plan : str, path or AdaptivePlan
-        A file, as in `Plan.from_csv`, or a plan that chooses inputs from previous measurements.
+        A file, as of `Plan.from_csv`, or a plan that chooses inputs from previous measurements.
     store : str or path
         The new file.
     settling : HoldEnds
@@ -331,7 +331,7 @@ def drive_to(
     """Saturate an actuator, then bring it to each target, and keep every point in a new store.
 
     Raises a `StoreError` if the store exists; a `ParameterError` if units differ; a
-    `MinorloopError` as in `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
+    `MinorloopError` as of `minorloop.connect`, `TargetDrive`, `Delivery` and `minorloop.run`.
 
     Parameters
     ----------
@@ -374,7 +374,7 @@ def drive_to(
 def resume(store: PathLike, *, carry: Carry = carry, say: Say = silent) -> RunResult:
     """Continue a run of `measure` or `drive_to` after its last settled point.
 
-    Raises a `StoreError` if the file is not a store or another process writes it, and as in `run`.
+    Raises a `StoreError` if the file is not a store or another process writes it, and as of `run`.
 
     Parameters
     ----------

@@ -185,7 +185,7 @@ class ModelFile:
         return said
 
     def with_linear(self, path: PathLike, first: First = "operator") -> ModelFile:
-        """Return the model in a cascade with the linear part of a file, as in `_read_linear`.
+        """Return the model in a cascade with the linear part of a file, as of `_read_linear`.
 
         ``first`` is the part that comes first. Raises a `ParameterError` if the model already has
         dynamics.

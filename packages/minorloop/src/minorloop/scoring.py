@@ -575,7 +575,7 @@ class ModelScore(Scored):
 def score(model: AnyModel, record: Record, *, between: Interpolation | None = None) -> ModelScore:
     """Score a model on a record from which it was not identified.
 
-    Raises a `ParameterError` or `RecordError` as in `simulate`, or if no row is left to score.
+    Raises a `ParameterError` or `RecordError` as of `simulate`, or if no row is left to score.
 
     Parameters
     ----------
@@ -651,8 +651,8 @@ def read_inputs(
     backwards.
 
     ``known``: the model; its input is the default column; ``path``: the table; ``input``, ``time``
-    and ``curves``: columns, as in `minorloop.read`; ``start_of_curve`` {"negative", "positive",
-    "demagnetised", "as-left"}: memory before each curve, as in `Record`; by default that of the
+    and ``curves``: columns, as of `minorloop.read`; ``start_of_curve`` {"negative", "positive",
+    "demagnetised", "as-left"}: memory before each curve, as of `Record`; by default that of the
     model.
     """
     column = known.input.name if input is None else input

@@ -129,7 +129,7 @@ def draw_score(
 ) -> Any:
     """Draw loop and record, measured and predicted, and the residual by the input and in time.
 
-    Parameters are as in `draw_identification`.
+    Parameters are as of `draw_identification`.
     """
     if part == "curves":
         return _draw_curves(result)

@@ -170,7 +170,7 @@ class Cascade:
         return self if same else replace(self, linear=linear, ahead=ahead)
 
     def begin(self, before: float, start: Any = "negative") -> CascadeState:
-        """Return the state of a sampled cascade that has settled; parameters are as in `simulate`.
+        """Return the state of a sampled cascade that has settled; parameters are as of `simulate`.
 
         Raises a `ParameterError` if the linear part is continuous; discretise it first.
         """
@@ -227,7 +227,7 @@ class Cascade:
         the last target is held. If the linear part comes first, the input of the operator follows
         the filtered signal for the targets. Zeros of G that are faster than the filter, such as
         those of a sampled system, count as dead time. Other parameters and errors are those of
-        `TimedModel.invert`; ``start`` and ``before`` are as in `simulate`.
+        `TimedModel.invert`; ``start`` and ``before`` are as of `simulate`.
 
         Raises a `NotInvertibleError` if the linear part is unstable or has slow zeros with a real
         part >= 0, the creep has no prompt part, or the operator is not monotone.

@@ -92,7 +92,7 @@ class Creep:
         """Return the signal (T,) with which the output meets its target at every sample.
 
         At each sample the remaining creep of the past is subtracted from the target. The rest is
-        divided by the gain within one interval. Times, ``before`` and errors are as in `simulate`.
+        divided by the gain within one interval. Times, ``before`` and errors are as of `simulate`.
 
         ``targets`` (T,): target outputs. Raises a `NotInvertibleError` without a prompt part.
         """

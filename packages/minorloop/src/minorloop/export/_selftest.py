@@ -64,7 +64,7 @@ class Parts:
     """Effect of a last digit of the inputs, as a share of the range."""
     drop_error: float = 0.0
     input_error: float = 0.0
-    """``drop_error`` and ``input_error``: as in `CSource`."""
+    """``drop_error`` and ``input_error``: as of `CSource`."""
 
 
 def examples(

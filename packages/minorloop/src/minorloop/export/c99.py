@@ -55,9 +55,9 @@ class CSource:
 
 
 def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:
-    """Write the C of a model into a folder, with parameters and errors as in `CSource.write`.
+    """Write the C of a model into a folder, with parameters and errors as of `CSource.write`.
 
-    ``model``, ``**options`` and errors are as in `source`.
+    ``model``, ``**options`` and errors are as of `source`.
     """
     code = source(model, **options)
     code.write(folder, force=force)

@@ -29,7 +29,7 @@ def _fit_on_worker(work: Work, task: Task, limit: float) -> Found:
 
 
 class Cluster:
-    """The workers of the Dask scheduler at an address, which do work as in `FitProcesses.run`.
+    """The workers of the Dask scheduler at an address, which do work as of `FitProcesses.run`.
 
     ``patience`` is the time to wait for a worker, in seconds. Dask replaces a worker that ends.
 

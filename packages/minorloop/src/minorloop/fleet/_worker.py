@@ -133,7 +133,7 @@ class FitProcesses:
 
 
 class LocalWorkers:
-    """A number of processes on this machine, which do work as in `FitProcesses.run`."""
+    """A number of processes on this machine, which do work as of `FitProcesses.run`."""
 
     def __init__(self, workers: int, work: Work, limit: float, say: Callable[[str], None]) -> None:
         self.ahead = 2 * workers

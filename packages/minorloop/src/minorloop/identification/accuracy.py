@@ -101,7 +101,7 @@ def by_curve(
 ) -> tuple[CurveAccuracy, ...]:
     """Return the errors on each curve that has scored samples, in the order of the record.
 
-    ``u``, ``y``, ``predicted``, ``scored``, ``curves`` are as in `accuracy`; ``left_out`` (T,):
+    ``u``, ``y``, ``predicted``, ``scored``, ``curves`` are as of `accuracy`; ``left_out`` (T,):
     outputs predicted without the group of each row, or NaN.
     """
     span, found = float(np.ptp(y[scored])), []

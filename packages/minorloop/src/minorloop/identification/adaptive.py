@@ -168,7 +168,7 @@ class Adaptive:
         return self._validation_level(progress.validated, float(u[-1]))
 
     def roles(self, u: Sequence[float], y: Sequence[float]) -> list[_Role]:
-        """Return the role of each point, u and y as in `choose`; an ``outlier`` is not fitted."""
+        """Return the role of each point, u and y as of `choose`; an ``outlier`` is not fitted."""
         return _Progress(self, u, y).roles
 
     def changes(self, u: Sequence[float], y: Sequence[float]) -> list[int]:
@@ -221,7 +221,7 @@ class Adaptive:
         return replace(fit, u=np.array(u), y=outputs, fitted=fitted, held_out=held)
 
     def validation(self, u: Sequence[float], y: Sequence[float]) -> Validation | None:
-        """Return the score on the validation points, None without any; u and y as in `choose`."""
+        """Return the score on the validation points, None without any; u and y as of `choose`."""
         if "validation" not in self.roles(u, y):
             return None
         fit = self.identification(u, y)
@@ -234,7 +234,7 @@ class Adaptive:
         return Validation(part, fit.y[held], scale)
 
     def findings(self, u: Sequence[float], y: Sequence[float]) -> RunFindings:
-        """Return the findings from the points; u and y as in `choose`."""
+        """Return the findings from the points; u and y as of `choose`."""
         roles = self.roles(u, y)
         outliers = [k for k, role in enumerate(roles) if role == "outlier"]
         validation = self.validation(u, y)

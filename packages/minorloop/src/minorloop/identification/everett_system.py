@@ -48,7 +48,7 @@ def quick_system(
 ) -> EverettSystem | None:
     """Return the system if a factorisation takes at most ``most`` multiplications, else None.
 
-    Parameters are as in `EverettSystem`. The order of elimination of a system with much fill takes
+    Parameters are as of `EverettSystem`. The order of elimination of a system with much fill takes
     seconds, so parts of the record are counted first, each twice as large as the previous one. The
     multiplications grow with the samples at least as fast as from one part to the next, and at most
     with the square of the samples.

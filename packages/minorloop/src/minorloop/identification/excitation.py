@@ -34,7 +34,7 @@ def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
     """Return a staircase up and down, one level shorter at each turn: 1 + L (L + 1) / 2 inputs.
 
     There are as many measurements as weights and offset. Each step adds one unknown, so the inputs
-    determine the plane exactly. The levels are as in `staircase`.
+    determine the plane exactly. The levels are as of `staircase`.
     """
     grid = as_levels(levels)
     low, high = 0, grid.size - 1

@@ -104,7 +104,7 @@ class Plane:
     ) -> Identification:
         """Identify the weights from a record whose rows are all used, and even if there is a lag.
 
-        Parameters and errors are as in `identify`.
+        Parameters and errors are as of `identify`.
         """
         inputs, outputs, coded = record.checked
         check_option("spacing", self.spacing, ("uniform", "adaptive"))

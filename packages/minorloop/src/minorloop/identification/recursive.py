@@ -155,14 +155,14 @@ class Recursive:
         return state
 
     def model(self, state: RecursiveState) -> Preisach:
-        """Return the present estimate of the operator, from a state as in `run`."""
+        """Return the present estimate of the operator, from a state as of `run`."""
         return self.spec.model(state.theta)
 
     def excitation(self, state: RecursiveState) -> float:
         """Least eigenvalue of the information, over the effective number of samples.
 
         Zero if some combination of the weights has not been excited recently; about 0.005 for a
-        decaying staircase of 10 bands. The leak is not included. The state is as in `run`.
+        decaying staircase of 10 bands. The leak is not included. The state is as of `run`.
         """
         leak = self.prior * np.eye(state.theta.size)
         remembered = (1 - self.forgetting**state.updates) / (1 - self.forgetting or np.inf)

@@ -246,7 +246,7 @@ def fit(
 
     Steps to an unstable model, or to a parameter out of its range, are rejected.
 
-    ``record``, ``start`` and ``free``: as in `fit_tied`; ``tie`` (float, float): as for
+    ``record``, ``start`` and ``free``: as of `fit_tied`; ``tie`` (float, float): as for
     `OscillatorRecord.residuals`; ``steps``: most simulations; ``gain``: relative decrease of the
     sum of squares below which the search ends.
     """

@@ -345,7 +345,7 @@ def response_of_file(
     """Return gain and phase of the sines in an experiment store or a log.
 
     Raises a `RecordError` if the file or a column cannot be used; a `ParameterError` if columns are
-    missing, or belong to no store, or units differ; a `SignalError` as in `sine_response`.
+    missing, or belong to no store, or units differ; a `SignalError` as of `sine_response`.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ def response_of_file(
     model : ModelFile, optional
         Model of the hysteresis, as `minorloop.modelfile.read` returns it.
     input, output, time : str
-        Columns of a table, as in `minorloop.read`; none for a store.
+        Columns of a table, as of `minorloop.read`; none for a store.
     frequency : str
         Column of the frequency in Hz, 0 in rows outside sines.
     periods : int

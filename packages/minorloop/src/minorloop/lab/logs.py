@@ -230,7 +230,7 @@ def with_times(
     Raises a `RecordError` if the named column of time cannot be used.
 
     ``record``: the inputs, without times; ``path``, ``input`` and ``time``: the file, the column of
-    its input, and that of its time, as in `read_log`; ``strictly``: whether no time may repeat;
+    its input, and that of its time, as of `read_log`; ``strictly``: whether no time may repeat;
     ``reset``: whether the memory is reset before each curve, at which times may restart.
     """
     with opened(path) as table:

@@ -205,7 +205,7 @@ class Plan:
         return cls(columns[header], longest, input=header, **settings)
 
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
-        """Write sines, or inputs, longest and shortest holds, as CSV, as in `Record.to_csv`."""
+        """Write sines, or inputs, longest and shortest holds, as CSV, as of `Record.to_csv`."""
         check_writable(path, force=force)
         columns: dict[str, list[Any]] = {
             str(self.input): self.inputs.tolist(),

@@ -136,7 +136,7 @@ class Reduction(Drawn):
         return Record(u, y, t, self.log.inputs, self.log.outputs, self.log.time)
 
     def columns(self, *, unsettled: bool = False) -> dict[str, list[Any]]:
-        """Return the columns of a table of the points by header; unsettled is as in `record`."""
+        """Return the columns of a table of the points by header; unsettled is as of `record`."""
         y, time = self.log.output, self.log.time
         outputs = [self._output(point, unsettled) for point in self.points]
         columns: dict[str, list[Any]] = {

@@ -276,7 +276,7 @@ def _reach_last_point(
 class _Levels:
     """The levels of a plan while they are measured.
 
-    ``ended`` is the end of the last hold, in seconds, NaN if not known; the others are as in `run`.
+    ``ended`` is the end of the last hold, in seconds, NaN if not known; the others are as of `run`.
     """
 
     def __init__(

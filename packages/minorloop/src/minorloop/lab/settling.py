@@ -161,7 +161,7 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     Neighbours must not be more similar than those of white noise, by the ratio of von Neumann
     (Distribution of the ratio of the mean square successive difference to the variance, 1941),
     whose distribution is approximated by a beta distribution of the same variance. An output that
-    moves smoothly has similar neighbours. Parameters are as in `trend`.
+    moves smoothly has similar neighbours. Parameters are as of `trend`.
 
     It is False if there are fewer than eight samples: seven samples of noise rise from first to
     last too often.
@@ -194,7 +194,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
 
     Each choice of one or two ``_TIME_CONSTANTS`` is fitted by least squares. The choices are
     averaged by their likelihood with the penalty of Schwarz (Estimating the dimension of a model,
-    1978). The spread between choices is part of the uncertainty. t and y are as in `judge`.
+    1978). The spread between choices is part of the uncertainty. t and y are as of `judge`.
 
     It is None if the tail of the hold has fewer than twelve samples.
     """
@@ -276,7 +276,7 @@ def settled_after(t: npt.ArrayLike, y: npt.ArrayLike, *, change: float, window: 
     The rest at the end of the hold is assumed to decay with the time constant of the slope there.
     The result is NaN if it is not known: too few samples, or an output that leaves its limit.
 
-    ``t``, ``y``, ``window`` are as in `judge`; ``change``: allowed change of a settled output in
+    ``t``, ``y``, ``window`` are as of `judge`; ``change``: allowed change of a settled output in
     another hold of this length, in its unit.
     """
     line, end = trend(t, y, window), extrapolate(t, y)

@@ -142,7 +142,7 @@ class Sine:
     def on_ticks(self, tick: float) -> Sine:
         """Return the sine of the nearest frequency whose samples take whole numbers of ticks.
 
-        The tick is as in `ticks`. Raises a `ParameterError` if it is too slow for the frequency.
+        The tick is as of `ticks`. Raises a `ParameterError` if it is too slow for the frequency.
         """
         period = round(1 / (self.frequency * tick))
         if period < FEWEST_SAMPLES:

@@ -206,7 +206,7 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
         return -np.inf, np.inf
 
     def positions(self, start: PlayStart) -> FloatArray:
-        """Return the (n,) play positions of a start state, as in `PrandtlIshlinskii.positions`."""
+        """Return the (n,) play positions of a start state, as of `PrandtlIshlinskii.positions`."""
         return self.plays.positions(start)
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:

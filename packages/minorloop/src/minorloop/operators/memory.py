@@ -83,12 +83,12 @@ class Memory:
 
     @classmethod
     def negative(cls, low: float) -> Memory:
-        """Negative saturation of a plane that begins at ``low``, as in `after`."""
+        """Negative saturation of a plane that begins at ``low``, as of `after`."""
         return cls((low,))
 
     @classmethod
     def positive(cls, low: float, high: float) -> Memory:
-        """Positive saturation of a plane from ``low`` to ``high``, as in `after`."""
+        """Positive saturation of a plane from ``low`` to ``high``, as of `after`."""
         return cls((low, high))
 
     @classmethod
@@ -96,7 +96,7 @@ class Memory:
         """Memory after an oscillation that shrinks evenly from the whole plane to its middle.
 
         The swing shrinks by 1/512 of the plane per turn. A plane that is symmetric about its middle
-        then has its middle output to within about 1/512 of its range. The ends are as in `after`.
+        then has its middle output to within about 1/512 of its range. The ends are as of `after`.
         """
         # Turns of the oscillation, for the middle output to within about 1/512 of the range
         turns = 512

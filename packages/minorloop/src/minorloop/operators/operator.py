@@ -52,7 +52,7 @@ class Operator(Protocol):
         targets : (T,) array_like
             Target outputs, in order.
         start : start state
-            State before the first input, as in `simulate`.
+            State before the first input, as of `simulate`.
         unreachable : {"raise", "clip"}
             Treatment of targets out of reach: raise an error, or go as near as possible.
 
@@ -71,7 +71,7 @@ class Operator(Protocol):
         Parameters
         ----------
         memory : start state
-            State before the input, as in `simulate`; it is not changed.
+            State before the input, as of `simulate`; it is not changed.
         u : float
             The input, in its unit, held over the interval of a sampled system.
         """
@@ -83,7 +83,7 @@ class LiveOperator(Operator, Protocol):
     def aim(self, memory: Any, y: float, unreachable: Unreachable = ...) -> float:
         """Return the input that brings the output to y from a start state.
 
-        Raises a `NotInvertibleError` or an `UnreachableError` as in `invert`; a `ParameterError` if
+        Raises a `NotInvertibleError` or an `UnreachableError` as of `invert`; a `ParameterError` if
         the target is not a finite number.
 
         Parameters
@@ -102,7 +102,7 @@ class LiveOperator(Operator, Protocol):
         Parameters
         ----------
         start : start state
-            State before the first sample, as in `simulate`.
+            State before the first sample, as of `simulate`.
         """
 
 
@@ -179,7 +179,7 @@ class TimedModel(Protocol):
     ) -> Any:
         """Return inputs with which the output meets a target (T,) at each time (T,).
 
-        Raises an `UnreachableError` or a `NotInvertibleError` as in `Operator.invert`; a
+        Raises an `UnreachableError` or a `NotInvertibleError` as of `Operator.invert`; a
         `SignalError` if the shapes differ, or times do not increase.
         """
 

@@ -153,7 +153,7 @@ class PrandtlIshlinskii(ByValue, Drawn):
     def trace(self, u: npt.ArrayLike, start: PlayStart = "negative") -> FloatArray:
         """Return the positions (T, n) of the plays, in the unit of the input, along one signal.
 
-        They do not depend on the weights. Parameters and errors are as in `simulate`.
+        They do not depend on the weights. Parameters and errors are as of `simulate`.
         """
         inputs = as_signal(u, name="u")
         out = np.empty((inputs.size, self.radii.size))

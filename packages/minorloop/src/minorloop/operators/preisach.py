@@ -207,7 +207,7 @@ class Preisach(ByValue, Drawn):
         return Tracker(self, start)
 
     def memory(self, start: Start) -> Memory:
-        """Return the memory of a start state as in `simulate`, within the levels of the plane."""
+        """Return the memory of a start state as of `simulate`, within the levels of the plane."""
         low, high = float(self.levels[0]), float(self.levels[-1])
         if isinstance(start, Memory):
             if start.extrema[0] == low and max(start.extrema) <= high:
@@ -242,7 +242,7 @@ class Preisach(ByValue, Drawn):
         )
 
     def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
-        """Return the state of the compiled loops for a start state as in `simulate`.
+        """Return the state of the compiled loops for a start state as of `simulate`.
 
         Parameters
         ----------

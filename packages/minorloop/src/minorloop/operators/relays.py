@@ -173,7 +173,7 @@ class RelayModel(ByValue, Drawn):
 
         This is the search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6; it stops at the last
         level. It overshoots by up to one level; `Preisach.invert` is exact. Targets are as of
-        `Preisach.invert`, the start is as in `states`.
+        `Preisach.invert`, the start is as of `states`.
         """
         wanted, memory = as_signal(targets, name="targets"), self._start(start)
         u, y = np.empty_like(wanted), np.empty_like(wanted)
