@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[3]
 # Only WebGL is drawn in software: to draw the whole page so would keep a core busy.
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 SCREENSHOTS = os.environ.get("MINORLOOP_SCREENSHOTS")
-LIMITS = Limits(strangers=16, header=1.0)
+LIMITS = Limits(unauthenticated=16, header=1.0)
 
 
 class Running:

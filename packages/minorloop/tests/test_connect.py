@@ -85,7 +85,7 @@ def test_a_function_of_a_module_in_the_current_folder_makes_an_actuator():
         ("no_such_home.stage", "cannot be loaded: No module named 'no_such_home'"),
         ("stage", "has no function of a module"),
         ("home_made.number", "is no function"),
-        ("home_made.nothing", "int is no actuator: it has no inputs"),
+        ("home_made.nothing", "int is not an actuator: it has no inputs"),
         ("home_made.broken", "failed: KeyError: 'cable'"),
         ("home_made.exits", "failed: SystemExit: 7"),
         ("home_failing.stage", "cannot be loaded: .*zero"),

@@ -70,7 +70,7 @@ def weak(memory, u):
     [
         (0.1, "moves by 0.1 times what the model predicts; check the unit and the conversion"),
         (10, "moves by 10 times"),
-        (-1, "moves by -1 times what the model predicts, its sign is turned"),
+        (-1, "moves by -1 times what the model predicts, with the opposite sign"),
     ],
 )
 @pytest.mark.parametrize("corrections", [0, 3])

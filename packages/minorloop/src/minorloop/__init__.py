@@ -33,8 +33,8 @@ def __dir__() -> list[str]:
 class _Package(ModuleType):
     """A package in which ``connect`` is the function, not the module of the same name.
 
-    Importing a submodule binds its name in the package; without this, what
-    ``minorloop.connect`` is would depend on what was imported before.
+    Importing a submodule binds its name in the package; without this class, the meaning of
+    ``minorloop.connect`` would depend on previous imports.
     """
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -235,7 +235,7 @@ class ErrorPart(_Strict):
 
 
 class BandsPart(_Strict):
-    """What the bands of a Preisach model follow from: a posterior on a coarse plane, and errors.
+    """The source of the bands of a Preisach model: a posterior on a coarse plane, and errors.
 
     ``factor`` times its transpose is the covariance of the weights, and of offset and slope if
     these were fitted; rows up to the diagonal.
@@ -318,7 +318,7 @@ def layout(value: object, depth: int = 0) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return in one line why something could not be read or written."""
+    """Return the reason of a failure to read or write as one line."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     text = " ".join(str(error).split()).replace("`$.", "`")

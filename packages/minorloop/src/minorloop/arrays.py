@@ -168,7 +168,7 @@ def as_levels(values: npt.ArrayLike) -> Levels:
 
 
 def _numbers(name: str, values: npt.ArrayLike) -> FloatArray:
-    """Return a float64 copy; refuse what is no array of numbers."""
+    """Return a float64 copy; refuse values that are not an array of numbers."""
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -185,7 +185,7 @@ def frozen(values: npt.ArrayLike) -> FloatArray:
 def writable(values: FloatArray) -> FloatArray:
     """Return the array, or a copy if it is read-only.
 
-    Numba takes seconds to compile a loop anew for read-only arrays.
+    Numba takes seconds to compile a loop again for read-only arrays.
     """
     return np.require(values, requirements="W")
 

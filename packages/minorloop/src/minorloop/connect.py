@@ -82,10 +82,10 @@ def connect(
 def opened(
     address: str, *, say: Callable[[str], object] = lambda warning: None, **options: Any
 ) -> Iterator[Actuator]:
-    """Yield the actuator at an address, after its warnings; close its instruments at the end.
+    """Yield the actuator at an address; close its instruments at the end.
 
-    A signal that ends the process is an exception in here. It never cuts a line to an instrument
-    in half. ``say`` is called with each warning; the others, and errors, are as of `connect`.
+    A signal that ends the process raises an exception inside, never within a line to an
+    instrument. ``say`` is called with each warning; other arguments and errors are as in `connect`.
     """
     with ended_by_signals(exiting=True):
         actuator = connect(address, **options)
@@ -99,7 +99,7 @@ def opened(
 
 
 def split_address(text: str) -> tuple[str, dict[str, Any]]:
-    """Return an address without its options, and these by name."""
+    """Return an address without its options, and the options by name."""
     value = parsed(text)
     address = ":".join(filter(None, (value.kind, value.what)))
     return address, {name: plain(option) for name, option in value.options.items()}
@@ -137,10 +137,9 @@ def open_twin(
 def open_module(name: str) -> Actuator:
     """Return the actuator that a function of a Python module makes.
 
-    A `Bench` is made safe and read first; any other is put behind the limits of its channels.
-
-    Raises a `ParameterError` if there is no such function, or what it returns is no actuator; an
-    `InstrumentError` if it fails.
+    A `Bench` is first made safe and read; any other actuator is restricted to the limits of its
+    channels. Raises a `ParameterError` if there is no such function, or it does not return an
+    actuator; an `InstrumentError` if it fails.
 
     ``name``: ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument.
     The package is installed, or in the current folder.

@@ -1,9 +1,9 @@
-"""Deliver targets in time with the inverse of a model with after-effect, and keep them.
+"""Reach targets quickly with the inverse of a model with after-effect, and stay there.
 
-The actuator is first saturated until it has settled, so that the model knows its state. Then a new
-input is given every interval. It is the one with which the output meets the target at the end of
-the interval, whatever still creeps. So a target is reached within one interval and held on. No
-reading is used; what the sensor reads is compared with the targets afterwards.
+The actuator is first saturated until it has settled, so that the model knows its state. Then each
+interval gets a new input, with which the output meets the target at the end of the interval in
+spite of creep. Thus a target is reached within one interval and kept. Readings of the sensor are
+not used, only compared with the targets afterwards.
 """
 
 import itertools
@@ -28,10 +28,10 @@ from minorloop.lab.store import Point
 from minorloop.operators.after_effect import AfterEffect, TimedTracker
 
 _MOST_INTERVALS = 10_000
-"""Most intervals of a delivery: the inputs so far are simulated anew before each."""
+"""Most intervals of a delivery, as all previous inputs are simulated again before each."""
 _REMEDY = "give longer intervals (--every), in which more can be reached"
 _SAMPLES = 4 * FEWEST
-"""Samples of an interval; the output at its end is that of a line through the last quarter."""
+"""Samples of an interval; a line through the last quarter gives the output at its end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,11 @@ class Delivery(Chooser):
     model: AfterEffect
     """The model."""
     targets: FloatArray
-    """Shape (n,). Outputs wanted, in order, in the unit of the output."""
+    """Shape (n,). Target outputs, in order, in the unit of the output."""
     every: float
     """Interval in seconds."""
     hold: float
-    """How long each target is delivered, in seconds: one interval or more."""
+    """How long each target is kept, in seconds: one interval or more."""
     saturation: float
     """Input that saturates the actuator before the first target."""
     low: float
@@ -58,7 +58,7 @@ class Delivery(Chooser):
     nrmse: float = 0.0
     """Error of the model, over the range of its output; see `TargetDrive`."""
     written: Callable[[float], float] = field(default=float)
-    """Returns the input that the source really gives for a wanted one."""
+    """Returns the input that the source really gives for a requested one."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, AfterEffect):
@@ -79,24 +79,24 @@ class Delivery(Chooser):
         if self.targets.size * self.intervals > _MOST_INTERVALS:
             raise ParameterError(
                 f"{self.targets.size} targets take {self.targets.size * self.intervals} intervals "
-                f"of {self.every:g} s, at most {_MOST_INTERVALS} can be given; give longer "
+                f"of {self.every:g} s, more than the limit of {_MOST_INTERVALS}; give longer "
                 "intervals (--every) or shorter holds (--hold)"
             )
 
     @property
     def intervals(self) -> int:
-        """Number of intervals in which each target is delivered."""
+        """Number of intervals of each target."""
         return max(round(self.hold / self.every), 1)
 
     @property
     def settling(self) -> float:
         """Seconds in saturation."""
         slowest = max([self.model.settling, *self.model.times], default=0.0)
-        # Time constants in saturation: less than 1 % of the slowest creep is left
+        # After five time constants, less than 1 % of the slowest creep is left
         return max(5.0 * slowest, 2 * self.hold)
 
     def plan(self, *, input: str) -> Plan:
-        """Return the plan of a run: the saturation, then intervals whose inputs are open.
+        """Return the plan of a run: the saturation, then intervals without inputs yet.
 
         The name and unit of the input are as of `TargetDrive.plan`.
         """
@@ -108,7 +108,7 @@ class Delivery(Chooser):
             holds,
             shortest=holds,
             window=FEWEST * interval,
-            # Slope of a settled output of the plan: an interval ends after its time, not before
+            # Any output counts as settled, but an interval ends only after its time
             tolerance=1e300,
             sample_interval=interval,
             input=input,
@@ -136,7 +136,7 @@ class Delivery(Chooser):
         return self.written(min(max(found, self.low), self.high))
 
     def result(self, points: Sequence[Point]) -> DriveResult:
-        """Return what the points so far show: of each target, the end of its first interval."""
+        """Return the results so far: for each target, those at the end of its first interval."""
         low, high = self.model.range
         width = high - low
         _, predicted = self._followed(points)
@@ -158,7 +158,7 @@ class Delivery(Chooser):
     def _followed(self, points: Sequence[Point]) -> tuple[TimedTracker, list[float]]:
         """Return the model after the points, and its outputs at the end of each.
 
-        In saturation it has settled. Between two holds the first input is still on.
+        In saturation it has settled. Between two holds, the input of the first continues.
         """
         settled, memory = self.model.settled.step("negative", self.saturation)
         tracker, predicted = self.model.track(memory), [float(settled)]
@@ -170,9 +170,9 @@ class Delivery(Chooser):
 
 
 def _gap(before: Point, point: Point | None = None) -> float:
-    """Seconds between two holds, in which the first input is still on; 0 where it is rounding."""
+    """Seconds between two holds, while the first input continues; 0 if it is a rounding error."""
     if point is None:
         return 0.0
     gap = point.t - before.t - point.held
-    # Time between two holds, over the second, that is rounding
+    # Largest rounding error, as a share of the second hold
     return gap if gap > 1e-9 * point.held else 0.0

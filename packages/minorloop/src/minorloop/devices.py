@@ -1,4 +1,4 @@
-"""What can be measured and driven here, and whether it answers."""
+"""List actuators and other devices, and check that they answer."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from minorloop.lab.drivers.bench_file import DRIVERS
 from minorloop.registry import loaded, registered
 
 _FILES = ".toml", ".json"
-"""Endings of bench files, which may be given without ``bench:``."""
+"""Endings of bench files, whose addresses may omit ``bench:``."""
 _OTHERS = "minorloop.devices"
-"""Entry points of devices that are no actuators: modules with ``found()``, which yields rows, and
+"""Entry points of other devices than actuators: modules with ``found()``, which yields rows, and
 ``probed(address)``, which returns a row, or None for an address of another kind."""
 
 
@@ -31,7 +31,7 @@ class DeviceRow:
 
 
 def present() -> Iterator[DeviceRow]:
-    """Yield what there is: addresses, drivers with their devices, and devices of other kinds."""
+    """Yield the known addresses, the drivers with their devices, and devices of other kinds."""
     for each in addresses():
         named = each.startswith("twin:")
         yield DeviceRow(
@@ -51,9 +51,9 @@ def present() -> Iterator[DeviceRow]:
 
 
 def probed(address: str) -> Iterator[DeviceRow]:
-    """Yield the channels of an actuator, made safe and read, another device, or why there are none.
+    """Yield another device, or the channels of an actuator, made safe and read, or the error.
 
-    ``address`` is as of `minorloop.connect`, a bench file, or the address of another device.
+    ``address``: as in `minorloop.connect`, a bench file, or the address of another device.
     """
     if Path(address).suffix in _FILES and ":" not in address:
         address = f"bench:{address}"

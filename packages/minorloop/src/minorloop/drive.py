@@ -1,10 +1,10 @@
 """Drive an actuator to targets with the inverse of a model, in open loop or corrected by a sensor.
 
 The actuator is first saturated, so that the model knows its memory. Then each target is inverted
-from the memory that the inputs so far have left, and its input is held until the output settles.
-With corrections, the error of a hold is added to the output that is inverted, and the target is
-tried again. Because the next input depends only on the points so far, a run that was stopped
-continues as it would have.
+from the memory that the previous inputs left, and its input is held until the output settles. With
+corrections, the error of a hold is added to the output that is inverted, and the target is tried
+again. As the next input depends only on the points so far, a resumed run gives the same inputs as
+one that was not stopped.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ _SURE = 2.0
 
 
 _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
-"""Gain of the measured over the predicted outputs, from saturation on, below and above which the
-sensor or its conversion is wrong."""
+"""Bounds of the gain of the measured over the predicted outputs, from saturation on; outside them
+the sensor or its conversion is wrong."""
 ALLOWED_ERRORS, LEAST_ALLOWED = 3.0, 0.05
-"""Errors of the model, and share of its range, up to which an error is never a missed target."""
+"""Errors of the model, and share of its range, that the error of a missed target exceeds."""
 _CLEAR = 10.0
-"""Standard deviations of a measured value that predicted outputs must span."""
+"""Standard deviations of a measured value that predicted outputs must span to check the gain."""
 
 
 class MismatchError(InstrumentError):
-    """The sensor cannot be that of the model; the same points give the same error again."""
+    """The sensor does not match the model; the same points give the same error again."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Arrival:
     """How one target was reached."""
 
     target: float
-    """The output wanted, in its unit, as the model counts it."""
+    """The target output, in its unit, from the zero of the model."""
     input: float
     """The input that was applied last."""
     achieved: float
@@ -62,7 +62,7 @@ class Arrival:
     sd: float
     """Its standard deviation."""
     tries: int
-    """Holds that this target took."""
+    """Number of holds for this target."""
     verdict: str
     """Of the last hold: ``settled``, ``extrapolated`` or ``unsettled``."""
 
@@ -74,10 +74,10 @@ class Arrival:
 
 @dataclass(frozen=True)
 class DriveResult:
-    """What the points of a drive show."""
+    """Results of a drive so far."""
 
     offset: float
-    """Output measured in saturation minus that of the model; NaN before it was measured."""
+    """Output measured in saturation minus that of the model; NaN until it is measured."""
     arrivals: tuple[Arrival, ...]
     """The targets that are done, in order."""
     allowed: float = float("inf")
@@ -87,11 +87,11 @@ class DriveResult:
     width: float = float("inf")
     """Range of the outputs of the model."""
     remedy: str = ""
-    """What to do first about missed targets; to correct or to hold longer if empty."""
+    """First advice about missed targets; if empty, to correct or to hold longer."""
 
     @property
     def rows(self) -> list[list[str]]:
-        """A row of a table for each target: what was wanted and given, and how it was reached."""
+        """A row of a table for each target: target, input, output, error, and how it was met."""
         return [
             [
                 *(f"{x:.6g}" for x in (one.target, one.input, one.achieved)),
@@ -116,19 +116,19 @@ class DriveResult:
 
     @property
     def advice(self) -> list[str]:
-        """What to do about a large offset of the sensor, and about targets that were missed."""
+        """Advice about a large offset of the sensor and about missed targets."""
         return [*self._about_offset(), *self._about_missed()]
 
     def _about_offset(self) -> list[str]:
         share = abs(self.offset) / self.width
-        # Share of the model's range from which an offset of the sensor is worth a word
+        # Share of the model's range above which an offset of the sensor is reported
         if not share > 0.25:
             return []
         return [
             f"the sensor reads {self.offset:+.4g} more than the model in saturation, which is "
-            f"{share:.0%} of the range of the model: correct if the sensor has another zero than "
-            "when the model was measured; otherwise check the offset of its conversion, such as "
-            "that of a linear one, and that the actuator was saturated"
+            f"{share:.0%} of the range of the model: this is expected if the zero of the sensor "
+            "has moved since the model was measured; otherwise check the offset of its conversion, "
+            "and that the actuator was saturated"
         ]
 
     def _about_missed(self) -> list[str]:
@@ -143,31 +143,31 @@ class DriveResult:
         )
         return [
             f"{len(missed)} of {counted(count, 'target')} ended off by more than "
-            f"{self.allowed:.3g}, the error that this model lets expect; the worst is target "
+            f"{self.allowed:.3g}, the error to expect of this model; the worst is target "
             f"{worst + 1}, by {self.arrivals[worst].error:+.3g}: {more}, "
             "check the conversion of the sensor, or identify this actuator anew"
         ]
 
     def summary(self) -> dict[str, float | None]:
-        """Return rms and largest error over the measured targets, by name; None without any."""
+        """Return rms and largest error over the measured targets; None if there are none."""
         errors = self.errors[np.isfinite(self.errors)]
         if not errors.size:
             return {"rms": None, "worst": None}
         return {"rms": float(np.sqrt(np.mean(errors**2))), "worst": float(np.abs(errors).max())}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return offset, errors and every target with what was achieved, ready for JSON."""
+        """Return offset, errors, and every target with the output achieved, ready for JSON."""
         targets = [asdict(arrival) for arrival in self.arrivals]
         missed = {"missed": self.missed}
         return {"offset": self.offset, **self.summary(), **missed, "targets": targets}
 
 
 class Chooser:
-    """What drives have in common: their fields as JSON, for a store."""
+    """Base class of drives: converts their fields to and from JSON, for a store."""
 
     @classmethod
     def from_json(cls, fields: dict[str, Any], **others: Any) -> Self:
-        """Return the drive that ``to_json`` described, with what it left out."""
+        """Return the drive that ``to_json`` described; ``others`` are the fields it left out."""
         model = build(msgspec.convert(fields["model"], AnyModel))
         return cls(**{**fields, "model": model}, **others)
 
@@ -192,11 +192,11 @@ class TargetDrive(Chooser):
     """Preisach, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial. Maps settled inputs
     to settled outputs."""
     targets: FloatArray
-    """Shape (n,). Outputs wanted, in order, in the unit of the output."""
+    """Shape (n,). Target outputs, in order, in the unit of the output."""
     saturation: float
     """Input that saturates the actuator before the first target."""
     corrections: int = 0
-    """Most further holds of a target to correct its error by the sensor; 0 is open loop."""
+    """Most further holds of a target, which correct its error by the sensor; 0 is open loop."""
     within: float = 0.0
     """An error up to this is not corrected, in the unit of the output."""
     absolute: bool = False
@@ -206,7 +206,7 @@ class TargetDrive(Chooser):
     """Error of the model, over the range of its output: a target that is off by more than three
     times this, and a twentieth of the range of the model, counts as missed."""
     written: Callable[[float], float] = field(default=float)
-    """Returns the input that the source really gives for a wanted one."""
+    """Returns the input that the source really gives for a requested one."""
     covered: str = ""
     """Readings that the conversion of the sensor covers, for a message; empty without one."""
 
@@ -228,7 +228,7 @@ class TargetDrive(Chooser):
             raise ParameterError(f"within is {self.within}; give a finite error of at least 0")
 
     def plan(self, hold: float, *, input: str, **settings: Any) -> Plan:
-        """Return the plan of a run: the saturation, twice as long, then holds that are open.
+        """Return the plan of a run: saturation for twice the hold, then holds without inputs yet.
 
         Raises a `ParameterError` if the hold is not a positive number, or as in `Plan`.
 
@@ -243,7 +243,7 @@ class TargetDrive(Chooser):
         return Plan(levels, holds, input=input, **settings)
 
     def check(self, channel: Channel) -> None:
-        """Refuse a model or targets that this actuator cannot serve, before anything is applied.
+        """Refuse a model or targets beyond this actuator, before anything is applied.
 
         Raises a `ParameterError` if the limits of the actuator do not include the saturation of the
         model; an `UnreachableError` if targets are beyond what the model reaches within the limits.
@@ -272,9 +272,9 @@ class TargetDrive(Chooser):
     def choose(self, points: Sequence[Point]) -> float | None:
         """Return the input to hold next; None when every target is done.
 
-        A `MismatchError` is raised if the sensor cannot be that of the model: nothing was
-        measured in saturation, its offset is larger than the range of the model, or it moves by
-        less than a third or more than three times what the model predicts.
+        Raises a `MismatchError` if the sensor does not match the model: it measured nothing in
+        saturation, its offset is larger than the range of the model, or it moves by less than a
+        third or more than three times what the model predicts.
 
         ``points``: the points so far; the same points give the same input.
         """
@@ -296,7 +296,7 @@ class TargetDrive(Chooser):
         return float(high - low)
 
     def _check_offset(self, offset: float) -> None:
-        """Refuse a sensor that cannot belong to the model."""
+        """Refuse a sensor whose offset is unknown, or larger than the range of the model."""
         if not np.isfinite(offset):
             covered = f", which covers {self.covered}" if self.covered else ""
             raise MismatchError(
@@ -305,13 +305,13 @@ class TargetDrive(Chooser):
             )
         if abs(offset) > self._width:
             raise MismatchError(
-                f"the sensor reads {offset:+.4g} more than the model in saturation, and all of the "
-                f"model's range is {self._width:.4g}; check the unit and the conversion of the "
+                f"the sensor reads {offset:+.4g} more than the model in saturation, but the range "
+                f"of the model is only {self._width:.4g}; check the unit and the conversion of the "
                 "sensor, such as the geometry of a laser, and that this is the model's actuator"
             )
 
     def _check_gain(self, points: Sequence[Point], predicted: Sequence[float]) -> None:
-        """Refuse a sensor that moves by another amount than the model."""
+        """Refuse a sensor that moves by much less or much more than the model."""
         known = np.isfinite([point.value for point in points])
         y = np.array([point.value for point in points])[known]
         x = np.array(predicted)[known]
@@ -324,7 +324,7 @@ class TargetDrive(Chooser):
         gain = float(x @ y / (x @ x))
         if _LEAST_GAIN <= gain <= _MOST_GAIN:
             return
-        sign = ", its sign is turned" if gain < -_LEAST_GAIN else ""
+        sign = ", with the opposite sign" if gain < -_LEAST_GAIN else ""
         raise MismatchError(
             f"the measured output moves by {gain:.3g} times what the model predicts{sign}; check "
             "the unit and the conversion of the sensor, such as its gain, and that "
@@ -332,7 +332,7 @@ class TargetDrive(Chooser):
         )
 
     def result(self, points: Sequence[Point]) -> DriveResult:
-        """Return what the points so far show."""
+        """Return the results of the points so far."""
         state = self._replayed(points)
         allowed = max(ALLOWED_ERRORS * self.nrmse, LEAST_ALLOWED) * self._width
         return DriveResult(
@@ -372,7 +372,7 @@ class TargetDrive(Chooser):
         state.tries, state.before = 0, None
 
     def _target(self, index: int, offset: float) -> float:
-        """Return a target as the model counts it."""
+        """Return a target from the zero of the model."""
         shift = offset if self.absolute and np.isfinite(offset) else 0.0
         return float(self.targets[index]) - shift
 
@@ -409,9 +409,8 @@ class _DriveState:
         if self.before is not None and predicted != self.before[1]:
             gain = (achieved - self.before[0]) / (predicted - self.before[1])
         self.before = achieved, predicted
-        # The actuator moves by at least and at most so many times what the model predicts. Less
-        # would make corrections explode; more than ten times is not seen on reversals of a
-        # reversible actuator.
+        # Bounds of the movement of the actuator over that of the model. A smaller one would make
+        # corrections explode; more than ten is not seen on reversals of a reversible actuator.
         self.correction -= error / min(max(gain, 0.5), 10.0)
 
 

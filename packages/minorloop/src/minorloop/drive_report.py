@@ -14,10 +14,10 @@ from minorloop.report import Picture, Report, Table
 def drive_report(
     result: DriveResult, run: Mapping[str, Any], warnings: Sequence[str] = ()
 ) -> Report:
-    """Return a drive as a page: the targets, what was achieved, and the errors.
+    """Return a report of a drive: the targets, the outputs achieved, and the errors.
 
-    ``result``: what the points show; ``run``: actuator, input and output of the run by name, as the
-    command line prints them; ``warnings``: what the user must know.
+    ``result``: of the drive; ``run``: actuator, input and output of the run by name, as the command
+    line prints them; ``warnings``: of the run.
     """
     score, output = result.summary(), run["output"]
     rms = "nothing was measured" if score["rms"] is None else f"{score['rms']:.3g} rms"

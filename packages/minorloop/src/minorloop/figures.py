@@ -1,7 +1,7 @@
-"""Figures of models and results, drawn by what is registered for their class.
+"""Figures of models and results, drawn by the function that is registered for their class.
 
 The entry points of the group `minorloop.drawing` are functions by the name of the class that they
-draw; other packages may add theirs. ``html`` is what shows a drawn object in a notebook.
+draw; other packages may add theirs. The entry point ``html`` shows a drawn object in a notebook.
 """
 
 from typing import Any

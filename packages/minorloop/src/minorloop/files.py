@@ -21,18 +21,18 @@ from minorloop.errors import MinorloopError, OutputError, ParameterError
 PathLike: TypeAlias = str | os.PathLike[str]
 
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""C0, DEL and C1, marks and overrides of the direction of writing, line separators."""
+"""C0, DEL, C1, line separators, and marks and overrides of the direction of writing."""
 _FORMULA = re.compile(r"'*\s*[\t\r=+\-@\uff1d\uff0b\uff0d\uff20]")
-"""Beginnings that a spreadsheet may take for those of a formula, also after apostrophes."""
+"""Characters with which a formula may begin in a spreadsheet, also after apostrophes."""
 _DECIMAL = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _BEGIN = 4096
-"""Bytes at the begin of a file that tell what it is."""
+"""Number of bytes at the beginning of a file by which its kind is recognised."""
 _OBJECT = re.compile(rb'\s*\{\s*["}]')
 _FORMAT = re.compile(rb'"format"\s*:\s*"minorloop ([a-z]+)"')
 _ENDINGS = {".csv": "a table", ".mat": "a table", ".xlsx": "a table", ".toml": "a TOML file"}
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-"""Errors of a disk that is full, or of which this user may have no more."""
+"""Errors of a full disk, or of an exhausted quota."""
 
 
 def check_name(what: str, name: str, error: type[MinorloopError] = ParameterError) -> str:
@@ -56,9 +56,9 @@ def printable(name: str) -> str:
 
 
 def kind_of_file(path: PathLike, begin: bytes) -> str:
-    """Return what a file is, such as ``a model file``; empty if that is not known.
+    """Return the kind of a file, such as ``a model file``; empty if it is unknown.
 
-    Its ending tells, unless its content, of which ``begin`` may be a part, begins as JSON.
+    The ending of its name determines the kind, unless ``begin``, its first bytes, is JSON.
     """
     if _OBJECT.match(begin):
         found = _FORMAT.search(begin, 0, _BEGIN)
@@ -187,7 +187,7 @@ def make_folder(path: PathLike, *, force: bool = False) -> Path:
 
 @contextmanager
 def new_folder(path: PathLike) -> Iterator[Path]:
-    """Yield a folder as `make_folder` accepts it; an error that leaves it empty removes it.
+    """Yield a folder made as in `make_folder`; if an error leaves it empty, it is removed.
 
     Raises an `OutputError` as `make_folder`.
     """
@@ -203,7 +203,7 @@ def new_folder(path: PathLike) -> Iterator[Path]:
 
 
 def write_folder(path: PathLike, files: Mapping[str, str], *, force: bool = False) -> Path:
-    """Write texts, by the names of their files, into a folder as `make_folder` accepts it."""
+    """Write texts, by the names of their files, into a folder made as in `make_folder`."""
     folder = make_folder(path, force=force)
     for name, text in files.items():
         write_atomically(folder / name, text)
@@ -228,8 +228,8 @@ def refusal(path: Path, error: OSError) -> OutputError:
 def lock_path(path: PathLike, flags: int = os.O_RDONLY, *, shared: bool = False) -> int | None:
     """Open a file or a folder and lock it; return None if another process has the lock.
 
-    It is free when what is returned is closed, at the latest when the process ends. Several
-    processes may have a ``shared`` lock. Windows locks files only, and none is shared.
+    The lock ends when the returned descriptor is closed, at the latest when the process ends.
+    Several processes may have a ``shared`` lock. Windows locks only files, and never shared.
     """
     descriptor = os.open(path, flags, 0o600)
     try:
@@ -249,11 +249,10 @@ def lock_path(path: PathLike, flags: int = os.O_RDONLY, *, shared: bool = False)
 
 
 def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: str = "") -> str:
-    """Return the first difference of two objects of JSON; empty if they are equal.
+    """Return the first difference of two JSON objects in words; empty if they are equal.
 
-    It is in words, such as ``meter.scale was 1 and is 2 now``; elements of lists count from 0.
-    ``within`` is the name of the object that both are part of: in ``meter``, ``scale`` is
-    ``meter.scale``.
+    An example is ``meter.scale was 1 and is 2 now``; elements of lists count from 0. ``within`` is
+    the name of the object that contains both: in ``meter``, ``scale`` is ``meter.scale``.
     """
     for name in [*before, *(name for name in now if name not in before)]:
         path = f"{within}.{name}" if within else name

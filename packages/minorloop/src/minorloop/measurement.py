@@ -1,7 +1,7 @@
 """Measure an actuator, or bring it to targets, and keep every point in a store.
 
-What is measured by `measure` or `drive_to` and was stopped, whatever stopped it, is continued by
-`resume`, which needs the store alone.
+`resume` continues a run of `measure` or `drive_to` that stopped for any reason. It needs only the
+store.
 """
 
 import math
@@ -34,22 +34,22 @@ from minorloop.lab.wrapped_actuator import SingleChannel, single_channel
 from minorloop.modelfile import ModelFile
 
 _HOLD = 200.0
-"""Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
+"""Default seconds to hold each input: a polymer strip settles in this time."""
 
 
 class Carry(Protocol):
-    """Carries out the rest of a run, as `minorloop.run`, and shows how far it is."""
+    """Carries out the rest of a run, as `minorloop.run`, and shows its progress."""
 
     def __call__(
         self, actuator: Actuator, store: Store, choose: Choose | None
     ) -> tuple[ResumeMode, Sequence[str]]:
-        """Return how the run began, and what was wrong with points."""
+        """Return how the run began, and warnings about points."""
 
 
 def carry(
     actuator: Actuator, store: Store, choose: Choose | None
 ) -> tuple[ResumeMode, Sequence[str]]:
-    """Carry out the rest of a run without a word."""
+    """Carry out the rest of a run without output."""
     wrong: list[str] = []
     mode = run(
         actuator,
@@ -63,7 +63,7 @@ def carry(
 
 @dataclass(frozen=True)
 class Apparatus:
-    """An actuator at an address, the channel of it that is used, and how its readings are taken.
+    """An actuator at an address, the channels to use, and the conversion of its readings.
 
     Examples
     --------
@@ -72,24 +72,24 @@ class Apparatus:
     """
 
     address: str
-    """As of `minorloop.connect`, such as ``twin:ipmc,specimen=3``."""
+    """Address as of `minorloop.connect`, such as ``twin:ipmc,specimen=3``."""
     input: str | None = None
-    """Input of an actuator with several; if not given, the one in the plan or the model."""
+    """Input of an actuator with several inputs; by default that of the plan or the model."""
     output: str | None = None
-    """Output of an actuator with several; that of the input if not given."""
+    """Output of an actuator with several outputs; by default that of the input."""
     conversion: Conversion | str | None = None
-    """From the readings to the output, or a text as of `minorloop.lab.conversion.from_text`."""
+    """Conversion of readings to the output, or a text of `minorloop.lab.conversion.from_text`."""
 
     @contextmanager
     def opened(
         self, choose: Callable[[Actuator], str | None], say: Say
     ) -> Iterator[tuple[Actuator, Setup]]:
-        """Yield the channel and what a store keeps of it; close the instruments at the end.
+        """Yield the channel and its setup for a store; close the instruments at the end.
 
         Parameters
         ----------
         choose : callable
-            Returns the name of the input where none is given.
+            Returns the name of the input if none is given.
         say : callable
             Called with each warning of the actuator.
         """
@@ -114,16 +114,15 @@ _SIMULATED: dict[str, Any] = {"specimen": None, "seed": 0, "noise": 0.0}
 
 @dataclass(frozen=True)
 class HoldEnds:
-    """When a hold of a plan ends; None as of `Plan`."""
+    """Criteria for the end of a hold of a plan; None as of `Plan`."""
 
     tolerance: float | None = None
-    """Slope of a settled output, in its unit per second; if not given, the slope that moves the
-    output by 0.2 % of its span in another hold."""
+    """Slope of a settled output, in its unit per second; by default the slope that moves the output
+    by 0.2 % of its span in another hold."""
     shortest: float | None = None
-    """Shortest hold in seconds; a quarter of the longest if not given."""
+    """Shortest hold in seconds; by default a quarter of the longest."""
     interval: float | None = None
-    """Seconds between samples; if not given, 1/200 of the shortest hold, or what the meter needs.
-    """
+    """Seconds between samples; by default 1/200 of the shortest hold, or the time of the meter."""
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -134,20 +133,20 @@ class HoldEnds:
 
 @dataclass(frozen=True)
 class AdaptivePlan:
-    """A plan that chooses each input from the measurements before it; see `Adaptive`.
+    """A plan that chooses each input from the previous measurements; see `Adaptive`.
 
     Four holds for validation and up to three repetitions are added.
     """
 
     holds: int | None = None
-    """Holds of the design, 12 if not given."""
+    """Holds of the design, 12 by default."""
     hours: float | None = None
-    """Hours at most, validation and repetitions included, instead of holds."""
+    """Most hours, with validation and repetitions, instead of holds."""
     hold: float = _HOLD
     """Longest hold in seconds."""
     low: float | None = None
     high: float | None = None
-    """``low`` and ``high``: range of the input; the limits of the actuator if not given."""
+    """``low`` and ``high``: range of the input; by default the limits of the actuator."""
     step: float = math.inf
     """Largest change of the input from hold to hold."""
     least_gain: float = 0.0
@@ -180,9 +179,9 @@ class AdaptivePlan:
 
 @dataclass(frozen=True)
 class Approach:
-    """How an actuator is brought to targets.
+    """Options to bring an actuator to targets.
 
-    Raises a `ParameterError` if targets that are delivered in time are corrected too.
+    Raises a `ParameterError` if ``every`` is combined with corrections.
     """
 
     corrections: int = 0
@@ -197,21 +196,21 @@ class Approach:
     tolerance: float | None = None
     """Slope of a settled output, as of `HoldEnds`."""
     saturation: float | None = None
-    """Input that saturates the actuator before the first target; the lowest level of the model if
-    not given."""
+    """Input that saturates the actuator before the first target; by default the lowest level of the
+    model."""
 
     def __post_init__(self) -> None:
         for name in ("corrections", "within", "absolute", "tolerance"):
             if self.every is not None and getattr(self, name) not in (None, 0):
                 raise ParameterError(
-                    f"--{name} cannot be combined with --every, which uses no reading and waits "
-                    "for no settled output; leave it out"
+                    f"--{name} cannot be combined with --every, which uses no readings and does "
+                    "not wait for settled outputs; leave it out"
                 )
 
     def chooser(
         self, known: ModelFile, targets: npt.ArrayLike, actuator: Actuator
     ) -> tuple[Delivery | TargetDrive, Plan]:
-        """Return what chooses the inputs, and its plan."""
+        """Return the drive, which chooses the inputs, and its plan."""
         channel, input = actuator.inputs[0], str(actuator.inputs[0])
         first = self.saturation
         if first is None:
@@ -231,21 +230,21 @@ class Approach:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run has measured."""
+    """Result of a run."""
 
     figures: Mapping[str, Any]
-    """Actuator, specimen and progress by name, ready for JSON."""
+    """Actuator, specimen and progress by name, for JSON."""
     mode: ResumeMode
     """How the actuator was brought to the first level of this session, as of `minorloop.run`."""
     warnings: tuple[str, ...] = ()
-    """What the user must know of the bench, the holds and the meter."""
+    """Warnings about the bench, the holds and the meter."""
     findings: RunFindings | None = None
-    """What a run that chose its inputs shows."""
+    """Findings of an adaptive run."""
     drive: DriveResult | None = None
-    """What a drive achieved."""
+    """Result of a drive."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it by name, ready for JSON."""
+        """Return the result by name, for JSON."""
         found = dict(self.figures)
         if self.drive is not None:
             found |= self.drive.to_dict()
@@ -275,13 +274,13 @@ def measure(
     apparatus : Apparatus
         The actuator.
     plan : str, path or AdaptivePlan
-        A file, as of `Plan.from_csv`, or what chooses each input from the measurements before it.
+        A file, as of `Plan.from_csv`, or a plan that chooses inputs from previous measurements.
     store : str or path
         The new file.
     settling : HoldEnds
-        When a hold ends.
+        Criteria for the end of a hold.
     carry, say : callable
-        Shows the progress, and takes sentences.
+        Carries out the run and shows its progress; receives sentences for the user.
 
     Examples
     --------
@@ -339,11 +338,11 @@ def drive_to(
     known : ModelFile
         The model, as `minorloop.modelfile.read` returns it.
     targets : (n,) array_like
-        Outputs wanted, in order, in the unit of the model.
+        Target outputs, in order, in the unit of the model.
     apparatus, store, carry, say
         As of `measure`.
     approach : Approach
-        How it is brought there.
+        Options for the way to the targets.
 
     Examples
     --------
@@ -373,9 +372,9 @@ def drive_to(
 
 
 def resume(store: PathLike, *, carry: Carry = carry, say: Say = silent) -> RunResult:
-    """Continue what `measure` or `drive_to` began after its last settled point.
+    """Continue a run of `measure` or `drive_to` after its last settled point.
 
-    Raises a `StoreError` if this is no store or another process writes it, and as of `run`.
+    Raises a `StoreError` if the file is not a store or another process writes it, and as of `run`.
 
     Parameters
     ----------
@@ -406,7 +405,7 @@ def resume(store: PathLike, *, carry: Carry = carry, say: Say = silent) -> RunRe
 
 
 def check_new(store: PathLike) -> None:
-    """Refuse the name of a store that exists, which is continued and not replaced, or cannot be.
+    """Refuse the name of an existing store, which is not replaced, or of a file that cannot exist.
 
     Raises a `StoreError` or an `OutputError`.
     """
@@ -419,7 +418,7 @@ def check_new(store: PathLike) -> None:
 
 
 def _carried_out(plant: Actuator, store: Store, carry: Carry) -> RunResult:
-    """Carry out the rest of a store; return what all its points show."""
+    """Carry out the rest of the plan of a store; return the result of all its points."""
     design = store.setup.design
     if store.plan.sines:
         mode, _ = carry(plant, store, None)
@@ -465,7 +464,7 @@ def _measured(plant: Actuator, store: Store, mode: ResumeMode, wrong: Sequence[s
 
 
 def _of_sines(store: Store) -> dict[str, Any]:
-    """Return how many sines there are, by name."""
+    """Return the number of sines, by name."""
     totals = store.totals()
     return {
         "store": str(store.path),
@@ -478,7 +477,7 @@ def _of_sines(store: Store) -> dict[str, Any]:
 
 
 def _of_findings(found: RunFindings) -> dict[str, Any]:
-    """Return what a run that chose its inputs shows, by name."""
+    """Return the findings of an adaptive run, by name."""
     score = found.validation
     return {
         "holds": found.holds,
@@ -496,15 +495,15 @@ def _of_findings(found: RunFindings) -> dict[str, Any]:
 
 
 def _doubts(figures: Mapping[str, Any]) -> Iterator[str]:
-    """Warn if half of the holds or more had not settled, or the meter was slower than the plan."""
+    """Warn if at least half of the holds had not settled, or the meter was slower than the plan."""
     points, unsettled = figures["points"], figures["unsettled"]
     if points and 2 * unsettled >= points:
         yield (
-            f"{unsettled} of {points} points had not settled and are no settled outputs; hold "
+            f"{unsettled} of {points} points had not settled and are not settled outputs; hold "
             "longer"
         )
     planned, most = figures["sample_interval_s"], figures["longest_interval_s"]
-    # A warning is given from this ratio of the sample interval of a hold to that of the plan
+    # Ratio of the sample intervals of a hold and of the plan from which a warning is given
     if most is not None and most > 1.2 * planned:
         yield (
             f"the meter was slow at times: samples were up to {most:.3g} s apart, not {planned:g} "

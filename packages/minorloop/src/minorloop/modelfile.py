@@ -44,12 +44,12 @@ parameters of the class are the keys.
 
 The weights of the first two, and those of the creep for each time, are rows up to the diagonal: row
 i has i + 1 numbers. Decimal numbers
-are read as exactly the same float64. ``warnings`` are sentences that say why the model is not to be
-trusted. ``bands`` is what the bands of a Preisach model follow from (`BandModel`): the posterior on
-a plane of at most 12 bands, and the error beyond it. ``start_of_curve`` is the memory before each
-curve of its record: ``negative``, ``positive``, ``demagnetised`` or ``as-left``. A reader refuses
-unknown keys, so a file has the highest version of those that its keys need: 2 for ``warnings``, 3
-for ``bands``, 4 for ``start_of_curve``, and else 1.
+are read as exactly the same float64. ``warnings`` are sentences with reasons not to trust the
+model. ``bands`` is the uncertainty of a Preisach model (`BandModel`): the posterior on a plane of
+at most 12 bands, and the error beyond it. ``start_of_curve`` is the memory before each curve of its
+record: ``negative``, ``positive``, ``demagnetised`` or ``as-left``. A reader refuses unknown keys,
+so a file has the highest version that its keys need: 2 for ``warnings``, 3 for ``bands``, 4 for
+``start_of_curve``, and else 1.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ _SINCE = {"warnings": 2, "bands": 3, "start_of_curve": 4}
 VERSION = max(_SINCE.values())
 """Newest version that this package writes and reads."""
 LARGEST = 64 * 2**20
-"""Bytes of the largest model file: a plane of some 2,000 bands."""
+"""Bytes of the largest model file: a plane of about 2,000 bands."""
 _GIVE = "give one that identify --save has written"
 _MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
 """Largest number of each mark: more than such a plane needs. Without these bounds, refusing a file
@@ -129,18 +129,18 @@ class TargetInversion:
     """Inputs for the targets in a file."""
 
     targets: FloatArray
-    """Shape (n,). Outputs wanted, in the unit of the model."""
+    """Shape (n,). Target outputs, in the unit of the model."""
     result: Any
     """`Inversion` or `CascadeInversion`."""
     columns: Mapping[str, Any]
     """Columns of a table by header: times, inputs, targets, predicted outputs; or a plan."""
     notes: list[str]
-    """What the times show, one sentence each."""
+    """Findings about the times, one sentence each."""
     settles: bool = False
     """Whether a model with time was inverted at rest."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the number of targets, the worst residual and how many are out of reach."""
+        """Return the number of targets, the worst residual and the number out of reach."""
         worst = float(abs(self.result.residual).max())
         missed = int((~self.result.reachable).sum())
         return {"targets": self.targets.size, "worst_residual": worst, "unreachable": missed}
@@ -160,18 +160,18 @@ class ModelFile:
     provenance: Provenance
     """Origin of the model."""
     warnings: tuple[str, ...] = ()
-    """Why the model is not to be trusted; empty if there are no warnings."""
+    """Reasons not to trust the model; empty if there are none."""
     lag_seconds: float = 0.0
-    """The lag in seconds; 0 if it is known in samples only."""
+    """The lag in seconds; 0 if it is known only in samples."""
     bands: Any = None
-    """What bands follow from: a `BandsPart`, as in a file, or a `BandModel`; None without bands."""
+    """Uncertainty for bands: a `BandsPart`, as in a file, or a `BandModel`; None without bands."""
     start_of_curve: Saturation | Literal["as-left"] | None = None
     """Memory before each curve of its record; None without curves."""
 
     def left_out(self, what: str) -> list[str]:
-        """Return what of the model an export does not carry, one sentence each.
+        """Return the parts of the model that an export does not contain, one sentence each.
 
-        ``what`` is ``C`` or ``unit``.
+        ``what``, the name of the export, is ``C`` or ``unit``.
         """
         said = []
         if self.lag:
@@ -179,9 +179,7 @@ class ModelFile:
                 f"the output follows the model by {self.lag} samples; this lag is not in the {what}"
             )
         if isinstance(self.model, AfterEffect) and what != "C":
-            said.append(
-                f"the output changes with time; this is not in the {what}, which settles at once"
-            )
+            said.append(f"the output changes with time; this change is not in the {what}")
         if isinstance(self.model, Cascade) and self.model.creep is not None:
             said.append(f"the output creeps after the model; this creep is not in the {what}")
         return said
@@ -189,18 +187,19 @@ class ModelFile:
     def with_linear(self, path: PathLike, first: First = "operator") -> ModelFile:
         """Return the model in a cascade with the linear part of a file, as of `_read_linear`.
 
-        ``first`` is which comes first. Raises a `ParameterError` if the model has dynamics already.
+        ``first`` is the part that comes first. Raises a `ParameterError` if the model already has
+        dynamics.
         """
         if isinstance(self.model, Cascade):
-            raise ParameterError("the model has dynamics of its own; leave the linear part out")
+            raise ParameterError("the model has dynamics of its own; omit the linear part")
         operator: Any = self.operator
         return replace(self, model=Cascade(operator, _read_linear(path), first))
 
     def check_units(self, names: Sequence[str], of: str, hints: Sequence[str] = ("", "")) -> None:
-        """Refuse names of an input and an output in other units than those of the model.
+        """Raise a `ParameterError` if an input or output has another unit than that of the model.
 
-        Raises a `ParameterError`. ``of`` is what has these names, and ``hints`` are what else to
-        do, for the messages.
+        ``names``: input and output with units; ``of``: name of their owner, and ``hints``: further
+        remedies, for the messages.
         """
         mine = ("input", self.input), ("output", self.output)
         for (what, one), name, hint in zip(mine, names, hints, strict=True):
@@ -213,19 +212,19 @@ class ModelFile:
 
     @property
     def has_time(self) -> bool:
-        """Whether the output depends on the times of the inputs; not where only a lag does."""
+        """Whether the output depends on the times of the inputs by more than a lag."""
         return isinstance(self.model, Cascade | AfterEffect | Oscillator)
 
     @property
     def nrmse(self) -> float:
-        """Error of the model on held-out data, or on fitted; 0 where it is not known."""
+        """Error of the model on held-out data, else on fitted data; 0 if not known."""
         names = ("nrmse_holdout", "nrmse_train", "left_out_nrmse")
         found = [self.provenance.scores.get(name) for name in names]
         return next((score for score in found if score is not None), 0.0)
 
     @property
     def operator(self) -> StaticModel:
-        """The model, or the operator of one with time: the output for slow inputs.
+        """The model, or the operator of a model in time: its output for slow inputs.
 
         Raises a `ModelFileError` if the model has no operator on the input of the file.
         """
@@ -266,15 +265,15 @@ class ModelFile:
         Parameters
         ----------
         targets : (T,) array_like
-            Wanted outputs, in order.
+            Target outputs, in order.
         start : {"negative", "positive", "demagnetised"} or Memory
-            Memory before the first target; a model with dynamics rests there at the lowest or the
-            highest level, or at 0.
+            Memory before the first target; a model with dynamics rests at the lowest or the highest
+            level, or at 0.
         unreachable : {"raise", "clip"}
-            What to do with targets out of reach.
+            Treatment of targets out of reach: an error, or the nearest output.
         t : (T,) array_like, optional
-            Times in seconds, at which a model with time or a lag in seconds follows the targets.
-            Without them, each input is the one at which the output settles.
+            Times in seconds, at which a model in time, or with a lag in seconds, follows the
+            targets. Without them, the output settles at each target.
         """
         if isinstance(self.operator, RelayModel):
             raise NotInvertibleError(
@@ -314,17 +313,17 @@ class ModelFile:
         path : str or path
             The table.
         target : str
-            Column of the wanted outputs, in order.
+            Column of the target outputs, in order.
         start, unreachable
             As of `invert`.
         hold : float, optional
             Seconds to hold each input: the columns are then a plan, saturation first, and a model
             with after-effect reaches each target at the end of its hold.
         time : str, optional
-            Column of the times at which a model with dynamics follows the targets. Without it, each
-            input is the one at which the output settles.
+            Column of the times at which a model with dynamics follows the targets. Without it, the
+            output settles at each target.
         progress : callable
-            Called with what is done next, as text.
+            Called with the next step, as text.
         """
         if hold is not None and time is not None:
             raise ParameterError(
@@ -369,7 +368,7 @@ class ModelFile:
         slowest = max([creeps.settling, *creeps.times], default=0.0) if creeps else 0.0
         plan = {name: ["", *cells] for name, cells in self.inverse_columns(targets, found).items()}
         plan[str(self.input)][0] = self._ends[start == "positive"]
-        # Time constants after which less than 1 % is left
+        # Number of time constants after which less than 1 % is left
         first = max(2 * hold, 5.0 * slowest)
         plan |= {"hold [s]": [first, *[hold] * targets.size]}
         return TargetInversion(targets, found, plan, _ahead(found))
@@ -406,7 +405,7 @@ class Identified(Protocol):
 
     @property
     def lag_seconds(self) -> float:
-        """The same in seconds; 0 where it is not known."""
+        """Lag in seconds; 0 if not known."""
 
     @property
     def scores(self) -> Mapping[str, float | None]:
@@ -414,7 +413,7 @@ class Identified(Protocol):
 
     @property
     def warnings(self) -> Sequence[str]:
-        """Why the model is not to be trusted."""
+        """Reasons not to trust the model."""
 
 
 def save(
@@ -437,22 +436,21 @@ def save(
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
             Cascade, Linear, AfterEffect, Oscillator, the result of an identification, or ModelFile
-        The model. That of an identification is written with its lag, scores and warnings; the
-        content of a file is written as it is.
+        The model. A model of an identification is written with its lag, scores and warnings; the
+        content of a file is written unchanged.
     path : str or path
         The file to write.
     input, output : str or Quantity
         Names and units of its input and output, such as ``voltage [V]``.
     lag : int, optional
-        Samples by which the output follows the model; that of the identification, or 0, if not
-        given.
+        Samples by which the output follows the model; by default that of the identification, or 0.
     provenance : Provenance or mapping, optional
         Origin of the model; a mapping has the keys of `Provenance`.
     warnings : sequence of str, optional
-        Why the model is not to be trusted; those of the identification, or none, if not given.
-        At most 20 are kept.
+        Reasons not to trust the model; by default those of the identification, if any. At most 20
+        are kept.
     force : bool
-        Whether a file that exists may be replaced.
+        Whether an existing file may be replaced.
 
     Examples
     --------
@@ -494,7 +492,7 @@ def save(
         raise ParameterError(f"this cannot go into a model file: {reason(error)}") from None
     if len(data) > LARGEST:
         raise ParameterError(
-            f"the model takes {len(data)} bytes, a model file {LARGEST} at most; use fewer levels"
+            f"the model takes {len(data)} bytes, a model file at most {LARGEST}; use fewer levels"
         )
     if flood := _flood(data):
         raise ParameterError(f"this cannot go into a model file: {flood}; use fewer levels")
@@ -504,7 +502,7 @@ def save(
 def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
     """Return a model, the result of an identification, or the file at a path, as a `ModelFile`.
 
-    Raises a `ParameterError` if the model is none of these.
+    Raises a `ParameterError` for any other type.
     """
     if isinstance(model, str | os.PathLike):
         return read(model)
@@ -525,7 +523,7 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
 
 
 def load(path: PathLike) -> Model:
-    """Read a model from a file that `save` wrote, without its lag and bands, which `read` gives.
+    """Read a model from a file of `save`, without its lag and bands, which `read` returns.
 
     Raises a `ModelFileError` if there is no such file, or it is damaged, inconsistent, too large,
     not a model file, or of a newer version.
@@ -539,7 +537,7 @@ def load(path: PathLike) -> Model:
     -------
     Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial, Cascade,
     Linear, AfterEffect or Oscillator
-        Equal to what was saved, to the last bit.
+        Equal to the saved model, to the last bit.
 
     Warns
     -----
@@ -583,7 +581,7 @@ def read(path: PathLike) -> ModelFile:
 def _read_linear(path: PathLike) -> Linear:
     """Read a linear part: an object with numerator, denominator, and interval and delay in seconds.
 
-    Raises a `ModelFileError` if there is no such file or it has something else; a `ParameterError`
+    Raises a `ModelFileError` if there is no such file or it has other content; a `ParameterError`
     as `Linear`.
     """
     data = _bytes_of(path)
@@ -605,7 +603,7 @@ def _bytes_of(path: PathLike) -> bytes:
             raise ModelFileError(f"{path} is not a file; give the name of a model file")
         if status.st_size > LARGEST:
             raise ModelFileError(
-                f"{path} has {status.st_size} bytes, a model file {LARGEST} at most"
+                f"{path} has {status.st_size} bytes, a model file at most {LARGEST}"
             )
         return Path(path).read_bytes()
     except FileNotFoundError:
@@ -628,10 +626,10 @@ def _check_words(provenance: Provenance) -> None:
 
 
 def _flood(data: bytes) -> str:
-    """Return in words of which mark there are too many; empty if of none."""
+    """Return a sentence about a mark that appears too often; empty if there is none."""
     for mark, most in _MOST.items():
         if (count := data.count(mark)) > most:
-            return f"it has {count} of the mark {mark.decode()}, a model file {most} at most"
+            return f"it has {count} of the mark {mark.decode()}, a model file at most {most}"
     return ""
 
 
@@ -662,7 +660,7 @@ def _check_header(path: PathLike, data: bytes) -> None:
 
 def _named(quantity: str | Quantity) -> dict[str, str]:
     if not isinstance(quantity, str | Quantity):
-        raise ParameterError(f"the name is {quantity!r}; give one such as 'voltage [V]'")
+        raise ParameterError(f"the name is {quantity!r}; give a name such as 'voltage [V]'")
     known = quantity if isinstance(quantity, Quantity) else Quantity.parse(quantity)
     return {"name": known.name, "unit": known.unit}
 
@@ -690,20 +688,20 @@ def _complete(
 
 
 def _about_times(check: TimeCheck) -> list[str]:
-    """Say what happens in gaps between targets, and what else the times show."""
+    """Report the input in gaps between targets, and other findings about the times."""
     said = [*check.of_steps, *check.others]
     if not check.gaps.size:
         return said
     longest = max(check.t[check.gaps + 1] - check.t[check.gaps])
     return [
         f"{counted(check.gaps.size, 'gap')} in the times of the targets, the longest {longest:.4g} "
-        "s: the input of the row before is held there, and no target is followed",
+        "s: the input of the previous row is held there, and no target is followed",
         *said,
     ]
 
 
 def _ahead(result: Any) -> list[str]:
-    """Say by how much the inputs of a trajectory are ahead, and what they assume at its end."""
+    """Report the lead of the inputs of a trajectory, and their assumption about its end."""
     lead: float = getattr(result, "lead", 0.0)
     if lead <= 0:
         return []

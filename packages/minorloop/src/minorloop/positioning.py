@@ -50,12 +50,11 @@ class ExperimentProtocol:
     sample_interval: float = 1.0
     """Time between samples, in seconds."""
     diagonal: Diagonal = "reversible"
-    """What the cells on the diagonal hold, as in `identify`: ``uniform`` is the model of the paper;
-    with ``reversible`` part of the bending follows the smallest reversal, as that of the strip
-    does."""
+    """Content of the cells on the diagonal, as in `identify`: ``uniform`` is the model of the
+    paper; with ``reversible``, part of the bending follows the smallest reversal, as in a strip."""
     laser: bool = False
-    """Whether the strip is measured through a laser and its raw log reduced, as in the paper.
-    Otherwise a sensor shows the curvature."""
+    """Whether the strip is measured with a laser and its raw log reduced, as in the paper.
+    Otherwise a sensor measures the curvature."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +105,9 @@ class Positioning:
     def bands(self) -> Prediction:
         """90 % bands of the curvatures for the voltages of the Preisach inverse.
 
-        They are as wide as the model was off in the run of the quadratic inverse, which it was not
-        fitted to. A staircase shows neither the error between its levels nor what the strip keeps
-        of loops that an operator forgets, because it closes none.
+        Their width is the error of the model in the run of the quadratic inverse, to which it was
+        not fitted. A staircase shows neither the error between its levels nor, as it closes no
+        loop, what the strip remembers of closed loops but an operator forgets.
         """
         model, low = self.identification.model, -self.protocol.voltage
         other, y = (
@@ -234,7 +233,7 @@ def _staircase(
 ) -> tuple[Record, FloatArray]:
     """Measure the staircase; return the record and the settled curvature at each voltage.
 
-    What a laser records is reduced as the raw log of a stranger is: its holds are found.
+    The record of a laser is reduced like any raw log, by finding its holds.
     """
     strip = _strip(seed, noise, setup)
     if not setup.laser:
@@ -263,7 +262,7 @@ def _inverted(polynomial: Polynomial, targets: FloatArray, noise: str) -> FloatA
 
 
 def _strip(seed: int, noise: float, setup: ExperimentProtocol, experiment: int = 0) -> Actuator:
-    """Return a specimen; every experiment has noise of its own."""
+    """Return a specimen; every experiment has different noise."""
     address = "twin:ipmc-laser" if setup.laser else "twin:ipmc"
     return connect(address, specimen=seed, noise=noise, seed=seed + FURTHER * experiment)
 

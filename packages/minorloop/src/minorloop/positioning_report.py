@@ -119,7 +119,7 @@ def draw_model(result: Positioning) -> Any:
 
 
 def draw_drives(result: Positioning) -> Any:
-    """Voltages of both inverses, and the curvature under them with what was wanted."""
+    """Voltages of both inverses, and the curvature that they cause with the targets."""
     figure, (upper, lower) = new_figure(2, 1, height=6.0, sharex=True)
     steps = np.append(result.targets, result.targets[-1])
     minutes = np.arange(steps.size) * result.protocol.hold / MINUTE
@@ -156,7 +156,7 @@ def draw_errors(result: Positioning) -> Any:
 
 
 def _legend_above(axes: Any) -> None:
-    """Draw the legend above the axes, where no data are."""
+    """Draw the legend above the axes, where it hides no data."""
     axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8)
 
 

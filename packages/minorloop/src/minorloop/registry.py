@@ -20,11 +20,11 @@ def _read(path: tuple[str, ...]) -> Any:
 
 
 def loaded(point: EntryPoint, name: str) -> Any:
-    """Return what an entry point leads to.
+    """Return the object of an entry point.
 
     Raises a `ParameterError` if it cannot be imported.
 
-    ``name``: what it is for, in a message.
+    ``name``: the name of its purpose in messages, such as an address.
     """
     try:
         return point.load()

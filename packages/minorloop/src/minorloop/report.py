@@ -25,9 +25,9 @@ class Table:
 
     @property
     def sentences(self) -> list[bool]:
-        """Whether each column has sentences, which begin at the left; numbers end at the right."""
+        """Whether each column has sentences, aligned at the left; numbers are at the right."""
         cells = zip(*self.rows, strict=False)
-        # Characters from which a cell of a table counts as a sentence
+        # A cell of a table with more characters counts as a sentence
         found = [any(len(str(cell)) > 30 for cell in column) for column in cells]
         return found or [False] * len(self.columns)
 
@@ -45,8 +45,8 @@ class Picture:
         from matplotlib import rc_context
 
         text = io.BytesIO()
-        # Text stays text. Browsers have letters that the fonts of matplotlib lack, so its warning
-        # is ignored. Without metadata equal figures give equal bytes.
+        # Text stays text. Browsers have characters that the fonts of matplotlib lack, so its
+        # warning is ignored. Without metadata equal figures give equal bytes.
         no_metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         with (
             rc_context({"svg.hashsalt": "minorloop", "svg.fonttype": "none"}),
@@ -65,7 +65,7 @@ class Report:
     title: str
     """Heading of the page."""
     summary: str
-    """One paragraph under it: method and results."""
+    """One paragraph below the heading: method and results."""
     sections: list[dict[str, Any]] = field(default_factory=list)
 
     def add(
@@ -115,19 +115,19 @@ def reduction_report(
 ) -> Report:
     """Return a report on the settled points of a raw log.
 
-    ``reduction``: the points; ``source``: name of the log; ``notes``: advice; that of the reduction
-    if not given.
+    ``reduction``: the points; ``source``: name of the log; ``notes``: advice, by default that of
+    the reduction.
     """
     log = reduction.log
     report = Report(
         f"Settled points of {log.output} against {log.input}", f"{source}: {reduction}."
     )
     advice = reduction.notes if notes is None else notes
-    report.add("How good they are", table=Table(("", ""), reduction.summary()), notes=advice)
+    report.add("Quality of the points", table=Table(("", ""), reduction.summary()), notes=advice)
     caption = (
         "The log with its points; the points against the input, with two standard deviations; the "
         "holds that were found in the input; the standard deviation of each point, and by how much "
         "it was extrapolated from the end of its hold."
     )
-    report.add("What they look like", pictures=[Picture(reduction.plot(), caption)])
+    report.add("Figures", pictures=[Picture(reduction.plot(), caption)])
     return report

@@ -1,4 +1,4 @@
-"""Outputs of a model for another record, and how near they are to what was measured there."""
+"""Outputs of a model for another record, and their errors against the outputs measured there."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ from minorloop.report import Picture, Report, Table
 AnyModel: TypeAlias = str | PathLike[str] | ModelFile | Identified | Model
 """A model file, its content, the result of an identification, or a model."""
 _THOUSAND, _OTHER_UNIT = 3.0, 0.3
-"""Digits by which units with another prefix differ, and largest deviation from them."""
+"""Powers of ten by which units with another prefix differ, and largest deviation from them."""
 _WRONG = 0.1
 """Error over the range of the output above which a model does not predict a record."""
 _LEAST = 0.005
-"""Error over the range of the output below which no cause is looked for; as in advice on fits."""
+"""Least error over the range of the output of which a cause is searched; as in advice on fits."""
 _BETTER = 0.5
-"""Share of the error from which another start, or an offset and a gain, count as its cause."""
+"""Least share of the error that another start, or offset and gain, must explain as its cause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +70,14 @@ class Simulation:
     """The model."""
     u: FloatArray
     y: FloatArray
-    """``u`` and ``y``: shape (T,). Inputs in the unit of the model, and outputs; NaN where a gap of
+    """``u`` and ``y``: shape (T,). Inputs in the unit of the model, and outputs; NaN if a gap of
     the times leaves the memory unknown."""
     curves: Curves
-    """Where the memory was reset."""
+    """Rows before which the memory is reset."""
     t: FloatArray | None
-    """Shape (T,). Times in seconds; None where they are not known."""
+    """Shape (T,). Times in seconds; None if not known."""
     notes: tuple[str, ...]
-    """What was found in the record, one sentence each."""
+    """Findings about the record, one sentence each."""
 
     @cached_property
     def outside(self) -> BoolArray:
@@ -89,7 +89,7 @@ class Simulation:
 
     @property
     def of_levels(self) -> tuple[str, ...]:
-        """How many inputs lie beyond the levels, and how far, in one sentence; empty if none."""
+        """Number and distance of inputs beyond the levels, in one sentence; empty if none."""
         levels, count = _levels(self.model), int(self.outside.sum())
         if levels is None or not count:
             return ()
@@ -104,7 +104,7 @@ class Simulation:
 def simulate(
     model: AnyModel, record: Record, *, between: Interpolation | None = None
 ) -> Simulation:
-    """Return the outputs of a model for the inputs of a record, lag and dynamics included.
+    """Return the outputs of a model for the inputs of a record, with lag and dynamics.
 
     Raises a `ParameterError` if an option does not fit the model; a `RecordError` if the record has
     another unit, or no times although the model needs them.
@@ -114,12 +114,12 @@ def simulate(
     model : path, model, result of an identification, or ModelFile
         The model.
     record : Record
-        The inputs, and what each row has beside them, as `read` returns it; outputs are not used.
-        The memory is reset where the label of the curve changes, as in the record of the model
-        unless a start is given, and continues over gaps of the times as far as they show the input.
-        The first input of dynamics has been applied for long.
+        The inputs with their times and labels, as `read` returns it; outputs are not used. The
+        memory is reset where the label of the curve changes, to the memory in the record of the
+        model unless a start is given. It continues over gaps of the times if the input there is
+        known. The first input of dynamics has been applied for a long time.
     between : {"band", "straight", "held"}, optional
-        Force of an oscillator between rows; ``"band"`` if not given.
+        Force of an oscillator between rows; ``"band"`` by default.
     """
     known, log = as_file(model), _checked(record).cut()
     u = _in_unit(np.asarray(log.u), log.input, known.input)
@@ -131,14 +131,14 @@ def simulate(
         if parts.start != "negative":
             raise ParameterError(
                 f"the start (--record start) is {parts.start!r}, and an oscillator begins at rest; "
-                "leave it out"
+                "omit the start"
             )
     else:
         _levels(known)  # refuses models that have no operator on the input
         if between is not None:
             raise ParameterError(
                 "between (--record between) is for oscillators, and the model is of kind "
-                f"{known.kind!r}; leave it out"
+                f"{known.kind!r}; omit it"
             )
     if known.has_time and not log.timed:
         why = log.origin.why_untimed
@@ -150,9 +150,8 @@ def simulate(
     notes = list(log.notes)
     if unsaid and not isinstance(known.model, Polynomial | Oscillator):
         notes.append(
-            "each curve begins with the memory 'negative'; the model does not hold how those of "
-            "its record began: give start_of_curve (--record start_of_curve) if they began "
-            "otherwise"
+            "each curve begins with the memory 'negative', because the model does not contain the "
+            "memory of its own curves: give start_of_curve (--record start_of_curve) if it differs"
         )
     if log.curves is None and known.start_of_curve is not None:
         notes.append(
@@ -170,7 +169,7 @@ def simulate(
         count = int(unknown.sum())
         y = np.where(unknown, np.nan, y)
         notes.append(
-            f"{counted(count, 'output')} {are(count)} left empty, because the input may have "
+            f"{counted(count, 'output')} {are(count)} empty, because the input may have "
             "turned in a gap, and the memory is unknown after it"
         )
     if known.lag and not log.timed:
@@ -195,7 +194,7 @@ def _checked(record: Record) -> Record:
 
 
 def _in_unit(values: FloatArray, found: Quantity, wanted: Quantity) -> FloatArray:
-    """Return numbers in the unit of a model; one that is not known counts as the same."""
+    """Return numbers in the unit of a model; an unknown unit counts as the same."""
     factor = unit_factor(found.unit, wanted.unit) if found.unit and wanted.unit else 1.0
     if factor is None:
         raise RecordError(
@@ -251,7 +250,7 @@ def _wrong(score: ModelScore) -> Iterator[str]:
 
 
 def _other_units(score: ModelScore) -> Iterator[str]:
-    """Name signals that differ from those of the model as by another prefix of their unit."""
+    """Name signals that seem to have another prefix of their unit than those of the model."""
     known, levels = score.simulation.model, _levels(score.simulation.model)
     ratios = {known.output: score.span / (float(np.ptp(score.prediction[score.scored])) or 1.0)}
     if levels is not None:
@@ -274,18 +273,18 @@ def _outside(score: ModelScore) -> Iterator[str]:
 
 
 def _causes(score: ModelScore) -> Iterator[str]:
-    """Say what explains the error, most likely causes first."""
+    """Give explanations of the error, most likely causes first."""
     found, error = score.residual, score.nrmse
     if error < _LEAST:
         return
-    # Share of readings in 90 % bands below which this is said
+    # Share of readings in 90 % bands below which the bands are too narrow
     if score.coverage is not None and score.coverage < 0.75:
         yield (
             f"{score.coverage:.0%} of the readings lie within the 90 % bands of the model: this "
-            "record differs from its own by more than parts of that differ from one another"
+            "record differs from that of the model by more than its parts differ from one another"
         )
     promised = score.promised
-    # Error over the one that the model file promises from which this is said
+    # Ratio of the error to that in the model file from which it is reported
     if promised is not None and error > 2.0 * promised:
         yield (
             f"the error is {error / promised:.1f} times the {percent(promised)} that the model "
@@ -306,7 +305,7 @@ def _causes(score: ModelScore) -> Iterator[str]:
         rows = found.startup.rows
         yield (
             f"the first {counted(rows, 'row')} have {found.startup.share:.0%} of the squared "
-            f"error: the memory before them is not that of the start; leave them out with "
+            f"error: the memory before them is not that of the start; exclude them with "
             f"skip={rows} (--record skip={rows})"
         )
     within = score.within_levels
@@ -334,7 +333,7 @@ def _causes(score: ModelScore) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelScore(Scored):
-    """How near a model is to the outputs of a record that it was not identified from."""
+    """Errors of a model on a record from which it was not identified."""
 
     SCORES: ClassVar[tuple[ScoreRow, ...]] = (
         ScoreRow("nrmse", "nrmse", "error", of_range),
@@ -346,7 +345,7 @@ class ModelScore(Scored):
         ScoreRow("", "_samples_text", "samples scored"),
         ScoreRow("", lambda found: found._with_unit(found.accuracy.rmse), "rms error"),
         *(ScoreRow("", "accuracy", *texts) for texts in ACCURACY_TEXTS),
-        ScoreRow("half_width", "half_width", "half width of the bands, mean", "{:.4g}"),
+        ScoreRow("half_width", "half_width", "mean half width of the bands", "{:.4g}"),
         ScoreRow("offset", lambda found: found.line[0]),
         ScoreRow("gain", lambda found: found.line[1]),
         ScoreRow("", "_line_text", "offset and gain"),
@@ -376,10 +375,10 @@ class ModelScore(Scored):
     simulation: Simulation
     """The model and its outputs."""
     y: FloatArray
-    """Shape (T,). Measured outputs in the unit of the model; NaN where nothing was measured."""
+    """Shape (T,). Measured outputs in the unit of the model; NaN if not measured."""
     scored: BoolArray
-    """Shape (T,). Rows that are scored: measured ones whose memory and delayed input are known, and
-    that are not skipped."""
+    """Shape (T,). Scored rows: measured rows with known memory and delayed input that are not
+    skipped."""
     starts: Mapping[str, float] = field(default_factory=dict)
     """Errors with other start states, over the range of the output."""
     groups: Mapping[str, BoolArray] = field(default_factory=dict)
@@ -396,7 +395,7 @@ class ModelScore(Scored):
         return self.simulation.y
 
     def columns(self, time: Quantity) -> dict[str, list[Any]]:
-        """Return the columns of a table of all rows by header; what is not known is empty.
+        """Return the columns of a table of all rows by header; unknown values are empty.
 
         ``time``: name of the times.
         """
@@ -412,7 +411,7 @@ class ModelScore(Scored):
 
     @property
     def curves(self) -> Curves:
-        """Where the memory was reset."""
+        """Rows before which the memory is reset."""
         return self.simulation.curves
 
     @property
@@ -425,12 +424,12 @@ class ModelScore(Scored):
 
     @property
     def span(self) -> float:
-        """Range of the scored outputs, which errors are over."""
+        """Range of the scored outputs, to which errors are relative."""
         return float(np.ptp(self.y[self.scored])) or 1.0
 
     @property
     def error(self) -> FloatArray:
-        """(T,) model less measured; NaN where nothing is scored."""
+        """(T,) model minus measured; NaN in rows that are not scored."""
         return np.where(self.scored, self.prediction - self.y, np.nan)
 
     @cached_property
@@ -445,7 +444,7 @@ class ModelScore(Scored):
 
     @cached_property
     def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
-        """Errors on each curve or group over the range of all; empty where there is one only."""
+        """Errors on each curve or group over the range of all; empty if there is only one."""
         if self.groups:
             rows = {name: where & self.scored for name, where in self.groups.items()}
             return tuple(
@@ -462,7 +461,7 @@ class ModelScore(Scored):
 
     @cached_property
     def within_levels(self) -> float | None:
-        """Error at inputs within the levels, over the same range; None if all are, or none is."""
+        """Error at inputs within the levels, over the same range; None if all or no inputs are."""
         inside = self.scored & ~self.simulation.outside
         if not inside.any() or not self.simulation.outside.any():
             return None
@@ -470,12 +469,12 @@ class ModelScore(Scored):
 
     @cached_property
     def baseline_nrmse(self) -> float:
-        """Error of the best delayed polynomial, fitted to the scored rows themselves."""
+        """Error of the best delayed polynomial, fitted to the scored rows."""
         return polynomial_nrmse(self.u, self.y, self.scored, self.scored, self.curves)
 
     @cached_property
     def residual(self) -> ResidualSummary:
-        """What the residual on the scored rows shows."""
+        """Summary of the residual on the scored rows."""
         applied = self.curves.delayed(self.u, self.lag)
         basis = Basis.of(applied, self.curves, int(np.count_nonzero(self.scored)))
         error = (self.prediction - self.y) / self.span
@@ -499,7 +498,7 @@ class ModelScore(Scored):
 
     @cached_property
     def bands(self) -> Prediction | None:
-        """Outputs with 90 % bands at up to 2000 scored rows; None where the model has no bands."""
+        """Outputs with 90 % bands at up to 2000 scored rows; None if the model has no bands."""
         part, model = self.simulation.model.bands, self.simulation.model.model
         if part is None or not isinstance(model, Preisach):
             return None
@@ -512,12 +511,12 @@ class ModelScore(Scored):
     def band_rows(self) -> IntArray:
         """(M,) rows of `bands`."""
         rows = np.flatnonzero(self.scored)
-        # Rows whose bands are computed: the share of 90 % within them is then known to 0.7 %
+        # With 2000 bands, the share of 90 % within them is known to 0.7 %
         return np.asarray(rows[one_of_each(rows.size, 2000)])
 
     @property
     def coverage(self) -> float | None:
-        """Share of readings within their 90 % bands; None where the model has no bands."""
+        """Share of readings within their 90 % bands; None if the model has no bands."""
         return None if self.bands is None else self.bands.covers(self.y[self.band_rows])
 
     @property
@@ -528,7 +527,7 @@ class ModelScore(Scored):
 
     @property
     def half_width(self) -> float | None:
-        """Mean half width of the 90 % bands; None where the model has no bands."""
+        """Mean half width of the 90 % bands; None if the model has no bands."""
         return None if self.bands is None else float(self.bands.half_width.mean())
 
     def _with_unit(self, value: float) -> str:
@@ -559,11 +558,11 @@ class ModelScore(Scored):
         labels = {"input_label": str(known.input), "output_label": str(known.output)}
         labels = {name: label.replace("$", r"\$") for name, label in labels.items()}
         caption = (
-            "Measured and predicted loop; the record; the residual, predicted less measured, by "
+            "Measured and predicted loop; the record; the residual, predicted minus measured, by "
             "the input, and in time with the 90 % bands, if the model has some."
         )
         report.add(
-            "How good it is",
+            "Quality",
             table=Table(("", ""), self.summary()),
             pictures=[Picture(self.plot(**labels), caption)],
             notes=[*known.warnings, *self.advice, *self.simulation.notes],
@@ -574,15 +573,15 @@ class ModelScore(Scored):
 
 
 def score(model: AnyModel, record: Record, *, between: Interpolation | None = None) -> ModelScore:
-    """Score a model on a record that it was not identified from.
+    """Score a model on a record from which it was not identified.
 
-    Raises a `ParameterError` or `RecordError` as of `simulate`, or if no row is left to be scored.
+    Raises a `ParameterError` or `RecordError` as of `simulate`, or if no row is left to score.
 
     Parameters
     ----------
     model, record, between
-        As of `simulate`; outputs that are NaN were not measured. Where rows have labels of groups,
-        such as specimens, each group has its errors. Rows to skip set the memory and are not
+        As of `simulate`; outputs that are NaN were not measured. If rows have labels of groups,
+        such as specimens, each group has its own errors. Skipped rows set the memory and are not
         scored.
 
     Examples
@@ -599,8 +598,8 @@ def score(model: AnyModel, record: Record, *, between: Interpolation | None = No
     rows &= ~as_skip(log.skip, found.curves.positions(y.size))
     if not rows.any():
         raise RecordError(
-            "no row is left to be scored: none was measured with a known memory; give the output, "
-            "or a smaller skip (--record skip=N)"
+            "no row is left to score: no row was measured with a known memory; give the output, or "
+            "a smaller skip (--record skip=N)"
         )
     result = ModelScore(found, y, rows, groups=_by_label(log.groups, y.size))
     if isinstance(known.model, Oscillator | Polynomial) or result.nrmse < _LEAST:
@@ -648,13 +647,13 @@ def read_inputs(
 ) -> Record:
     """Return the inputs of a table with their times and curves, for `simulate`; outputs are NaN.
 
-    Raises a `RecordError` if the file or a column cannot be used, the unit is another one, or times
-    run backwards.
+    Raises a `RecordError` if the file or a column cannot be used, the unit differs, or times run
+    backwards.
 
-    ``known``: the model; its input is the column if none is named; ``path``: the table; ``input``,
-    ``time`` and ``curves``: columns, as of `minorloop.read`; ``start_of_curve`` {"negative",
-    "positive", "demagnetised", "as-left"}: memory before each curve, as of `Record`; that of the
-    model if not given.
+    ``known``: the model; its input is the default column; ``path``: the table; ``input``, ``time``
+    and ``curves``: columns, as of `minorloop.read`; ``start_of_curve`` {"negative", "positive",
+    "demagnetised", "as-left"}: memory before each curve, as of `Record`; by default that of the
+    model.
     """
     column = known.input.name if input is None else input
     u = read_column(path, column, known.input.unit)

@@ -1,6 +1,6 @@
 """Values as text, on command lines and in addresses: ``KIND:WHAT,KEY=VALUE,...``.
 
-What is before the first ``KEY=`` may have commas, and so may a value: a part between commas that
+The text before the first ``KEY=`` may have commas, and so may a value: a part between commas that
 does not begin with ``KEY=`` belongs to the value before it.
 """
 
@@ -20,14 +20,14 @@ _WORDS = {"yes": True, "no": False, "none": None}
 
 @dataclass(frozen=True)
 class TextValue:
-    """A value in its parts."""
+    """A value split into its parts."""
 
     kind: str
-    """What is before the colon; empty without one."""
+    """The text before the colon; empty without one."""
     what: str
-    """What is before the first ``KEY=VALUE``, without the kind."""
+    """The text before the first ``KEY=VALUE``, without the kind."""
     options: Mapping[str, str]
-    """The texts by key, with ``_`` for ``-``."""
+    """The values as texts by key; in keys, ``-`` is replaced by ``_``."""
 
 
 def parsed(text: str) -> TextValue:
@@ -52,7 +52,7 @@ def parsed(text: str) -> TextValue:
 
 
 def merged(texts: Sequence[str], kind: str) -> TextValue:
-    """Return the parts of texts as of one: of each key, and of the kind, the last counts."""
+    """Return the parts of several texts together; the last kind and the last of each key count."""
     what, options = "", dict[str, str]()
     for value in map(parsed, texts):
         kind, what = value.kind or kind, value.what or what
@@ -61,10 +61,10 @@ def merged(texts: Sequence[str], kind: str) -> TextValue:
 
 
 def called(make: Callable[..., T], where: str, options: Mapping[str, Any], **others: Any) -> T:
-    """Return what a function or a class makes of texts, or values, by the names of its parameters.
+    """Call a function or a class with texts, or values, by the names of its parameters.
 
-    Raises a `ParameterError` if it has no parameter of a name, or needs one that is not given;
-    ``where`` is what has the keys.
+    Raises a `ParameterError` if a name is not a parameter, or a required one is missing; ``where``
+    names the option or address in messages.
     """
     parameters = inspect.signature(make).parameters
     known = [name for name in parameters if name not in others]
@@ -88,7 +88,7 @@ def _is_text(annotation: Any) -> bool:
 
 
 def plain(text: str) -> Any:
-    """Return a number, or a truth for ``yes`` and ``no``, or None for ``none``; or the text."""
+    """Return a text as a number, a bool (``yes``, ``no``) or None (``none``) if it is one."""
     if text in _WORDS:
         return _WORDS[text]
     for kind in (int, float):
@@ -102,7 +102,7 @@ def plain(text: str) -> Any:
 def numbers(text: str, counts: Any, where: str, form: str) -> list[float]:
     """Return numbers that are separated by commas.
 
-    Raises a `ParameterError` if there are not as many as ``counts`` has, or one is none.
+    Raises a `ParameterError` if their count is not in ``counts``, or a part is not a number.
     """
     try:
         found = [float(part) for part in text.split(",")]
@@ -114,10 +114,10 @@ def numbers(text: str, counts: Any, where: str, form: str) -> list[float]:
 
 
 def ends(text: str, what: str, kind: Callable[[str], T], form: str) -> tuple[T, T]:
-    """Return the two ends of a range ``A:B``, as a kind makes them of texts.
+    """Return the two ends of a range ``A:B``, each converted by ``kind``.
 
-    Raises a `ParameterError` if there are not two, or the kind raises a `ValueError`; ``what`` is
-    the key, and ``form`` says what to give.
+    Raises a `ParameterError` if there are not two, or ``kind`` raises a `ValueError`; ``what`` is
+    the key, and ``form`` the required form, for the message.
     """
     try:
         first, last = map(kind, text.split(":"))
@@ -127,7 +127,7 @@ def ends(text: str, what: str, kind: Callable[[str], T], form: str) -> tuple[T, 
 
 
 def as_duration(seconds: float) -> str:
-    """Return a duration in seconds, minutes or hours, whichever suits."""
+    """Return a duration as text, in seconds, minutes or hours depending on its length."""
     if seconds < 90:
         return f"{seconds:.3g} s"
     if seconds < 3600:

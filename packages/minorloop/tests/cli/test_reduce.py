@@ -50,4 +50,4 @@ def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model)
     assert (recognised["sd"], named["sd"]) == ("sd [um]", "sd")
     assert without["sd"] is noise["sd"] is None
     assert recognised["rmse_train"] == named["rmse_train"] > without["rmse_train"]
-    assert "is no standard deviation of 'y [um]'" in refused(f"{line} --record sd=other")
+    assert "is not a standard deviation of 'y [um]'" in refused(f"{line} --record sd=other")

@@ -96,7 +96,7 @@ FLEET = "fleet fleet.csv --out x --input voltage --output length"
             "simulate rough.json moved.csv --input force --time time --record start=positive",
             "begins at rest",
         ),
-        ("score model.json empty.csv", "no row is left to be scored"),
+        ("score model.json empty.csv", "no row is left to score"),
         ("invert rough.json moved.csv --target displacement", "an oscillator, whose output"),
         ("invert late.json far.csv --target length --time time", "rests at"),
         (f"{INVERT} --time time --hold 3", "--hold and --time cannot be combined"),

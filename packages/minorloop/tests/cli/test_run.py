@@ -36,7 +36,7 @@ def test_an_adaptive_run_ends_with_a_score(run, refused):
     status, out, _ = run(f"{ADAPTIVE}holds=6 --store a.sqlite")
     assert status == 0
     assert "model from 6 holds; on 4 more, never fitted" in out
-    assert "leave rows, skip and holdout out" in refused("identify a.sqlite --holdout 0.3")
+    assert "omit rows, skip and holdout" in refused("identify a.sqlite --holdout 0.3")
 
 
 def test_one_channel_of_a_bench_with_several_is_run_and_resumed(run, tmp_path, monkeypatch):

@@ -31,13 +31,13 @@ def test_a_run_that_goes_on_can_be_read_by_every_verb(run, answer):
         shown = answer("runs show --store runs.sqlite")
         assert (shown["running"], shown["points"], shown["left_s"]) == (True, 11, None)
         assert "still running" in run("runs show --store runs.sqlite")[1]
-        assert "the run goes on" in run("runs export --store runs.sqlite --save p.csv")[1]
+        assert "the run continues" in run("runs export --store runs.sqlite --save p.csv")[1]
         status, out, _ = run("identify runs.sqlite --law levels=4")
         assert status == 0
-        assert "the run goes on, and has 11 of 11 points so far" in " ".join(out.split())
+        assert "the run continues, and has 11 of 11 points so far" in " ".join(out.split())
     assert not answer("runs show --store runs.sqlite")["running"]
     assert "killed" in run("runs show --store runs.sqlite")[1]
-    assert "the run goes on" not in run("identify runs.sqlite --law levels=4")[1]
+    assert "the run continues" not in run("identify runs.sqlite --law levels=4")[1]
 
 
 def test_a_run_is_followed_until_it_ends(run, monkeypatch):

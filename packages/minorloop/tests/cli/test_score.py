@@ -59,7 +59,7 @@ def test_a_model_that_does_not_predict_the_record_ends_with_status_1(other, run)
 
 
 def test_the_file_that_the_model_was_identified_from_is_named(answer, model):
-    said = "the model was identified from this file: its error here is no error on other inputs"
+    said = "the model was identified from this file, so its error here says little about"
     assert said not in " ".join(answer(SCORE)["notes"])
     origin = modelfile.Provenance.of("other.csv")
     names = {"input": "voltage [V]", "output": "length [um]"}

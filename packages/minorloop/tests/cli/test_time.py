@@ -71,7 +71,7 @@ def has_mass(found):
     [
         (moving, "dynamics:levels=8,first=operator,poles=2", "nrmse_train", "compared", has_lags),
         (holds, "viscosity:creep=spectrum,levels=4", "left_out_nrmse", "time explains", creeps),
-        (vibration, "vibration:rough=rough.json,period=256", "nrmse", "model misses", has_mass),
+        (vibration, "vibration:rough=rough.json,period=256", "nrmse", "and its loops", has_mass),
     ],
     ids=["dynamics", "viscosity", "vibration"],
 )
@@ -107,7 +107,7 @@ def test_simulate_leaves_outputs_after_a_gap_empty(run, answer):
     assert "1 gap in column 'time [s]': about 300 samples are missing" in notes[0]
     assert run(f"{line} --save out.csv")[0] == 0
     y = columns("out.csv")[2]
-    assert f"{np.isnan(y).sum()} outputs are left empty" in notes[1]
+    assert f"{np.isnan(y).sum()} outputs are empty" in notes[1]
     assert np.isnan(y[150:160]).all()
     np.testing.assert_allclose(y[:150], MODEL.simulate(u[kept])[:150], atol=1e-12)
 

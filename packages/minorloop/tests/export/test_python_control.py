@@ -101,7 +101,7 @@ def test_refusals():
     for interval in (0, -1.0, None, False):
         with pytest.raises(ParameterError, match="interval is"):
             as_system(PREISACH, interval)
-    with pytest.raises(ParameterError, match="Polynomial has no state"):
+    with pytest.raises(ParameterError, match="the model is a Polynomial"):
         as_system(Polynomial([1.0, 0.0], -1, 1))
 
 

@@ -50,9 +50,9 @@ def test_a_worker_that_hangs_or_ends_costs_one_specimen_at_most(tmp_path, starte
     failed = {one.specimen: one.error for one in summary.failures}
     assert failed.keys() == {"hang", "die"}
     assert "no model within the limit of 5 s" in failed["hang"]
-    assert "2 workers ended during its fit, the last one ended (SIGKILL)" in failed["die"]
+    assert "2 workers ended during its fit, the last ended (SIGKILL)" in failed["die"]
     text = "\n".join(said)
-    assert "specimen hang has reached the limit of 5 s and is given up" in text
+    assert "specimen hang has reached the limit of 5 s and is stopped" in text
     assert "the worker of specimen die-once ended (SIGKILL); the specimen is tried once" in text
     assert not any(is_alive(number) for number in started)
 

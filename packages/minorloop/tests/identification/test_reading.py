@@ -44,5 +44,5 @@ def test_a_column_that_is_missing_or_wrong_is_named(file):
         ml.read(file, input="u")
     with pytest.raises(RecordError, match="does not exist"):
         ml.read(file.with_name("none.csv"))
-    with pytest.raises(RecordError, match="is no standard deviation of 'y"):
+    with pytest.raises(RecordError, match="is not a standard deviation of 'y"):
         ml.read(file, input="u", output="y", sd="u")

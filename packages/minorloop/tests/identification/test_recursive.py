@@ -60,7 +60,7 @@ def test_the_model_stays_on_inputs_that_hardly_excite_it():
         ({"u": 0.5, "y": 1.0, "settled": False}, "not settled"),
         ({"u": 0.5, "y": np.nan}, "not settled"),
         ({"u": 1.3, "y": 1.0}, "beyond the levels"),
-        ({"u": 0.2, "y": 1.0}, "nothing switched"),
+        ({"u": 0.2, "y": 1.0}, "no relay switched"),
     ],
 )
 def test_freezes(sample, why):

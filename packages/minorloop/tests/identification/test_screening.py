@@ -51,7 +51,7 @@ def test_an_overload_code_is_no_input():
     u, y = record()
     u = u.copy()
     u[7] = 9.9e37
-    with pytest.raises(SignalError, match=r"u is 9.9e\+37 at index 7, which is an overload code"):
+    with pytest.raises(SignalError, match=r"u is 9.9e\+37 at index 7, an overload code"):
         identify(u, y, Plane(8))
 
 
@@ -61,7 +61,7 @@ def test_a_sentinel_among_the_inputs_is_named(code):
     u = u.copy()
     u[50] = code
     (warning,) = (text for text in identify(u, y, Plane(8)).warnings if "input is a code" in text)
-    assert f"sample 50 ({code:g}); give what was applied" in warning
+    assert f"sample 50 ({code:g}); give the applied input" in warning
 
 
 def test_inputs_that_often_go_to_the_end_of_a_converter_are_inputs():

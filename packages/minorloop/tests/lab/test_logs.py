@@ -97,7 +97,7 @@ def test_the_input_of_another_logger_is_interpolated_at_the_times_of_the_output(
     np.testing.assert_allclose(found.y[measured], found.t[measured])
     assert measured.sum() == 198 - 21
     assert found.check.gaps.size == 1
-    assert "u [V] is empty in 198 of 378 rows, as where two loggers were merged" in found.notes[0]
+    assert "u [V] is empty in 198 of 378 rows, as if two loggers were merged" in found.notes[0]
     assert "21 rows without readings near are left out" in found.notes[0]
     with pytest.raises(RecordError, match=r"name the column of time \(--time\)"):
         read_log(path, input="u", output="y", time=None)

@@ -97,7 +97,7 @@ def test_spikes_of_a_measured_input_are_no_extremes(long):
     assert found.count("passed") == 0
     np.testing.assert_allclose(found.record().u, LEVELS, atol=1e-3)
     assert "20 outliers of voltage [V]" in found.notes[0]
-    assert "not taken for the input" in found.notes[0]
+    assert "not used as input" in found.notes[0]
 
 
 def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
@@ -221,5 +221,5 @@ def test_an_input_that_never_rests_is_refused_in_one_sentence_without_warnings()
     """Warnings are errors here; holds of three samples are looked for, to name them."""
     t = 0.01 * np.arange(2000)
     u = np.sin(20 * t) * np.exp(-t / 20)
-    with pytest.raises(RecordError, match="where the input never rests, identify the record as it"):
+    with pytest.raises(RecordError, match="if the input never rests, identify the record as it"):
         reduce(Record(u, u, t))

@@ -120,8 +120,8 @@ class TestLimited:
     @pytest.mark.parametrize(
         ("changes", "sentence"),
         [
-            ({"safe": None}, "SimpleNamespace is no actuator: it has no safe"),
-            ({"inputs": ("current",)}, "'current' is no channel; give a minorloop.Channel"),
+            ({"safe": None}, "SimpleNamespace is not an actuator: it has no safe"),
+            ({"inputs": ("current",)}, "'current' is not a channel; give a minorloop.Channel"),
             ({"inputs": (Channel("current", "A"),)}, "has no limits; give the least and greatest"),
         ],
     )

@@ -7,7 +7,7 @@ import pytest
 from minorloop.page import connections
 from minorloop.page.connections import Limits, Listener, admit, mark
 
-SMALL = Limits(strangers=4, each=2, header=5.0)
+SMALL = Limits(unauthenticated=4, each=2, header=5.0)
 
 
 @pytest.fixture

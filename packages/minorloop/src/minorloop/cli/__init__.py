@@ -1,4 +1,4 @@
-"""The command line: one file a verb. Nothing heavy is imported until a verb runs."""
+"""The command line: one file for each verb. Slow imports wait until a verb runs."""
 
 import os
 import sys
@@ -38,9 +38,8 @@ _REFUSED = 2
 _UNSAFE = 3
 _INTERRUPTED = 130
 _LONGEST = 800
-"""Characters of an error on one line, about ten lines of a terminal: a longer one loses its
-middle."""
-# The root of what the parser raises; typer exports its leaves only.
+"""Most characters of an error, about ten lines of a terminal; the middle of a longer one is cut."""
+# The base class of the errors of the parser; typer exports subclasses only.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[2]
 
 app = typer.Typer(
@@ -50,8 +49,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 VERBS = "minorloop.verbs"
-"""Entry points of verbs that other packages add: modules such as those of this folder, or with an
-``app`` of several."""
+"""Entry points of verbs of other packages: modules like those of this folder, or with an ``app``
+of several verbs."""
 _VERBS = (
     *(reduce, identify, simulate, score, invert, plan, run_verb, drive, resume, runs, frequency),
     *(export, fleet, devices, lab, demo),
@@ -65,8 +64,8 @@ for _verb in _VERBS:
         app.command(_verb.NAME, cls=_kind, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(given: bool) -> None:
+    if given:
         typer.echo(f"minorloop {__version__}")
         raise typer.Exit
 
@@ -85,7 +84,7 @@ def _options(
 
 @cache
 def _command() -> Any:
-    """Return all verbs as the parser has them; a program that runs several reads them once."""
+    """Return the parser of all verbs; it is built once even if a program runs several commands."""
     return typer.main.get_command(app)
 
 
@@ -94,13 +93,13 @@ def main(
     parser: Callable[[], Any] = _command,
     name: str = "minorloop",
 ) -> int:
-    """Run a command line, that of the process if none is given, and return its exit status.
+    """Run a command line, by default that of the process, and return its exit status.
 
-    An error is one line on stderr and, with ``--json``, one JSON object on stdout, unless the
-    result is already there. The status is 0 for success, 2 for a refusal, 3 where a source may
-    still be on, 130 for an interruption, 1 where the program that reads the output has ended,
+    An error is printed as one line on stderr and, with ``--json``, as one JSON object on stdout
+    unless the result is already there. The status is 0 for success, 2 for a refusal, 3 if a source
+    may still be on, 130 for an interruption, and 1 if the program that reads the output has ended,
     nothing in a fleet could be identified, or an identified model is not to be trusted.
-    ``parser`` returns the commands of another program, whose ``name`` is in its messages.
+    ``parser`` returns the parser of another program, and ``name`` is the name of that program.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     for stream in ("stdout", "stderr"):
@@ -145,14 +144,14 @@ def main(
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Whether an error followed from an interruption, as in a compiler that was stopped."""
+    """Whether an error was caused by an interruption, as in a compiler that was stopped."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
 
 
 def _usage(error: Exception) -> str:
-    """Return the message of the parser, and where to read more."""
+    """Return the message of the parser, and which help to read."""
     said = getattr(error, "format_message", error.__str__)()
     context = getattr(error, "ctx", None)
     if said.endswith("?"):
@@ -161,7 +160,7 @@ def _usage(error: Exception) -> str:
 
 
 def _refuse(kind: str, message: str) -> int:
-    """Print one line on stderr, without characters that control a terminal."""
+    """Print an error as one line on stderr, without terminal control characters."""
     line = " ".join(message.split())
     line = "".join(letter if letter.isprintable() else "\ufffd" for letter in line)
     if len(line) > _LONGEST:
@@ -172,7 +171,7 @@ def _refuse(kind: str, message: str) -> int:
 
 
 def _print_error(kind: str, message: str) -> None:
-    """Print the error as JSON if that was asked for."""
+    """Print the error as JSON if JSON is still expected."""
     try:
         _common.print_missing_json({"error": {"kind": kind, "message": message}})
         sys.stdout.flush()
@@ -181,6 +180,6 @@ def _print_error(kind: str, message: str) -> None:
 
 
 def _drop_output() -> None:
-    """Redirect a stdout that cannot be written, or the interpreter complains at exit."""
+    """Redirect a stdout that cannot be written, lest the interpreter print an error at exit."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 NONE = "none"
-"""Takes the place of the name of a column that is not to be used."""
+"""Given instead of the name of a column to use no such column."""
 
 
 def _parser(kind: type[Any], what: str) -> Callable[[str], Any]:
@@ -54,7 +54,7 @@ def number_option(help: str) -> Any:
 
 
 def seconds_option(help: str) -> Any:
-    """Return an option for a positive number of seconds; others are refused wherever it counts."""
+    """Return an option for a number of seconds, which must be positive and finite."""
     return typer.Option(parser=number, metavar="X", help=help, callback=_positive)
 
 
@@ -66,7 +66,7 @@ def _positive(param: typer.CallbackParam, value: float | None) -> float | None:
 
 
 def plain(help: str) -> str:
-    """Return a help text whose square brackets, as of units, are shown and not taken as markup."""
+    """Return a help text with square brackets escaped: they enclose units and are no markup."""
     return help.replace("[", r"\[")
 
 
@@ -106,7 +106,7 @@ Holdout = Annotated[
 ]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
-Target = Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")]
+Target = Annotated[str, typer.Option(help="Column of the target outputs, in order.")]
 NewStore = Annotated[Path, typer.Option(show_default=False, help="New file for the points.")]
 Convert = Annotated[
     str | None,
@@ -135,27 +135,27 @@ def check_word(what: str, word: str, known: Sequence[str]) -> None:
 
 
 def refuse_given(options: Mapping[str, Any], why: str) -> None:
-    """Refuse options that are given; None is one that is not. The message says ``why``."""
+    """Refuse options that are not None; ``why`` completes the message."""
     for name, value in options.items():
         if value is not None:
             raise ParameterError(f"--{name.replace('_', '-')} {why}; leave it out")
 
 
 _json_missing = False
-"""Whether a JSON object is expected on stdout and not yet there."""
+"""Whether a JSON object is still to be printed on stdout."""
 _beside: dict[str, Any] = {}
-"""What is printed beside an error if it ends the command."""
+"""Content to add to the JSON object of an error that ends the command."""
 
 
-def expect_json(wanted: bool) -> None:
-    """Note at the beginning of a command line whether it prints JSON."""
+def expect_json(expected: bool) -> None:
+    """Note at the beginning of a command whether it prints JSON."""
     global _json_missing
-    _json_missing = wanted
+    _json_missing = expected
     _beside.clear()
 
 
 def print_beside_error(content: Mapping[str, Any]) -> None:
-    """Keep what the JSON object of an error has too, if one ends the command."""
+    """Store content to add to the JSON object of an error, if one ends the command."""
     _beside.update(content)
 
 
@@ -171,7 +171,7 @@ def json_text(content: Mapping[str, Any]) -> str:
 
 
 def print_missing_json(content: Mapping[str, Any]) -> None:
-    """Print the object that is expected instead of a result; nothing if the result was printed."""
+    """Print an object instead of an expected result; nothing if no result is expected any more."""
     if _json_missing:
         print_json({**content, **_beside})
 
@@ -211,7 +211,7 @@ def print_advice(sentences: Sequence[str]) -> None:
 
 
 def print_sentence(sentence: str, mark: str = "") -> None:
-    """Print a sentence on stdout, behind a mark, in lines as wide as the terminal."""
+    """Print a sentence on stdout after a mark, wrapped to the width of the terminal."""
     from rich.console import Console
     from rich.text import Text
 
@@ -225,19 +225,19 @@ def print_warnings(sentences: Sequence[str]) -> None:
 
 
 class Progress(Protocol):
-    """Shows how far a command is."""
+    """Shows the progress of a command."""
 
     def __call__(self, stage: str, *, kept: bool = False) -> None:
-        """Show a text until the next one; one that is kept stays, on a line of its own."""
+        """Show a text until the next one, or permanently on its own line if ``kept``."""
 
 
 @contextmanager
 def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
     """Show progress on stderr if that is a terminal.
 
-    Yields a function that changes the text. Nothing else may be printed meanwhile. If stderr is no
-    terminal, a text that is to be kept is printed there, and if ``logged`` any other at most every
-    ten seconds. If ``logged``, it is said that the command compiles.
+    Yields a function that changes the text. Nothing else may be printed meanwhile. If stderr is not
+    a terminal, permanent texts are printed there, and if ``logged`` also one of the others at most
+    every ten seconds. If ``logged``, a sentence reports that the command compiles code.
     """
     if not sys.stderr.isatty():
         log = _logger(0.0 if logged else math.inf)
@@ -262,14 +262,14 @@ def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
 
 
 def _logger(begins: float) -> Progress:
-    """Print texts that are to be kept at once, and others from a number of seconds on."""
+    """Return a function that prints permanent texts at once, others after ``begins`` seconds."""
     due, last = time.monotonic() + begins, ""
 
     def log(stage: str, *, kept: bool = False) -> None:
         nonlocal due, last
         if stage != last and (kept or time.monotonic() >= due):
             typer.echo(stage, err=True)
-            # Seconds between lines of a log
+            # Ten seconds between lines
             due, last = max(due, time.monotonic() + 10.0), stage
 
     return log
@@ -277,7 +277,7 @@ def _logger(begins: float) -> Progress:
 
 @contextmanager
 def interruptible(kept: Callable[[], str]) -> Iterator[None]:
-    """Say what is kept if the work inside is interrupted."""
+    """Print the text that ``kept`` returns if the work inside is interrupted."""
     try:
         yield
     except KeyboardInterrupt:
@@ -286,21 +286,21 @@ def interruptible(kept: Callable[[], str]) -> Iterator[None]:
 
 
 def connected(address: str, **options: Any) -> AbstractContextManager[Actuator]:
-    """Return a context with the actuator at an address, as `minorloop.connect.opened`."""
+    """Return `minorloop.connect.opened` of an address, with messages on stderr."""
     from minorloop.connect import opened
 
     return opened(address, say=partial(typer.echo, err=True), **options)
 
 
 def named(column: str | None) -> str | None:
-    """Return a column, "auto" if it is not given, or None for ``none``."""
+    """Return the name of a column, ``AUTO`` if none is given, or None for ``none``."""
     from minorloop.lab.logs import AUTO
 
     return AUTO if column is None else None if column == NONE else column
 
 
 def reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
-    """Return what shows the share of a file that has been read."""
+    """Return a function that shows the share of a file that has been read."""
     return lambda share: now(f"reading {file.name}: {share}")
 
 
@@ -314,7 +314,7 @@ def write_csv(path: Path, columns: Mapping[str, Any], *, force: bool) -> None:
 
 
 def write_report(draw: Callable[[], Drawn], path: Path, *, force: bool) -> None:
-    """Draw a report and write it; an error in drawing becomes one sentence."""
+    """Draw a report and write it; any error in drawing becomes an `OutputError`."""
     try:
         draw().write(path, force=force)
     except MinorloopError:
@@ -325,16 +325,16 @@ def write_report(draw: Callable[[], Drawn], path: Path, *, force: bool) -> None:
 
 @dataclass(frozen=True)
 class Written:
-    """A file that a verb writes, if its name is given."""
+    """A file that a verb writes if its path is given."""
 
     path: Path | None
     write: Callable[[Path], object]
     said: str = "written to {}"
-    """What is printed, with ``{}`` for the name."""
+    """Sentence that is printed, with ``{}`` for the path."""
 
 
 def table(path: Path | None, columns: Mapping[str, Any], force: bool, said: str = "") -> Written:
-    """Return the file of columns of equal length under their headers."""
+    """Return the CSV file of columns of equal length under their headers."""
     return Written(path, partial(write_csv, columns=columns, force=force), said or "written to {}")
 
 
@@ -354,9 +354,9 @@ def finish(
     show: Callable[[], object],
     *files: Written,
 ) -> None:
-    """Write files, then print the content as JSON or show it: the reader of the output may end.
+    """Write files first, as printing may fail, then print the content as JSON or show it.
 
-    After a long computation, one result that cannot be written must not prevent the others.
+    If a file cannot be written, the others still are: the computation may have been long.
     """
 
     def write(file: Written, path: Path) -> None:
@@ -374,7 +374,7 @@ def check_outputs(
     """Check before a long computation that its results can be written.
 
     Raises an `OutputError` if one of them cannot be written, is also an input, or is named twice.
-    None is a result that is not wanted.
+    None stands for a result that is not written.
     """
     from minorloop.files import check_writable
 

@@ -1,24 +1,22 @@
-"""Say that a command compiles, which it does when it runs for the first time on a machine."""
+"""Report that a command compiles code, as it does when first run on a machine."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-COMPILES = (
-    "compiling what runs here for the first time; this takes from seconds to two minutes, once"
-)
+COMPILES = "compiling code that runs here for the first time; this takes up to two minutes, once"
 _SHORT = 2.0
-"""Seconds of compilation that need no sentence."""
+"""Seconds of compilation that are not reported."""
 
 
 @contextmanager
 def compilation_said(say: Callable[[str], None]) -> Iterator[None]:
-    """Call ``say`` once if compilation inside takes longer than some seconds."""
+    """Call ``say`` once if compilation inside takes longer than a few seconds."""
     from numba.core import event
 
     class Listener(event.Listener):
-        """Adds up the seconds; what is compiled may compile others."""
+        """Adds up the seconds of compilation, which may be nested."""
 
         depth, began, total, said = 0, 0.0, 0.0, False
 

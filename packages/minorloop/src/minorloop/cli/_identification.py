@@ -1,4 +1,4 @@
-"""Records, laws and priors from options, and what of a fit or a score is written and printed."""
+"""Records, laws and priors from options, and the output of a fit or a score."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _LAWS, _PRIORS = ("plane", "dynamics", "viscosity", "vibration"), ("auto", "gaussian", "smooth")
 _TIMED = ("viscosity", "vibration")
-"""Laws that need a record with times that increase."""
+"""Laws that need a record with increasing times."""
 
 RecordOptions = Annotated[
     list[str] | None,
@@ -65,7 +65,7 @@ PriorOption = Annotated[
 
 @dataclass(frozen=True)
 class RecordReader:
-    """What a record has beside input, output and time."""
+    """Reads records; its fields describe what a record has besides input, output and time."""
 
     curves: str | None = None
     groups: str | None = None
@@ -78,12 +78,12 @@ class RecordReader:
 
     @classmethod
     def of(cls, texts: Sequence[str] | None, **others: Any) -> RecordReader:
-        """Return the reader that an option describes, without the keys of ``others``."""
+        """Return the reader that an option describes; ``others`` are keys it may not have."""
         return called(cls, "--record", merged(texts or (), "").options, **others)
 
     @staticmethod
     def check(file: Path, input: str | None, output: str | None) -> None:
-        """Raise the error of a table that is refused, before what takes time is imported."""
+        """Refuse a table that cannot be read, before modules that load slowly are imported."""
         from minorloop.lab._store_file import is_store
         from minorloop.lab.columns import read_headers
 
@@ -98,7 +98,7 @@ class RecordReader:
         time: str | None,
         now: Callable[[str], None],
     ) -> Record:
-        """Return the record of a table or an experiment store; time and sd are found if None."""
+        """Return the record of a table or an experiment store; columns not given are found."""
         self.check(file, input, output)
         from minorloop.identification import read
 
@@ -123,17 +123,17 @@ class RecordReader:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What `Record.replace` takes."""
+        """Arguments for `Record.replace`."""
         return {name: getattr(self, name) for name in ("start", "start_of_curve", "skip")}
 
 
 def _row(text: str) -> int | None:
-    """Return the number of a row; None for an end that is left out."""
+    """Return the number of a row; None for an empty end of a range."""
     return int(text) if text.strip() else None
 
 
 def law_value(texts: Sequence[str] | None) -> TextValue:
-    """Return the parts of an option that may be repeated; of a plane without any."""
+    """Return the parts of the option of a law, which may be repeated; those of a plane if None."""
     return merged(texts or (), "plane")
 
 
@@ -177,9 +177,9 @@ def prior_of(text: str) -> PriorValue:
 
 
 def plane_options(value: TextValue, prior: str) -> dict[str, Any]:
-    """Return the options of a fleet that a plane and its prior are.
+    """Return the options of a fleet for a plane and its prior.
 
-    Raises a `ParameterError` if the law is another one.
+    Raises a `ParameterError` if the law is not a plane.
     """
     assumed = parsed(prior)
     _common.check_word("law of a fleet", value.kind, ("plane",))
@@ -191,7 +191,7 @@ def plane_options(value: TextValue, prior: str) -> dict[str, Any]:
 
 
 def check_times(kind: str, file: Path, record: Record) -> None:
-    """Refuse a record without times that increase, if laws of that kind need them.
+    """Refuse a record without increasing times if laws of that kind need them.
 
     Raises a `ParameterError` or a `RecordError`.
     """
@@ -209,9 +209,9 @@ def check_times(kind: str, file: Path, record: Record) -> None:
 
 
 def _rough_oscillator(start: str) -> Any:
-    """Return the oscillator in a model file, or ``unknown``.
+    """Return the oscillator in a model file, or ``"unknown"`` as given.
 
-    Raises a `ParameterError` if the file has another model.
+    Raises a `ParameterError` if the file holds another kind of model.
     """
     from minorloop import modelfile
     from minorloop.dynamics.oscillator import Oscillator
@@ -243,10 +243,10 @@ def show_scored(
 ) -> None:
     """Write files, print what was found, and exit with 1 if it is not to be trusted.
 
-    ``found``: what was found; ``title``: of the table; ``as_json`` and ``verbose``: whether to
-    print JSON, or all scores and advice; ``*files``: what is written; ``figures``: what ``--json``
-    has beside the scores; ``seconds`` is in the table too; ``notes``: what is printed behind the
-    advice.
+    ``found``: the fit or the score; ``title``: of the table; ``as_json`` and ``verbose``: whether
+    to print JSON, or all scores and advice; ``*files``: files to write; ``figures``: added to the
+    scores in JSON, of which the table shows ``seconds`` only; ``notes``: sentences to print after
+    the advice.
     """
     beside = figures or {}
 

@@ -1,4 +1,4 @@
-"""What runs, drives and their continuation print."""
+"""Output of runs, drives and resumed runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from minorloop.measurement import RunResult
 
 SHOWN: dict[str, Any] = {"carry": carry_out_levels, "say": partial(typer.echo, err=True)}
-"""How a run shows its progress."""
+"""Arguments of a measurement that show its progress."""
 
 
 def show(found: RunResult, as_json: bool, report: Path | None = None, force: bool = False) -> None:
@@ -78,7 +78,7 @@ def _print_drive(result: DriveResult, known: Mapping[str, Any]) -> None:
 
 
 def _levels(figures: Mapping[str, Any], findings: RunFindings | None) -> str:
-    """Return how many levels a run measured, of those it may measure."""
+    """Return in words how many levels a run measured, and how many it might have."""
     points, unused = figures["points"], figures["levels"] - figures["points"]
     if findings is None:
         return f"{points} of {figures['levels']} levels measured"
@@ -93,7 +93,7 @@ def _levels(figures: Mapping[str, Any], findings: RunFindings | None) -> str:
 
 
 def _print_findings(found: RunFindings) -> None:
-    """Print which holds were left out, and the score on the validation holds."""
+    """Print the holds that were left out, and the score on the validation holds."""
     for index in found.outliers:
         if index in found.changes:
             continue
@@ -111,7 +111,7 @@ def _print_findings(found: RunFindings) -> None:
 def sampling(figures: Mapping[str, Any]) -> str:
     """Return in words how often the output was read, and how well the times are known.
 
-    Empty where the times are exact, as for a twin, or not known.
+    Empty if the times are exact, as for a twin, or unknown.
     """
     if not figures["time_uncertainty_s"] or figures["median_interval_s"] is None:
         return ""

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 def carry_out_levels(
     plant: Actuator, store: Store, choose: Choose | None, again: str | None = None
 ) -> tuple[ResumeMode, list[str]]:
-    """Carry out the rest of a run and show its progress; if it ends, it says how to continue.
+    """Carry out the rest of a run and show its progress; if it is stopped, say how to continue.
 
-    ``again`` says how, if not with resume. Returns the mode, and what was wrong with points.
+    ``again`` is that sentence, if not about resume. Returns the mode and the warnings of points.
     """
     if again is None:
         again = f"continue with minorloop resume --store {shlex.quote(str(store.path))}"
@@ -48,8 +48,8 @@ def carry_out_levels(
         left = "" if store.finished else f"; {again}"
         if isinstance(error, MismatchError):
             left = (
-                "; when that is corrected, begin a new drive with another --store, because to "
-                "resume this one, with what it keeps, gives the same error"
+                "; when that is corrected, begin a new drive with another --store, because "
+                "resuming this one gives the same error"
             )
         raise type(error)(f"{error}; {_kept(store)}{left}") from None
 
@@ -60,9 +60,9 @@ def _kept(store: Store) -> str:
 
 
 def _shown(store: Store, now: Progress, warnings: list[str]) -> Callable[[RunProgress], None]:
-    """Return what shows the progress of a run: a line is kept for each settled point and warning.
+    """Return a function that prints a line for each settled point and each warning of a run.
 
-    On a terminal the present level and the time left are shown too.
+    On a terminal it also shows the present level and the time left.
     """
     begun, began, left = len(store), time.monotonic(), ""
 
@@ -83,12 +83,12 @@ def _shown(store: Store, now: Progress, warnings: list[str]) -> Callable[[RunPro
 
 
 def _repeats(progress: RunProgress, begun: int) -> bool:
-    """Whether a level of a session before was held again, unmeasured."""
+    """Whether a level of an earlier session was held again without measuring it."""
     return progress.point is None and progress.index < begun
 
 
 def _applied(progress: RunProgress, store: Store) -> str:
-    """Return what a segment of the plan is: its sine, or its level."""
+    """Return in words the sine or the level that a segment of the plan applies."""
     unit = store.outputs[0].unit
     if not store.plan.sines:
         return f"{progress.input:.6g} {unit}"
@@ -109,17 +109,17 @@ def _line(progress: RunProgress, store: Store, begun: int, left: str) -> str:
 
 
 def time_left(plan: Plan, first: int, count: int, seconds: float) -> float:
-    """Return the time left of a run, in seconds; NaN if it is not known.
+    """Return the time left of a run, in seconds; NaN if it is unknown.
 
-    Holds to come are expected to take as large a share of the longest as those so far.
+    The coming holds are expected to take the same share of their longest duration as those so far.
 
-    ``plan``: the plan; ``first`` and ``count``: how many levels were measured when the time began
-    to count, and are now; ``seconds``: how long the levels from ``first`` to ``count`` took.
+    ``first`` and ``count``: how many levels of the plan were measured when timing began, and are
+    now; ``seconds``: how long the levels between took.
     """
     so_far = float(plan.longest[first:count].sum())
     return seconds * float(plan.longest[count:].sum()) / so_far if so_far else math.nan
 
 
 def said_left(seconds: float) -> str:
-    """Return a time left in words; empty if it is not known, or less than a second."""
+    """Return a time left in words; empty if it is unknown, or less than a second."""
     return f"{as_duration(seconds)} left" if seconds >= 1 else ""

@@ -1,4 +1,4 @@
-"""``minorloop devices``: what can be measured and driven here, and whether it answers."""
+"""``minorloop devices``: list actuators and other devices, and check that they answer."""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -18,12 +18,12 @@ def run(
         list[str] | None,
         typer.Argument(
             show_default=False,
-            help="Actuators and others to open, make safe and read; what there is without any.",
+            help="Actuators and others to open, make safe and read; without any, all are listed.",
         ),
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
-    """List what is there; or open actuators and others, make them safe, and read each channel."""
+    """List devices; or open actuators and others, make them safe, and read each channel."""
     from minorloop.devices import present, probed
 
     rows = [row for each in address for row in probed(each)] if address else list(present())

@@ -70,7 +70,7 @@ def run(
 ) -> None:
     """Saturate an actuator, then bring it to each target; resume continues a stopped drive.
 
-    If a target ends further off than the model lets expect, the exit status is 1.
+    If a target is missed by more than is expected of the model, the exit status is 1.
     """
     from minorloop import modelfile
     from minorloop.lab.conversion import read_column

@@ -40,7 +40,8 @@ _Manifest = Annotated[
 _Out = Annotated[
     Path,
     typer.Option(
-        help="Folder for the results; that of a stopped fleet continues it.", show_default=False
+        help="Folder for the results; give that of a stopped fleet to continue it.",
+        show_default=False,
     ),
 ]
 _Input = Annotated[
@@ -113,7 +114,7 @@ def run(
 
 
 def _say(sentence: str) -> None:
-    """Print a sentence on stderr at once; progress may wait for ten seconds."""
+    """Print a sentence on stderr at once; progress texts may be ten seconds late."""
     print(sentence, file=sys.stderr, flush=True)
 
 

@@ -69,7 +69,7 @@ def run(
     reader.check(file, input, output)
     from minorloop.modelfile import Provenance
 
-    wanted = law_of(value)
+    chosen = law_of(value)
     assumed = prior_of(prior)
     with _common.working(f"reading {file.name}") as now:
         log = reader.read(file, input, output, time, now)
@@ -78,7 +78,7 @@ def run(
         now(doing)
         with compilation_said(lambda sentence: now(sentence, kept=True)):
             provenance, began = Provenance.of(file), perf_counter()
-            found = wanted.identify(log, assumed, holdout, lambda stage: now(f"{doing}: {stage}"))
+            found = chosen.identify(log, assumed, holdout, lambda stage: now(f"{doing}: {stage}"))
             seconds = perf_counter() - began
     kept = partial(found.save, provenance=provenance, force=force)
     show_scored(

@@ -80,9 +80,9 @@ def _print(known: ModelFile, found: TargetInversion, *, saved: bool) -> None:
         typer.echo(f"note: {note}", err=True)
     missed = int((~result.reachable).sum())
     columns = [f"target {known.output}", str(known.input), f"predicted {known.output}"]
-    wanted = [f"{value:.6g}" for value in targets[:_SHOWN]]
+    first = [f"{value:.6g}" for value in targets[:_SHOWN]]
     inputs, outputs = _in_six_digits(result.u), _in_six_digits(result.y)
-    rows = [list(row) for row in zip(wanted, inputs, outputs, strict=True)]
+    rows = [list(row) for row in zip(first, inputs, outputs, strict=True)]
     if missed:
         columns.append("")
         for row, ok in zip(rows, result.reachable[:_SHOWN], strict=True):
@@ -98,6 +98,6 @@ def _print(known: ModelFile, found: TargetInversion, *, saved: bool) -> None:
 
 
 def _in_six_digits(values: FloatArray) -> list[str]:
-    """Return the first numbers as text; rounding errors are shown as 0."""
+    """Return the first numbers with six digits; rounding errors are shown as 0."""
     least = 1e-12 * float(abs(values).max())
     return [f"{value if abs(value) > least else 0:.6g}" for value in values[:_SHOWN]]

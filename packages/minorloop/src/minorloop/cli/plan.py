@@ -33,7 +33,7 @@ _SINES = "sines"
 _SHOWN = 24
 """Most inputs that are printed."""
 _RANKED = 60
-"""Bands up to which computing what a plan determines takes seconds only."""
+"""Most bands for which it takes only seconds to compute what a plan determines."""
 _HOLD = "hold [s]"
 
 
@@ -120,7 +120,7 @@ def _print_sines(plan: Plan) -> None:
 def _planned(
     pattern: str, low: float, high: float, levels: int
 ) -> tuple[FloatArray, ExcitationReport | None]:
-    """Return the inputs, and what they determine if that is quickly computed."""
+    """Return the inputs, and a report of what they determine if there are few bands."""
     from minorloop.arrays import uniform_levels
     from minorloop.identification import excitation
     from minorloop.identification.design_matrix import check_bands

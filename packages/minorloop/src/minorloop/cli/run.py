@@ -56,11 +56,11 @@ def run(
     """Carry out a plan: levels held until the output settles, or sines; resume continues it."""
     from minorloop.measurement import AdaptivePlan, Apparatus, HoldEnds, measure
 
-    wanted = parsed(plan)
-    adaptive = wanted.kind == "adaptive"
+    value = parsed(plan)
+    adaptive = value.kind == "adaptive"
     found = measure(
         Apparatus(actuator, input, output, convert),
-        called(AdaptivePlan, "--plan adaptive", wanted.options) if adaptive else Path(plan),
+        called(AdaptivePlan, "--plan adaptive", value.options) if adaptive else Path(plan),
         store,
         called(HoldEnds, "--holds", parsed(holds).options),
         **_measured.SHOWN,

@@ -24,7 +24,7 @@ NAME = "runs"
 EXAMPLE = "minorloop runs export --store runs.sqlite --save points.csv"
 _ACTIONS = ("list", "show", "export")
 _EVERY = 1.0
-"""Seconds between two looks at a run that is followed."""
+"""Seconds between updates of a run that is followed."""
 
 
 def run(
@@ -44,7 +44,7 @@ def run(
     ],
     save: _common.Save = None,
     follow: Annotated[
-        bool, typer.Option("--follow", help="With show: show the points of a run as they come.")
+        bool, typer.Option("--follow", help="With show: also show new points of a run.")
     ] = False,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -114,9 +114,9 @@ def _show(file: Path, as_json: bool) -> None:
 
 
 def _figures(store: Store) -> dict[str, Any]:
-    """Return the summary of a store, and what helps to decide whether its run should go on.
+    """Return the summary of a store, the time left, and the hold that would settle.
 
-    The time left and the hold that would settle are NaN where they are not known.
+    The last two help to decide whether to let a run go on, and are NaN if unknown.
     """
     from minorloop.lab.store import summary
 
@@ -140,7 +140,7 @@ def _state(figures: dict[str, Any]) -> str:
 
 
 def _progress(figures: dict[str, Any]) -> str:
-    """Return in a line how far a run is, and how long a hold should be."""
+    """Return the progress of a run, and how long a hold should be, as one line."""
     parts = [f"{figures['points']} of {figures['levels']} points", said_left(figures["left_s"])]
     if enough := _enough(figures):
         parts.append(f"{figures['extrapolated']} extrapolated; holds of {enough} would settle")
@@ -153,7 +153,7 @@ def _enough(figures: dict[str, Any]) -> str:
 
 
 def _follow(file: Path) -> None:
-    """Show the points of a store as they come, until no process writes it any more."""
+    """Show new points of a store until no process writes to it any more."""
     from minorloop.lab.store import Store
 
     before = ""
@@ -204,7 +204,7 @@ def _export(store: Path, save: Path | None, force: bool, as_json: bool) -> None:
             sines_as_log(measured_sines(opened), *names) if sines else opened.columns()
         )
     rows = len(next(iter(columns.values())))
-    more = "; the run goes on" if running else ""
+    more = "; the run continues" if running else ""
     said = f"{rows} {'samples' if sines else 'settled points'} written to {{}}{more}"
 
     def show() -> None:

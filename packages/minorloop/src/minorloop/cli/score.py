@@ -14,8 +14,8 @@ EXAMPLE = "minorloop score model.json other.csv --report score.html"
 
 _Column = typer.Option(show_default="the name that it has in the model")
 _SAME = (
-    "the model was identified from this file: its error here is no error on other inputs; score "
-    "another record, or identify with --holdout 0.3"
+    "the model was identified from this file, so its error here says little about other inputs; "
+    "score another record, or identify with --holdout 0.3"
 )
 _Save = Annotated[Path | None, typer.Option(help="Write the residual of each row to this file.")]
 
@@ -33,7 +33,7 @@ def run(
     as_json: _common.Json = False,
     verbose: _common.Verbose = False,
 ) -> None:
-    """Say how near a model is to a record that it was not identified from.
+    """Compute the errors of a model on a record that it was not identified from.
 
     If the model does not predict the record, the exit status is 1.
     """

@@ -31,12 +31,12 @@ _FEW = 400
 _PARTS, _FEWEST_OF_PART, _FEWEST = 12, 5, 30
 """Parts of equal width for which the residual is averaged, and least samples of one and of all."""
 _SAID, _EQUAL = 0.9, 0.02
-"""Share of the samples, and how little their amplitudes or rates differ, to count as equal."""
+"""Amplitudes or rates count as equal if this share of them lies in this part of their median."""
 _DOTS: dict[str, Any] = {"ms": 3.5, "color": "C1"}
 _VEIL = 0.7
 """Opacity of the grey over cells that a prior determines."""
 _CELLS = 400
-"""Cells of an axis: of the dots within one cell, one is drawn."""
+"""Cells of an axis; only one dot is drawn in each cell."""
 
 
 def draw_identification(
@@ -50,7 +50,7 @@ def draw_identification(
 
     ``result``: the identification; ``input_label`` and ``output_label``: name and unit of input and
     output; ``part`` {"all", "curves", "talk"}: all of this, the errors of each curve, or loop and
-    plane in letters for a screen.
+    plane with large letters for a screen.
     """
     labels = {"input_label": input_label, "output_label": output_label}
     if part == "curves":
@@ -103,7 +103,7 @@ def _draw_talk(result: Identification, **labels: str) -> Any:
 def _draw_loop(
     axes: Axes, result: Identification, input_label: str, output_label: str, most: int = 0
 ) -> None:
-    """Draw the loop; of ``most`` samples only, the last ones, if that is not 0."""
+    """Draw the loop, or only that of the last ``most`` samples if that is not 0."""
     u, y = (part[-most:] for part in loop_points(result, result.y))
     if result.u.size <= _FEW and not result.lag and result.curves.begins.size == 1:
         axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
@@ -168,12 +168,11 @@ def draw_score(
 def loop_points(
     result: Fit[Any] | ModelScore, outputs: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return inputs and outputs with NaN where nothing was measured, between curves and at leaps.
+    """Return inputs and outputs with NaN where nothing was measured, between curves and at jumps.
 
-    A line through them does not join what was not measured one after the other.
+    A line through them joins only samples that were measured one after the other.
 
-    ``result``: what the outputs belong to; ``outputs`` (T,): the measured outputs, or those of the
-    model.
+    ``result``: the fit or score of the outputs; ``outputs`` (T,): measured, or of the model.
     """
     y = np.where(result.scored, outputs, np.nan)[result.lag :]
     u = result.u[: y.size]
@@ -183,10 +182,10 @@ def loop_points(
 
 
 def _jumps(u: FloatArray) -> IntArray:
-    """Return the samples before which the input leaps, as between curves with few labels."""
+    """Return the samples before which the input jumps, as between curves with few labels."""
     steps = np.abs(np.diff(u))
     usual = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    # An input leaps if it changes by more than so many usual steps and this share of its range
+    # An input jumps if it changes by more than this many usual steps and this share of its range
     return np.flatnonzero(steps > max(20 * usual, 0.05 * float(np.ptp(u)))) + 1
 
 
@@ -205,7 +204,7 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
         return
     shade = np.ma.masked_where(~unexcited, np.ones(unexcited.shape))
     grey = ListedColormap(["0.85"])
-    # Under a prior, what it assumes there stays visible.
+    # The assumptions of a prior there stay visible.
     alpha = 1.0 if result.posterior is None else _VEIL
     mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, alpha=alpha, rasterized=True)
     clip_to_plane(axes, mesh, result.model)
@@ -240,7 +239,7 @@ def _residual(result: Identification) -> tuple[FloatArray, float]:
 def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> None:
     residual, unit = _residual(result)
     _plot_dots(axes, clock, residual, ms=_size(clock), color="C0")
-    # Samples whose bands are computed for the residual: more cost time and show no more
+    # Number of samples whose bands are drawn: more cost time without showing more
     shown = np.unique(np.linspace(0, clock.size - 1, 1000).astype(np.int64))
     reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
     axes.fill_between(clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
@@ -317,7 +316,7 @@ def _rates(u: FloatArray, time: FloatArray | None) -> FloatArray:
 
 
 def _plot_dots(axes: Axes, x: FloatArray, y: FloatArray, ls: str = "", **style: Any) -> None:
-    """Plot points, of many only those that can be told apart."""
+    """Plot points; of many, only those that can be distinguished."""
     shown = _distinct(x, y) if x.size > _MOST_DRAWN else None
     axes.plot(x, y, ls=ls, marker=".", markevery=shown, rasterized=True, **style)
 
@@ -338,7 +337,7 @@ def _distinct(x: FloatArray, y: FloatArray) -> list[int]:
 
 
 def _size(values: FloatArray) -> float:
-    """Return the size of the dots of so many samples."""
+    """Return the size of dots, by the number of samples."""
     return 7.0 if values.size <= _FEW else 2.0
 
 

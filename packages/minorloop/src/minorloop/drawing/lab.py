@@ -1,4 +1,4 @@
-"""Pictures of reduced logs. Matplotlib is imported only when one is drawn."""
+"""Figures of reduced logs. Matplotlib is imported only when one is drawn."""
 
 from __future__ import annotations
 
@@ -107,5 +107,5 @@ def _draw_uncertainty(axes: Axes, result: Reduction) -> None:
 
 
 def _label(quantity: object) -> str:
-    """Return a label in which a dollar begins no formula."""
+    """Return a label in which a dollar sign does not begin a formula."""
     return str(quantity).replace("$", r"\$")

@@ -42,7 +42,7 @@ def as_html(result: Any) -> str:
 
 
 def _picture(figure: Any) -> str:
-    """Return the figure as PNG: also pages that show notebooks accept it."""
+    """Return the figure as PNG, which web pages that show notebooks accept too."""
     data = base64.b64encode(figure._repr_png_()).decode()
     style = f"width:100%;max-width:{_WIDTH}px"
     return f'<img alt="figure" style="{style}" src="data:image/png;base64,{data}">'
@@ -72,7 +72,7 @@ def _summary(result: Any) -> Rows:
 
 
 def _parameters(model: Any) -> Iterator[tuple[str, str]]:
-    """Give the parameters of a model; of arrays their shapes and ranges."""
+    """Yield the parameters of a model; for arrays, their shapes and ranges."""
     for one in fields(model):
         value = getattr(model, one.name)
         if is_dataclass(value):

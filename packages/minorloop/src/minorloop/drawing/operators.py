@@ -37,8 +37,8 @@ def draw_density(
 ) -> Any:
     """Draw the density on the Preisach plane with its colour bar, and return the mesh.
 
-    Colours go to the largest density, by its square root unless weights are negative: small
-    densities far from the diagonal are seen beside it.
+    Colours follow the square root of the density unless weights are negative, so that small
+    densities far from the diagonal are visible too.
     """
     from matplotlib.colors import Normalize, PowerNorm
 
@@ -88,7 +88,7 @@ def draw_operator(model: Any) -> Any:
 
 
 def input_range(model: Any) -> tuple[float, float]:
-    """Return the range of inputs of a model; plays have none, so all of them move in this one."""
+    """Return the range of inputs of a model; for plays, which have none, one that moves all."""
     if hasattr(model, "levels"):
         return float(model.levels[0]), float(model.levels[-1])
     if hasattr(model, "low"):

@@ -1,4 +1,4 @@
-"""Compiled loops of linear systems: they take and return arrays only."""
+"""Compiled loops of linear systems: they take and return only arrays."""
 
 import numpy as np
 from numba import njit
@@ -31,8 +31,8 @@ def march(phi, at_begin, at_end, which, begin, end, x, states):
 def lag(decay, x, before, lagged):
     """Compute the outputs of n first-order lags for a signal that is held between samples.
 
-    ``decay`` (T, n) is the share of each lag that remains after the step to a sample, ``x`` (T,)
-    the signal, ``before`` its value at which all had settled; ``lagged`` (T, n) is filled.
+    ``decay`` (T, n) is the remaining share of each lag after the step to a sample, ``x`` (T,) the
+    signal, ``before`` the earlier value at which all lags settled; ``lagged`` (T, n) is filled.
     """
     for i in range(lagged.shape[1]):
         now = before
@@ -42,14 +42,14 @@ def lag(decay, x, before, lagged):
 
 
 @njit(cache=True, nogil=True)
-def compensate(decay, strengths, gain, wanted, crept, x):
-    """Compute the signal with which a prompt part and n lags together give the wanted outputs.
+def compensate(decay, strengths, gain, targets, crept, x):
+    """Compute the signal with which a prompt part and n lags together give the target outputs.
 
     ``decay`` (T, n) is as in `lag`; ``strengths`` (n,) and ``gain`` are the factors of the lags and
-    of the prompt part. ``crept`` (n,), the lags before, is changed in place; ``x`` (T,) is filled.
+    of the prompt part. ``crept`` (n,), the last lags, is changed in place; ``x`` (T,) is filled.
     """
     for k in range(x.size):
-        left, prompt = wanted[k], gain
+        left, prompt = targets[k], gain
         for i in range(crept.size):
             left -= strengths[i] * decay[k, i] * crept[i]
             prompt += strengths[i] * (1 - decay[k, i])

@@ -1,7 +1,7 @@
-"""Compiled steps of Newmark, with Newton in each, for an oscillator whose force is one of plays.
+"""Compiled steps of Newmark, each with Newton's method, for an oscillator with a force of plays.
 
-The method is the one with the constants 1/2 and 1/4, which neither damps nor amplifies. ``plays``
-is a tuple of radii (n,), weights (n,), offset, and two arrays that are updated: the positions (n,)
+The method has the constants 1/2 and 1/4, and neither damps nor amplifies. ``plays`` is a
+tuple of radii (n,), weights (n,), offset, and two arrays that are updated: the positions (n,)
 and their derivatives (n, P). ``state`` (3,) is displacement, velocity and acceleration. Other
 arguments are those of `_oscillator_kernels`.
 """
@@ -12,9 +12,9 @@ from minorloop.dynamics._oscillator_kernels import keep
 from minorloop.operators._play_kernels import move
 
 _ITERATIONS = 30
-"""Most steps of Newton; two or three are usual."""
+"""Most steps of Newton's method; two or three are usual."""
 _ROUNDING = 1e-14
-"""Relative change of the acceleration at which they end."""
+"""Relative change of the acceleration at which Newton's method ends."""
 _FAR = 1e100
 """Displacement from which a simulation counts as unstable; its square is still finite."""
 

@@ -1,12 +1,11 @@
-"""Compiled loops of an oscillator with hysteresis: they take and return arrays only.
+"""Compiled loops of an oscillator with hysteresis: they take and return only arrays.
 
 The state is displacement y, velocity v and hysteretic force z. The law of z is that of
 `operators._differential_kernels`. A ``plant`` is a tuple of mass, damping, the coefficients (n,) of
-y, y^2, ... in the restoring force, and levels and values of that law. ``force`` (K, 3) is that at
-the beginning, in the middle and at the end of each of K steps of length h.
+y, y^2, ... in the restoring force, and levels and values of that law. ``force`` (K, 3) is the force
+at the beginning, in the middle and at the end of each of K steps of length h.
 
-Numba compiles a function anew for each whole number that is written in its call: `np.int64` hides
-it.
+Pass whole numbers as `np.int64`: numba compiles a function again for each literal in its call.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from numba import njit
 from minorloop.operators._differential_kernels import corner, piece, slope
 
 _EVENTS = 16
-"""Most parts of one step; a step that needs more is too long for its input anyway."""
+"""Most parts of one step; a step that needs more is too long for its input."""
 _FAR = 1e100
 """Displacement from which a simulation counts as unstable; its square is still finite."""
 
@@ -30,11 +29,11 @@ def respond(force, h, plant, state, slopes, y_out, gradient):
 
     ``gradient`` (K + 1, P) receives their derivatives with respect to the P parameters: mass,
     damping, spring and values, in this order. ``state`` (3,) and its derivatives ``slopes`` (3, P)
-    are those at the first instant, and are updated. With P = 0 no derivatives are computed.
+    are at first those of the beginning, and are updated. With P = 0, there are no derivatives.
     """
     levels = plant[3]
     now = (state[0], state[1], state[2])
-    wanted = slopes.shape[1] > 0
+    with_slopes = slopes.shape[1] > 0
     stages = np.zeros((5, 3, slopes.shape[1]))
     y_out[0] = now[0]
     keep(slopes, gradient, 0)
@@ -55,7 +54,7 @@ def respond(force, h, plant, state, slopes, y_out, gradient):
             if ((after[2] > near) if up else (after[2] < near)) and not whole:
                 turned, edge = False, near
                 part, after = _find(now, after, np.int64(2), near, pulse, done, part, plant, branch)
-            if wanted:
+            if with_slopes:
                 _carry(now, slopes, stages, pulse, done, part, plant, branch)
             done += part
             if turned:
@@ -75,7 +74,7 @@ def respond(force, h, plant, state, slopes, y_out, gradient):
 
 @njit(cache=True, nogil=True)
 def keep(slopes, gradient, k):
-    """Copy the derivatives of the displacement; numba takes a second to compile that of a slice."""
+    """Copy the derivatives of the displacement; a slice takes numba a second to compile."""
     for j in range(slopes.shape[1]):
         gradient[k, j] = slopes[0, j]
 
@@ -89,7 +88,7 @@ def _between(pulse, x):
 
 @njit(cache=True, nogil=True)
 def _branch(state, force, plant):
-    """Return the direction of the motion that begins at a state, and the piece of its law."""
+    """Return the direction of the motion from a state, and the piece of its law."""
     y, v, z = state
     a, _ = _rates(y, v, z, force, plant, (1.0, np.int64(0)))
     side = 1.0 if v > 0 or (v == 0 and a > 0) else -1.0
@@ -131,21 +130,20 @@ def _step(state, pulse, begin, part, plant, branch):
 
 
 @njit(cache=True, nogil=True)
-def _find(before, after, which, wanted, pulse, begin, part, plant, branch):
-    """Return a part of a step at whose end one component of the state has a wanted value.
+def _find(before, after, which, goal, pulse, begin, part, plant, branch):
+    """Return a part of a step after which component ``which`` of the state equals ``goal``.
 
-    With it comes the state at its end.
-
-    By regula falsi with the correction of Illinois, to rounding.
+    Also return the state at its end. The method is regula falsi with the Illinois correction, to
+    rounding.
     """
     low, high = 0.0, part
-    at_low, at_high = before[which] - wanted, after[which] - wanted
+    at_low, at_high = before[which] - goal, after[which] - goal
     small = 1e-13 * (abs(at_low) + abs(at_high))
     found, there = high, after
     for _ in range(40):  # most steps to find the end of a part; five or six are usual
         found = (low * at_high - high * at_low) / (at_high - at_low)
         there = _step(before, pulse, begin, found, plant, branch)
-        value = there[which] - wanted
+        value = there[which] - goal
         if abs(value) <= small:
             break
         if value * at_high < 0:
@@ -158,7 +156,7 @@ def _find(before, after, which, wanted, pulse, begin, part, plant, branch):
 
 @njit(cache=True, nogil=True)
 def _carry(state, slopes, stages, pulse, begin, part, plant, branch):
-    """Update the derivatives of the state over a part of a step: those of `_step` itself."""
+    """Update the derivatives of the state over a part of a step: the derivatives of `_step`."""
     y, v, z = state
     length = part * pulse[3]
     now = stages[4]

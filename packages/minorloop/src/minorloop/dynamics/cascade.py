@@ -2,7 +2,7 @@
 
 In an ionic polymer strip the hysteresis comes first and the linear part follows. In a shape-memory
 wire the linear heating comes first and the hysteresis follows. A piezo has dynamics on both sides:
-those of its amplifier before, and those of mechanics and sensor behind.
+its amplifier before, mechanics and sensor behind.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ class CascadeInversion(Drawn):
     y: FloatArray
     """Shape (T,). Outputs of the cascade for these inputs, linear between samples."""
     targets: FloatArray
-    """Shape (T,). Wanted outputs."""
+    """Shape (T,). Target outputs."""
     reachable: BoolArray
-    """Shape (T,). Whether the operator can reach the output that it needs at each sample."""
+    """Shape (T,). Whether the operator can reach its required output at each sample."""
     filter_time: float
     """Time constant of the filter in seconds; 0 if none is needed."""
     lead: float = 0.0
-    """By how many seconds the input is ahead of the targets. After the end of the trajectory, as
-    long as this, the last target was held."""
+    """Seconds by which the input is ahead of the targets. The last target is held for this time
+    after the end of the trajectory."""
 
     @property
     def residual(self) -> FloatArray:
-        """(T,) outputs minus targets, mostly from the filter, which rounds off corners."""
+        """(T,) outputs minus targets, mostly because the filter rounds corners off."""
         return self.y - self.targets
 
     @property
@@ -103,14 +103,14 @@ class Cascade:
     linear: Linear
     """The dynamics. With DC gain 1 the cascade equals the operator for slow inputs."""
     first: First = "operator"
-    """Which of the two receives the input."""
+    """The part that receives the input."""
     creep: Creep | None = None
-    """Creep of the output of both."""
+    """Creep of the output of both parts."""
     noise: float = 0.0
-    """Error of the model over the range of its output, where it is known. `invert` does not follow
+    """Error of the model over the range of its output, if it is known. `invert` does not follow
     frequencies at which the linear part has a smaller gain."""
     ahead: Linear | None = None
-    """Dynamics before the operator, where there are some on both sides; then the operator comes
+    """Dynamics before the operator, if there are dynamics on both sides; the operator then comes
     before ``linear``."""
 
     def __post_init__(self) -> None:
@@ -221,12 +221,12 @@ class Cascade:
         """Return the input with which the output follows a trajectory, linear between samples.
 
         The inverse of the linear part G differentiates. It is therefore combined with a filter F, a
-        low-pass of Butterworth with the corner at 1 / filter_time and as many poles as G has more
-        than zeros, so that F / G is proper. The targets are known in advance: the input is earlier
-        by the dead time and the lag of the filter, so that neither delays the output; the last
-        target is held. With the linear part first, the input of the operator follows the filtered
-        signal that the targets need. Zeros of G that are faster than the filter, such as those of a
-        sampled system, count as dead time. Other parameters and errors are those of
+        low-pass of Butterworth with the corner at 1 / filter_time. F has as many poles as G has
+        more poles than zeros, so that F / G is proper. The targets are known in advance: the input
+        is earlier by the dead time and the lag of the filter, so that neither delays the output;
+        the last target is held. If the linear part comes first, the input of the operator follows
+        the filtered signal for the targets. Zeros of G that are faster than the filter, such as
+        those of a sampled system, count as dead time. Other parameters and errors are those of
         `TimedModel.invert`; ``start`` and ``before`` are as of `simulate`.
 
         Raises a `NotInvertibleError` if the linear part is unstable or has slow zeros with a real
@@ -235,13 +235,13 @@ class Cascade:
         Parameters
         ----------
         filter_time : float, optional
-            Seconds; a longer filter gives a smoother input and rounder corners. If not given, the
-            longest of: a fifth of the fastest time constant of G, two intervals of ``t``, and that
-            of the frequency from which the gain of G is below ``noise``.
+            Seconds; a longer filter gives a smoother input and rounder corners. By default the
+            longest of: a fifth of the fastest time constant of G, two intervals of ``t``, and the
+            reciprocal of the frequency from which the gain of G is below ``noise``.
         between : {"straight", "held"}
-            How the input will be applied between samples, as in `Linear.simulate`.
+            The input between samples, as in `Linear.simulate`.
         """
-        times, wanted = as_waveform(t, targets, name="targets")
+        times, goals = as_waveform(t, targets, name="targets")
         linear = _invertible(self.linear)
         seconds = _filter_time(linear, times, self.noise, filter_time)
         # A held input is early by half a sample.
@@ -250,17 +250,17 @@ class Cascade:
         late -= early
         ahead = None if self.ahead is None else _invertible(self.ahead)
         held = before * (1.0 if ahead is None else ahead.dc_gain)
-        needed, gain = wanted, linear.dc_gain
+        needed, gain = goals, linear.dc_gain
         w, memory = self.operator.step(start, held * (gain if self.first == "linear" else 1.0))
         if self.creep is not None:
             rest = w if self.first == "linear" else w * gain
-            needed = self.creep.compensate(times, wanted, before=rest)
+            needed = self.creep.compensate(times, goals, before=rest)
         if self.first == "operator":
             needed = np.interp(times + late, times, needed)
             needed = inverse.simulate(times, needed, before=w * gain, between="straight")
         settled = gain if self.first == "operator" else 1.0
         settled *= 1.0 if self.creep is None else self.creep.dc_gain
-        found = _inverted(self.operator, needed, memory, unreachable, wanted, (w * gain, settled))
+        found = _inverted(self.operator, needed, memory, unreachable, goals, (w * gain, settled))
         u, lead = found.u, late
         if self.first == "linear":
             filtered = np.interp(times + late, times, u)
@@ -273,7 +273,7 @@ class Cascade:
             seconds, lead = max(seconds, before_seconds), lead + late - early
         model = replace(self, linear=linear, ahead=ahead)
         y = model.simulate(times, u, start, before=before, between=between)
-        return CascadeInversion(times, u, y, wanted, found.reachable, seconds, lead)
+        return CascadeInversion(times, u, y, goals, found.reachable, seconds, lead)
 
 
 def _sampled(linear: Linear, interval: float) -> Linear:
@@ -289,10 +289,10 @@ def _sampled(linear: Linear, interval: float) -> Linear:
 
 
 def _invertible(linear: Linear) -> Linear:
-    """Return a system in continuous time; refuse one that is unstable."""
+    """Return a system in continuous time; refuse an unstable system."""
     found = linear if linear.interval is None else linear.continuous()
     if not found.stable:
-        raise NotInvertibleError("the linear part is unstable; give one whose poles all decay")
+        raise NotInvertibleError("the linear part is unstable; give a stable linear part")
     return found
 
 
@@ -301,50 +301,49 @@ def _inverted(
     needed: FloatArray,
     memory: Any,
     unreachable: Unreachable,
-    wanted: FloatArray,
+    goals: FloatArray,
     rest: tuple[float, float],
 ) -> Inversion:
-    """Invert what an operator has to give, and name the targets where that is out of reach.
+    """Invert the required outputs of an operator; errors name the targets that are out of reach.
 
-    ``rest`` are the output before, and the output over that of the operator, both at rest.
+    ``rest`` are the previous output, and the ratio of output to operator output, both at rest.
     """
     try:
         found: Inversion = operator.invert(needed, memory, unreachable)
         return found
     except UnreachableError as error:
         low, high = np.sort(rest[1] * np.array(operator.range)).tolist()
-        refuse_unreachable(wanted, low, high, within_reach(wanted, low, high))
+        refuse_unreachable(goals, low, high, within_reach(goals, low, high))
         reached = operator.invert(needed, memory, "clip").reachable
         index = int(np.flatnonzero(~reached)[0])
         raise UnreachableError(
-            f"target {wanted[index]:g} at index {index} needs {needed[index]:g} from the operator, "
+            f"target {goals[index]:g} at index {index} needs {needed[index]:g} from the operator, "
             f"because of the dynamics; the output rests at {rest[0]:g} before. Begin there, move "
             f'slower, or pass unreachable="clip" ({error})'
         ) from None
 
 
-def _filter_time(linear: Linear, t: FloatArray, noise: float, wanted: float | None) -> float:
+def _filter_time(linear: Linear, t: FloatArray, noise: float, given: float | None) -> float:
     if linear.relative_degree == 0:
         return 0.0
-    if wanted is None:
-        # Of a resonance it is the period over 2 pi, not the longer time in which it decays.
+    if given is None:
+        # For a resonance, it is the period over 2 pi, not the longer decay time.
         fastest = 1 / float(np.abs(linear.poles).max())
-        # The default time constant of the filter of an inverse is at least this share of the
-        # fastest time constant, and this many sampling intervals. A choice: the input stays smooth
-        # from sample to sample.
+        # The default time constant of the filter is at least a fifth of the fastest time constant,
+        # and two sampling intervals. A choice: the input stays smooth from sample to sample.
         smooth = 2.0 * float(np.median(np.diff(t)))
         return max(0.2 * fastest, smooth, _time_of_gain(linear, noise))
-    seconds = as_finite("filter_time", wanted)
+    seconds = as_finite("filter_time", given)
     if seconds <= 0:
         raise ParameterError(
-            f"filter_time is {wanted:g} s; a system with more poles than zeros cannot be inverted "
+            f"filter_time is {given:g} s; a system with more poles than zeros cannot be inverted "
             "without a filter, so give a positive time"
         )
     return seconds
 
 
 def _time_of_gain(linear: Linear, least: float) -> float:
-    """Return 1 / omega of the highest frequency at which the gain over that at DC is so large."""
+    """Return 1 / omega of the highest frequency with at least this ratio of gain to DC gain."""
     if linear.dc_gain == 0:
         return 0.0
     times = linear.time_constants
@@ -356,10 +355,10 @@ def _time_of_gain(linear: Linear, least: float) -> float:
 
 
 def filtered_inverse(linear: Linear, seconds: float, *, flat: bool = False) -> tuple[Linear, float]:
-    """Return F / G, and by how many seconds F and the parts of G that F / G leaves out are late.
+    """Return F / G, and the delay in seconds of F and of the parts of G that F / G leaves out.
 
-    F has equal poles, or is ``flat``, a low-pass of Butterworth (Wireless Engineer 7, 1930): nearer
-    to 1 below its corner, but more noise passes near it.
+    F has equal poles, or is ``flat``, a low-pass of Butterworth (Wireless Engineer 7, 1930): it is
+    nearer to 1 below its corner, but passes more noise near the corner.
     """
     zeros = linear.zeros
     slow = np.abs(zeros) * seconds < 1.0

@@ -1,4 +1,4 @@
-"""Creep: slow first-order lags, by which an output still changes long after its input stopped."""
+"""Creep: slow first-order lags, with which an output changes long after its input has stopped."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Creep:
     times: FloatArray
     """Shape (n,). Time constants tau_i in seconds."""
     strengths: FloatArray
-    """Shape (n,). c_i >= 0, in the unit of the output over that of x."""
+    """Shape (n,). Strengths c_i >= 0, in the unit of the output over that of x."""
     gain: float = 1.0
     """Gain of the prompt part."""
     offset: float = 0.0
-    """Added to the output."""
+    """Offset of the output."""
 
     def __post_init__(self) -> None:
         store = object.__setattr__
@@ -59,7 +59,7 @@ class Creep:
     ) -> FloatArray:
         """Return the outputs for a signal that is held between samples.
 
-        x[k] is the value since the sample before, and x[0] lasts as long as x[1]. Parameters and
+        x[k] is the value since the previous sample, and x[0] lasts as long as x[1]. Parameters and
         errors are those of `TimedModel.simulate`.
         """
         times, values = as_waveform(t, x, name="x")
@@ -68,9 +68,9 @@ class Creep:
         return np.asarray(self.offset + self.gain * values + lagged @ self.strengths)
 
     def settled(self, x: float) -> FloatArray:
-        """Return the state (n,) after a signal that was constant for long.
+        """Return the state (n,) after a signal that was constant for a long time.
 
-        ``x``: its value.
+        ``x``: value of the signal.
         """
         return np.full(self.times.size, as_finite("x", x))
 
@@ -94,18 +94,18 @@ class Creep:
         At each sample the remaining creep of the past is subtracted from the target. The rest is
         divided by the gain within one interval. Times, ``before`` and errors are as of `simulate`.
 
-        ``targets`` (T,): wanted outputs. Raises a `NotInvertibleError` if there is no prompt part.
+        ``targets`` (T,): target outputs. Raises a `NotInvertibleError` without a prompt part.
         """
-        times, wanted = as_waveform(t, targets, name="targets")
+        times, goals = as_waveform(t, targets, name="targets")
         if self.gain <= 0:
             raise NotInvertibleError(
-                f"the prompt gain is {self.gain:g}; without a positive one the compensating "
-                "signal grows from sample to sample, so identify with a prompt part"
+                f"the prompt gain is {self.gain:g}; without a positive prompt gain the "
+                "compensating signal grows from sample to sample, so identify with a prompt part"
             )
         x = np.empty(times.size)
         crept = np.full(self.times.size, as_finite("before", before))
         decay = _decay(times, self.times)
-        _kernels.compensate(decay, self.strengths, self.gain, wanted - self.offset, crept, x)
+        _kernels.compensate(decay, self.strengths, self.gain, goals - self.offset, crept, x)
         return x
 
     def __str__(self) -> str:
@@ -138,14 +138,14 @@ def fit_creep(
         Strictly increasing times in seconds.
     x : (T,) array_like
         Output without creep, up to gain and offset, such as that of an operator; held between
-        samples. The output had settled at the first.
+        samples. The output had settled at the first sample.
     y : (T,) array_like
-        Measured outputs; NaN where nothing was measured.
+        Measured outputs; NaN if not measured.
     shortest, longest : float, optional
-        Limits of the time constants in seconds; twice the median interval and the longest hold if
-        not given.
+        Limits of the time constants in seconds; by default twice the median interval and the
+        longest hold.
     times : (n,) array_like, optional
-        The time constants themselves, in seconds.
+        Given time constants, in seconds.
 
     References
     ----------

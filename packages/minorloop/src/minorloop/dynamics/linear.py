@@ -89,9 +89,9 @@ class Linear(ByValue, Drawn):
         Parameters
         ----------
         poles : sequence of complex
-            In 1/s.
+            Poles in 1/s.
         zeros : sequence of complex
-            In 1/s.
+            Zeros in 1/s.
         dc_gain : float
             Settled output per input.
         delay : float
@@ -194,11 +194,11 @@ class Linear(ByValue, Drawn):
         Parameters
         ----------
         before : float
-            Input at which the system had settled before; 0 if not given.
+            Input at which the system had settled before; 0 by default.
         between : {"held", "straight"}
-            ``"held"``: u[k] is the input since the sample before, and u[0] lasts as long as u[1];
-            actuators record holds in this way. ``"straight"``: the input jumps to u[0] at t[0]
-            and is linear between samples; for continuous systems only.
+            ``"held"``: u[k] is the input since the previous sample, and u[0] lasts as long as u[1],
+            as actuators record holds. ``"straight"``: the input jumps to u[0] at t[0] and is linear
+            between samples; only for continuous systems.
 
         """
         times, inputs = as_waveform(t, u)
@@ -260,7 +260,7 @@ class Linear(ByValue, Drawn):
 
         Raises a `ParameterError` if it is continuous already, or has a pole at 0 or on the negative
         real axis, where this logarithm does not exist. Such a mode ends within one sample or
-        changes its sign at every sample, which no continuous system of the same order does.
+        changes its sign at every sample; continuous systems of the same order do not.
         """
         if self.interval is None:
             raise ParameterError("the system is continuous already")
@@ -275,13 +275,13 @@ class Linear(ByValue, Drawn):
         Parameters
         ----------
         u : float
-            The input at which it has settled.
+            Input at which the system has settled.
         """
         value = as_finite("u", u)
         return np.concatenate([self._settled(value), np.full(self.lag, value)])
 
     def step(self, state: FloatArray, u: float) -> tuple[float, FloatArray]:
-        """Return output and state, of which `settled` gives the first, after an interval.
+        """Return output and state after an interval; `settled` returns the first state.
 
         Raises a `ParameterError` if the system is continuous; discretise it first.
         """

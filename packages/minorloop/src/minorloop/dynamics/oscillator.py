@@ -1,8 +1,8 @@
 """A mass on a spring with hysteresis: the operator is in the restoring force.
 
-In a cascade the operator and the dynamics follow each other; here the displacement that the
-operator receives is the result of the force that it gives. So it damps vibrations, and makes the
-resonance depend on the amplitude.
+In a cascade the operator and the dynamics follow each other. Here the operator receives the
+displacement and returns a force, which changes the displacement. So it damps vibrations, and makes
+the resonance depend on the amplitude.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ class Oscillator:
     """``mass y'' + damping y' + stiffness y + z = u``, where z is hysteretic.
 
     Raises a `ParameterError` if a number is not finite, the mass is not positive, or the operator
-    is another one.
+    is of another class.
 
     References
     ----------
@@ -50,11 +50,11 @@ class Oscillator:
     """
 
     mass: float
-    """In kg, positive."""
+    """Mass in kg, positive."""
     damping: float
-    """In N s/m."""
+    """Damping in N s/m."""
     stiffness: FloatArray
-    """In N/m; or, of shape (n,), the coefficients of y, y^2, ... in the restoring force."""
+    """Stiffness in N/m, or coefficients (n,) of y, y^2, ... in the restoring force."""
     operator: Any
     """Hysteretic force in N as a function of the displacement in m, relaxed at rest: a `BoucWen`,
     `Duhem` or `PrandtlIshlinskii`."""
@@ -89,8 +89,8 @@ class Oscillator:
     ) -> FloatArray:
         """Return the displacements (T,) in m for forces (T,) in N at even times (T,) in seconds.
 
-        For operators of differential type the method is that of Runge and Kutta, with a step that
-        ends at every corner of the law, for plays that of Newmark.
+        For operators of differential type the method is that of Runge and Kutta, whose steps end at
+        every corner of the law; for plays it is that of Newmark.
 
         Raises a `SignalError` if the times are not even, or the oscillator is unstable with this
         force; a `ParameterError` if an option is out of its range.
@@ -99,24 +99,24 @@ class Oscillator:
         ----------
         between : {"band", "straight", "held"}
             Force between samples: without content above half the sampling rate, linear, or each
-            sample held over the interval before it.
+            sample held over the previous interval.
         substeps : int
             Steps of the integration in an interval.
         periodic : bool
-            Whether the force repeats after the record; then the response is the one that has
-            settled, after as many turns as that needs. Otherwise the oscillator is at rest first.
+            Whether the force repeats after the record; the response is then the settled response.
+            Otherwise the oscillator is at rest first.
         stages : sequence of (int, array)
             Filters of a converter that samples ``substeps`` times as fast and decimates: factor and
-            symmetric taps of each. None if the displacement is sampled directly.
+            symmetric taps of each. Empty if the displacement is sampled directly.
         """
         times, forces = as_waveform(t, u)
         interval = even_interval(times)
         count = as_whole("substeps", substeps, 1)
         filters = checked_stages(stages, count)
         force = pulses(forces, count, between, periodic=periodic)
-        # Periods after which a response counts as settled anyway
+        # Most periods, after which a response counts as settled
         turns = 50 if periodic else 1
-        # Relative change of the state from period to period of a response that has settled
+        # Largest relative change of the state per period of a settled response
         found = respond(self, force, interval / count, turns=turns, settled=1e-9)
         if found is None:
             raise SignalError(
@@ -127,7 +127,7 @@ class Oscillator:
 
     @property
     def plant(self) -> tuple[float, float, FloatArray, FloatArray, FloatArray]:
-        """Mass, damping, spring, levels and values, as the compiled loops take them."""
+        """Mass, damping, spring, levels and values, for the compiled loops."""
         return self.mass, self.damping, self.stiffness, *self.operator.law
 
 
@@ -142,23 +142,23 @@ def respond(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the displacements (K + 1,) from rest, and their derivatives (K + 1, P).
 
-    None where they are not finite.
+    None if they are not finite.
 
     Parameters
     ----------
     model : Oscillator
         The oscillator.
     force : (K, 3) array
-        From `sampling.pulses`.
+        Force from `sampling.pulses`.
     step : float
         Seconds of a step.
     gradient : bool
-        Whether derivatives with respect to the parameters are wanted: mass, damping, springs, and
+        Whether to compute derivatives with respect to the parameters: mass, damping, springs, and
         those of the operator. P is 0 otherwise.
     turns : int
-        How often the force repeats at most; the last turn counts.
+        Most repetitions of the force; the last counts.
     settled : float
-        Relative change of the state from turn to turn, and of its derivatives, at which they end.
+        Relative change of the state and of its derivatives per turn, at which the turns end.
     """
     operator = model.operator
     differential = isinstance(operator, Differential)

@@ -1,4 +1,4 @@
-"""Between the samples: inputs on a finer grid, and outputs behind the filters of a converter."""
+"""Inputs on a finer grid than the samples, and outputs behind the filters of a converter."""
 
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
@@ -10,14 +10,14 @@ from minorloop.arrays import FloatArray, as_whole, check_option
 from minorloop.errors import ParameterError, SignalError
 
 Interpolation: TypeAlias = Literal["held", "straight", "band"]
-"""Input between samples: each sample is held over the interval before it, the input is linear from
+"""Input between samples: each sample is held over the previous interval, the input is linear from
 sample to sample, or it has no content above half the sampling rate."""
 Stage: TypeAlias = "tuple[int, npt.ArrayLike]"
 """One stage of a decimation: the factor, and the taps of its symmetric filter, an odd number."""
 
 _BETA = 14.0
-"""Shape of the window of Kaiser: with it and the width, errors are below 1e-7 of the amplitude up
-to 0.8 of half the sampling rate, but for the first and last samples."""
+"""Shape of the window of Kaiser. With its width, errors are below 1e-7 of the amplitude up to 0.8
+of half the sampling rate, except for the first and last samples."""
 
 
 def even_interval(t: FloatArray) -> float:
@@ -48,7 +48,7 @@ def refined(
     Returns
     -------
     ((T - 1) factor + 1,) array, or (T factor + 1,) if periodic
-        The first value is the first sample, the last one the last sample, or the first again.
+        The first value is the first sample; the last value is the last sample, or the first again.
     """
     check_option("between", between, ("held", "straight", "band"))
     whole = np.append(u, u[0]) if periodic else u
@@ -67,7 +67,7 @@ def refined(
 
 
 def pulses(u: FloatArray, factor: int, between: Interpolation, *, periodic: bool) -> FloatArray:
-    """Return beginning, middle and end of a signal in each of ``factor`` steps an interval, (K, 3).
+    """Return beginning, middle and end of a signal in each of ``factor`` steps per interval (K, 3).
 
     ``u`` (T,): samples; ``factor``: steps for each interval; ``between`` and ``periodic``: as for
     `refined`.
@@ -111,8 +111,8 @@ def sampled(
 
     ``y`` (K + 1,) or (K + 1, P): the motion at the beginning, and after each of K steps;
     ``stages``: from `checked_stages`; ``substeps``: steps in an interval; ``periodic``: whether the
-    last value is the first one again; otherwise the signal is continued by its mirror image through
-    the first and the last point.
+    last value equals the first; otherwise the signal is continued by its mirror image through the
+    first and the last point.
     """
     if periodic:
         y = y[:-1]
@@ -131,7 +131,7 @@ def sampled(
 
 def _windowed_sinc(u: FloatArray, factor: int) -> FloatArray:
     """Return a signal at a higher rate, continued by its mirror image through its end points."""
-    n = min(32, u.size - 1)  # samples on either side that an interpolated value depends on
+    n = min(32, u.size - 1)  # an interpolated value depends on this number of samples on each side
     around = np.concatenate([2 * u[0] - u[n:0:-1], u, 2 * u[-1] - u[-2 : -n - 2 : -1]])
     fine = np.empty((u.size - 1, factor))
     fine[:, 0] = u[:-1]

@@ -12,7 +12,7 @@ from minorloop.errors import ParameterError
 from minorloop.threads import one_thread
 
 Between: TypeAlias = Literal["held", "straight"]
-"""Input between samples: each sample is held over the interval before it, or the input is linear
+"""Input between samples: each sample is held over the previous interval, or the input is linear
 from sample to sample."""
 StateSpace: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, float]
 """A (n, n), B (n,), C (n,) and D."""
@@ -74,10 +74,10 @@ def transitions(
     """
     from scipy.linalg import expm
 
-    # Time steps that agree to 8 digits share a matrix exponential: the differences of sampled
-    # times have rounding errors of this order
+    # Time steps that agree to 8 digits share a matrix exponential: differences of sampled times
+    # have such rounding errors
     unit = 10.0 ** (np.floor(np.log10(steps)) - 7)
-    unit = np.maximum(unit, np.finfo(float).tiny)  # a step may be as short as that
+    unit = np.maximum(unit, np.finfo(float).tiny)  # steps may be that short
     lengths, which = np.unique(np.round(steps / unit) * unit, return_inverse=True)
     n = b.size
     block = np.zeros((lengths.size, n + 2, n + 2))
@@ -115,9 +115,9 @@ def _ends(
 def canonical(numerator: FloatArray, denominator: FloatArray) -> StateSpace:
     """Return the controllable canonical form, whose settled state is known exactly.
 
-    Gives A (n, n), B (n,), C (n,) and D.
+    It consists of A (n, n), B (n,), C (n,) and D.
 
-    ``numerator`` and ``denominator`` (n + 1,): coefficients, highest power first, the first of the
+    ``numerator`` and ``denominator`` (n + 1,): coefficients, highest power first; the first of the
     denominator is 1.
     """
     n, feedthrough = denominator.size - 1, float(numerator[0])
@@ -161,7 +161,7 @@ def continuous(
     block = np.eye(n + 1)
     block[:n, :n], block[:n, n] = a, b
     with warnings.catch_warnings():
-        # It warns of errors from 2e-13 on, which records do not show.
+        # It warns of errors above 2e-13, which do not matter for records.
         warnings.simplefilter("ignore", RuntimeWarning)
         rate = np.real(logm(block)) / interval
     bottom = np.atleast_1d(np.real(np.poly(rate[:n, :n]))) if n else np.ones(1)
@@ -170,7 +170,7 @@ def continuous(
 
 
 def refuse_alternating(poles: npt.NDArray[np.complex128]) -> None:
-    """Refuse poles in the z-plane that no continuous system of the same order has.
+    """Refuse poles in the z-plane that continuous systems of the same order do not have.
 
     Raises a `ParameterError` if a pole is at 0 or on the negative real axis: its mode ends within
     one sample, or changes its sign at every sample.
@@ -187,7 +187,7 @@ def refuse_alternating(poles: npt.NDArray[np.complex128]) -> None:
 def _markov_numerator(
     denominator: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, d: float
 ) -> FloatArray:
-    """Return the numerator from Markov parameters, without cancellation in the first ones."""
+    """Return the numerator from Markov parameters, without cancellation in its first terms."""
     markov, x = [d], b
     for _ in range(b.size):
         markov.append(float(c @ x))

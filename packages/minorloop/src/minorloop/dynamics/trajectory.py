@@ -26,11 +26,11 @@ class Trajectory:
     """
 
     operator: Operator | RelayModel
-    """Gives the settled value for each input, with memory."""
+    """Operator that returns the settled value for each input, with memory."""
     rising: Linear
     """Response with DC gain 1 of an output that rises."""
     falling: Linear | None = None
-    """Response of an output that falls; ``rising`` if not given."""
+    """Response of an output that falls; ``rising`` by default."""
 
     def __post_init__(self) -> None:
         for name in ("rising", "falling"):
@@ -58,7 +58,7 @@ class Trajectory:
 
         With steps at t_k to settled values Y_k, and the step response s of the direction, it is
         y(t) = y_k + (Y_k - y_k) s(t - t_k), where y_k is the output at t_k; the transient of the
-        step before ends at t_k.
+        previous step ends at t_k.
         """
         times, inputs = as_waveform(t, u)
         held = float(inputs[0]) if before is None else as_finite("before", before)

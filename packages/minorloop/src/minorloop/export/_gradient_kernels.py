@@ -1,8 +1,8 @@
-"""Compiled loops of gradients in the input; they take and return arrays only.
+"""Compiled loops of gradients in the input; they take and return only arrays.
 
 A plane is a `PlaneTables` of `minorloop.operators._kernels`.
 
-The tree is that of `minorloop.identification._kernels`: the output at a sample is that at its
+The tree is that of `minorloop.identification._kernels`: the output at a sample is the output at its
 parent plus one Everett difference between the two.
 """
 
@@ -59,8 +59,8 @@ def pull_inputs(plane, u, parent, samples, out):
 def pull_plays(u, radii, weights, positions, cotangents, for_weights, for_inputs, movers):
     """Add the gradients of weighted plays in weights and inputs to the two arrays.
 
-    ``movers`` (n,) holds the sample that moved each play last, -1 for none. A play that the input
-    moves follows the input; otherwise it keeps its position.
+    ``movers`` (n,) holds the last sample that moved each play, -1 for none. A play follows the
+    input while the input moves it; otherwise it keeps its position.
     """
     for t in range(u.size):
         for k in range(radii.size):

@@ -1,4 +1,4 @@
-"""What the templates of C and the self-test need of each kind of model."""
+"""Content of each kind of model for the templates of C and the self-test."""
 
 from dataclasses import replace
 from typing import Any
@@ -19,14 +19,14 @@ from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
 _VECTORS = 200
-"""Inputs of a self-test, in about 10 kB of C."""
+"""Number of inputs of a self-test, in about 10 kB of C."""
 _MOST_LEVELS = 32_000
-"""Numbers of levels of relays fit into 16 bits with sign."""
+"""Most levels of relays: their numbers fit into 16 bits with sign."""
 _MOST_LAG = 100_000
-"""Intervals of dead time, each of which takes a number in a state."""
+"""Most intervals of dead time, each of which takes a number in a state."""
 _LEAST = {True: 2e-7, False: 4e-16}
 """Width of a bracket, over the input, at which a search ends: neighbouring floats and doubles."""
-_WITHOUT = "export it without (inverse=False, export c:inverse=no)"
+_WITHOUT = "export it without an inverse (inverse=False, export c:inverse=no)"
 
 
 def parts_of(
@@ -47,8 +47,8 @@ def parts_of(
     if isinstance(model, PrandtlIshlinskii | GeneralisedPrandtlIshlinskii):
         return _plays_parts(model, numbers, inverse)
     raise ParameterError(
-        f"C is written for Preisach models, relays and plays, and this is a "
-        f"{type(model).__name__}; identify a Preisach model from the same record"
+        f"the model is a {type(model).__name__}, and C is written only for Preisach models, relays "
+        "and plays; identify a Preisach model from the same record"
     )
 
 
@@ -112,7 +112,7 @@ def preisach_parts(
 
 
 def _plane_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, str], dict[str, Any], int]:
-    """Return the tables of a plane, what the templates need beside them, and their bytes."""
+    """Return the tables of a plane, further context for the templates, and the tables' bytes."""
     levels = numbers.check_distinct(model.levels)
     begun, per_unit = plane.buckets(levels)
     nodes = model.tables.nodes
@@ -165,7 +165,7 @@ def _linear_context(linear: Linear, first: First, numbers: Numbers) -> dict[str,
     """Return the context of a linear part; refuse one that C cannot step."""
     gain, why = linear.dc_gain, ""
     if linear.interval is None:
-        why = "is continuous; give the interval at which the C will step"
+        why = "is continuous; give the interval between steps of the C"
     elif linear.lag > _MOST_LAG:
         why = (
             f"has a delay of {linear.delay:g} s, for which the C would have to store {linear.lag} "
@@ -173,11 +173,11 @@ def _linear_context(linear: Linear, first: First, numbers: Numbers) -> dict[str,
         )
     elif not np.isfinite(gain) or gain == 0:
         why = (
-            f"has a DC gain of {gain:g} and no settled state to begin from; give one whose DC "
-            "gain is finite and not zero"
+            f"has a DC gain of {gain:g} and no settled state to begin from; give a linear part "
+            "whose DC gain is finite and not zero"
         )
     elif not linear.stable:
-        why = "is unstable; give one that settles"
+        why = "is unstable; give a stable linear part"
     if linear.interval is None or why:
         raise ParameterError(f"the linear part {why}")
     return {
@@ -194,7 +194,7 @@ def _linear_context(linear: Linear, first: First, numbers: Numbers) -> dict[str,
 def _relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
     if inverse:
         raise NotInvertibleError(
-            "outputs of relays on level pairs come in steps, so that their C cannot have an "
+            "outputs of relays on level pairs change in steps, so their C cannot have an "
             f"inverse; {_WITHOUT}, or identify a Preisach model"
         )
     numbers.check_range("input", model.levels)
@@ -203,16 +203,16 @@ def _relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
         raise ParameterError(f"there are {count} levels; give at most {_MOST_LEVELS} for relays")
     levels = numbers.check_distinct(model.levels)
     largest, reach = np.abs(levels).max(), float(np.ptp(levels.astype(np.float64)))
-    of, advice = "is {:.2g} % of the range of the levels", "identify against the input less its"
+    of, advice = "is {:.2g} % of the range of the levels", "identify against the input minus its"
     numbers.digit(largest, float(np.spacing(largest)) / reach, of, f"{advice} offset")
     swing, off = model.line()
-    # Cumulative weights of each column, which are on up to a row; columns after each other.
+    # Cumulative weights of each column up to each row; columns one after the other.
     columns = np.cumsum(model.weights, axis=0)
     packed = np.concatenate([columns[b:, b] for b in range(count)])
     begins = np.cumsum([0, *range(count, 1, -1)])
     low, reach = float(model.levels[0]), float(np.ptp(model.levels))
     u = np.random.default_rng(0).uniform(low - 0.1 * reach, low + 1.1 * reach, _VECTORS)
-    # Outputs jump at the thresholds as the C rounds them.
+    # Outputs jump at the rounded thresholds of the C.
     rounded = replace(model, levels=levels.astype(np.float64))
     return Parts(
         template="relays",
@@ -253,7 +253,7 @@ def _plays_parts(
     context = {"plays": count, "offset": numbers.one(plays.offset), "bent": bent, "tables": tables}
     numbers_kept = 2 * count
     if isinstance(model, GeneralisedPrandtlIshlinskii):
-        # Corners with the origin among them, and the slopes of the pieces between and beyond.
+        # Corners, also the origin, and the slopes of the pieces between and beyond them.
         zones = model.zones
         centre = int(np.count_nonzero(zones.knots < 0))
         corners, heights = (np.insert(x, centre, 0.0) for x in (zones.knots, zones.heights))
@@ -278,7 +278,7 @@ def _plays_parts(
 
 
 def _simulated(model: Any, numbers: Numbers, u: FloatArray, start: str) -> dict[str, Any]:
-    """Return rounded inputs, outputs and their range, within what the type can hold."""
+    """Return rounded inputs, outputs and their range, within the range of the type."""
     u = numbers.array(u).astype(np.float64)
     y = model.simulate(u, start)
     numbers.check_range("input", u)

@@ -14,24 +14,25 @@ from minorloop.operators.preisach import Preisach
 
 _NEAR, _STEEPEST = 1e-4, 10.0
 """The inverse is compared at outputs where, within this share of the range on either side, the
-slope of the inverse is at most 10 in shares of both ranges: rounding is amplified by no more."""
+slope of the inverse is at most 10 in shares of both ranges, so that rounding grows at most tenfold.
+"""
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """Inputs that an inverse has to ask for, each after some of the inputs of the self-test."""
+    """Inputs that an inverse has to return, each after some of the inputs of the self-test."""
 
     after: Sequence[int]
-    """The input after which it is asked, counted from 0."""
+    """The input after which the inverse is called, counted from 0."""
     targets: Sequence[float]
     inputs: Sequence[float]
-    """``targets`` and ``inputs``: what is wanted, and what has to be put on for it."""
+    """``targets`` and ``inputs``: target outputs, and the inputs for them."""
     span: float
-    """Range of the inputs, which errors are shares of."""
+    """Range of the inputs, to which errors are relative."""
 
     @property
     def count(self) -> int:
-        """How often it is asked."""
+        """Number of calls of the inverse."""
         return len(self.after)
 
 
@@ -40,25 +41,25 @@ class Parts:
     """Template context, bytes and self-test of a model."""
 
     template: str
-    """Name of its templates."""
+    """Name of the templates."""
     title: str
-    """What it is, in words."""
+    """Description of the model."""
     context: dict[str, Any]
     table_bytes: int
     state_bytes: int
     memory: int
-    """Extrema, plays or relays that a state remembers."""
+    """Number of extrema, plays or relays that a state remembers."""
     u: FloatArray
     y: FloatArray
     """``u`` and ``y``: inputs of the self-test, rounded to the type of the C, and outputs, (T,)."""
     width: float
-    """Range of the output, to which errors are related."""
+    """Range of the output, to which errors are relative."""
     inverse: bool
     """Whether the self-test follows targets."""
     targets: FloatArray | None = None
-    """Shape (T,). These targets; the outputs in reverse order without them."""
+    """Shape (T,). Targets of the self-test; by default the outputs in reverse order."""
     asked: _Asked | None = None
-    """Inputs of the inverse to compare, of a model with a linear part."""
+    """Inputs of the inverse to compare, for a model with a linear part."""
     digit: float = 0.0
     """Effect of a last digit of the inputs, as a share of the range."""
     drop_error: float = 0.0
@@ -84,15 +85,15 @@ def examples(
     )
     digit = float(np.abs(beside - y).max()) / width_of(model, linear)
     of = "changes the output by {:.2g} % of its range"
-    numbers.digit(np.abs(u).max(), digit, of, "identify against the input less its offset")
+    numbers.digit(np.abs(u).max(), digit, of, "identify against the input minus its offset")
     return u, y, digit
 
 
 def worst_digit(model: Preisach, numbers: Numbers) -> float:
     """Return the largest effect of a last digit of an input, as a share of the range of the output.
 
-    It is that where the output is steepest, where all relays of a band switch, at the last input
-    and at the extremum before it.
+    It occurs where the output is steepest, where all relays of a band switch, at the last input and
+    at the previous extremum.
     """
     weights, bands = np.abs(model.weights), np.diff(model.levels)
     if model.diagonal == "uniform":  # a triangle is twice as steep at its end
@@ -111,11 +112,11 @@ def width_of(model: Preisach, linear: Linear | None) -> float:
 def selftest(context: dict[str, Any], numbers: Numbers, parts: Parts) -> str:
     """Return the self-test, which compares the C with outputs of Python within a tolerance.
 
-    With a linear part, the output reaches a target later only; so the inputs that the C computes
+    With a linear part, the output reaches a target only later; so the inputs that the C computes
     are compared instead.
 
-    Raises a `ParameterError` if rounding outputs costs too much: with an offset far larger than its
-    range, an output changes only in its last digits.
+    Raises a `ParameterError` if the rounding of outputs is too large: with an offset far larger
+    than its range, an output changes only in its last digits.
     """
     y, width, asked = parts.y, parts.width or 1.0, parts.asked
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
@@ -125,10 +126,10 @@ def selftest(context: dict[str, Any], numbers: Numbers, parts: Parts) -> str:
     if context.get("linear"):
         digits = DIGITS_LINEAR
     tolerance = max(1e-12, 300 * rounding) + DIGITS * parts.digit
-    tolerance += numbers.digit(largest, digit, of, "identify the output less its offset", digits)
+    tolerance += numbers.digit(largest, digit, of, "identify the output minus its offset", digits)
     tables = {
         "inputs": numbers.table(parts.u),
-        # As doubles: rounded to the type, they would hide what rounding does to the output.
+        # As doubles: rounded to the type, they would hide the effect of rounding on the output.
         "outputs": Numbers(False).table(y),
         "targets": numbers.table(y[::-1] if parts.targets is None else parts.targets),
     }
@@ -153,7 +154,7 @@ def selftest(context: dict[str, Any], numbers: Numbers, parts: Parts) -> str:
 def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> _Asked | None:
     """Return inputs of the inverse of the operator for targets where its output is steep enough.
 
-    Where it is flat, the last digit of a target changes the input by much. None if it is flat
+    Where it is flat, the last digit of a target changes the input strongly. None if it is flat
     everywhere.
     """
     (low, high), cascade = map(float, model.levels[[0, -1]]), Cascade(model, linear, first)
@@ -185,7 +186,7 @@ def _inputs(model: Preisach, count: int, memory: int) -> FloatArray:
         for wanted in (u, high):
             trial = tracker.copy()
             trial.push(wanted)
-            if len(trial.memory) <= memory:  # the present input included
+            if len(trial.memory) <= memory:  # with the present input
                 break
         tracker.push(wanted)
         chosen.append(wanted)

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from minorloop.errors import ParameterError
 
 _COARSEST = 0.01
-"""Largest effect of rounding, as a share of a range. A choice: more than this would be a large part
-of the error of a good model."""
+"""Largest effect of rounding, as a share of a range. A choice: a larger effect would be a large
+part of the error of a good model."""
 DIGITS, DIGITS_LINEAR = 8, 32
 """Errors allowed in units of the last digit of inputs and of outputs. A choice: a few operations
 round between them, and those of the recursion of a linear part add up."""
@@ -42,7 +42,7 @@ class Numbers:
     def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """Return numbers rounded to the type.
 
-        Raises a `ParameterError` if one is too large for it.
+        Raises a `ParameterError` if a number is too large for it.
         """
         wide = np.asarray(values, dtype=np.float64)
         if self.single and (np.abs(wide) > np.finfo(np.float32).max).any():
@@ -52,13 +52,13 @@ class Numbers:
         return wide.astype(np.float32 if self.single else np.float64)
 
     def check_range(self, what: str, values: npt.ArrayLike) -> None:
-        """Refuse ranges whose squares, or slopes against one another, the type cannot hold.
+        """Refuse ranges whose squares or ratios the type cannot hold.
 
         Raises a `ParameterError` if the range is too large or too small.
         """
         low, high = float(np.min(values)), float(np.max(values))
-        # Largest range of a signal, and inverse of the least, by the type of the C: their squares
-        # are within 1e38 and 1e308, the largest numbers of these types
+        # Largest range of a signal, and reciprocal of the least, by the type of the C: their
+        # squares are below 1e38 and 1e308, the largest numbers of these types
         most = 1e15 if self.single else 1e150
         if high / 2 - low / 2 > most / 2 or 0 < high - low < 1 / most:
             raise ParameterError(
@@ -67,9 +67,9 @@ class Numbers:
             )
 
     def check_distinct(self, levels: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Return levels rounded to the type; refuse those that coincide in it.
+        """Return levels rounded to the type.
 
-        Raises a `ParameterError` if two of them do.
+        Raises a `ParameterError` if two of them are then equal.
         """
         rounded, exact = self.array(levels), np.asarray(levels)
         if not (np.diff(rounded) > 0).all():
@@ -87,8 +87,8 @@ class Numbers:
         Raises a `ParameterError` if it is too large a share of a range.
 
         ``largest``: the number; ``effect``: effect of its last digit, as a share of a range;
-        ``of``: what it changes, with the effect in percent as ``{:.2g} %``; ``advice``: what to do,
-        apart from exporting doubles; ``digits``: last digits that are allowed.
+        ``of``: description of the effect, which is ``{:.2g} %`` in it; ``advice``: a remedy other
+        than doubles; ``digits``: allowed error in last digits.
         """
         if digits * effect > _COARSEST:
             raise ParameterError(

@@ -21,7 +21,7 @@ from minorloop.operators.preisach import Preisach
 from minorloop.version import __version__
 
 _LONGEST_NAME = 40
-"""Characters of the name, so that public names have fewer than 63, as many as C99 distinguishes."""
+"""Most characters of the name: public names then have fewer than the 63 that C99 distinguishes."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class CSource:
     state_bytes: int
     """Bytes of one state, in RAM."""
     memory: int
-    """Extrema that a state remembers."""
+    """Number of extrema that a state remembers."""
     drop_error: float
-    """Largest change of the output by dropping one pair of extrema, in its unit."""
+    """Largest change of the output if a pair of extrema is dropped, in its unit."""
     input_error: float
     """Largest change of the output by a last digit of the input in the type of the C, where the
     output is steepest, as a share of its range; 0 for relays and plays, where it is not computed.
@@ -48,7 +48,7 @@ class CSource:
 
         Raises an `OutputError` if the folder is not empty or cannot be written to.
 
-        ``folder``: the folder; ``force``: whether the folder may contain files, those of the same
+        ``folder``: the folder; ``force``: whether the folder may contain files; files of the same
         names are replaced.
         """
         return write_folder(folder, self.files, force=force)
@@ -57,7 +57,7 @@ class CSource:
 def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:
     """Write the C of a model into a folder, with parameters and errors as of `CSource.write`.
 
-    ``model`` and ``**options`` are as of `source`, whose errors this has too.
+    ``model``, ``**options`` and errors are as of `source`.
     """
     code = source(model, **options)
     code.write(folder, force=force)
@@ -78,14 +78,14 @@ def source(
     """Return the C99 of a model.
 
     Raises a `NotInvertibleError` if ``inverse`` is true and the model has none; a `ParameterError`
-    if C of this kind cannot hold the model, rounding inputs or outputs to its type costs more than
-    1 % of the output's range, it needs more bytes than allowed, or an option is out of its range.
+    if C of this kind cannot hold the model, rounding of inputs or outputs changes the output by
+    more than 1 % of its range, it needs more bytes than allowed, or an option is out of its range.
 
     Parameters
     ----------
     model : ModelFile, Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
             AfterEffect or Cascade
-        The model. A `ModelFile` gives names, units and warnings for the comments too. Relays have
+        The model. A `ModelFile` also gives names, units and warnings for the comments. Relays have
         no inverse. A cascade has a Preisach operator, and a linear part with a DC gain, which is
         stepped together with it; creep of its output is left out.
     name : str
@@ -98,12 +98,12 @@ def source(
     inverse : bool
         Whether to write the inverse too.
     interval : float, optional
-        Seconds of one step, of a model with after-effect or dynamics; that at which the linear part
-        is sampled if not given.
+        Seconds of one step, for a model with after-effect or dynamics; by default the interval of
+        the linear part.
     largest : int, optional
         Most bytes of tables and one state together.
     firmware : bool
-        Whether to write a sketch of firmware too, with the serial protocol of
+        Whether to also write a draft of firmware, with the serial protocol of
         `minorloop.lab.drivers.serial_line`.
     """
     words = {"name": name, "input": "input", "output": "output", "notice": ""}
@@ -114,7 +114,7 @@ def source(
     if not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or len(name) > _LONGEST_NAME:
         raise ParameterError(
             f"name {name!r} cannot begin the names in C; give a letter, then letters, digits and "
-            f"underscores, {_LONGEST_NAME} at most"
+            f"underscores, at most {_LONGEST_NAME}"
         )
     as_whole("memory", memory, LEAST_ROOM, MOST_ROOM)
     numbers = Numbers(float32)
@@ -152,7 +152,7 @@ def source(
 
 
 def split(model: Any, interval: float | None) -> tuple[Any, Linear | None, First]:
-    """Return the operator of a model, its linear part sampled at the interval, and what is first.
+    """Return the operator of a model, its linear part sampled at the interval, and the first part.
 
     Raises a `ParameterError` if an interval is given for a model without time, or a cascade has
     dynamics on both sides or a linear part of another interval.
@@ -160,13 +160,13 @@ def split(model: Any, interval: float | None) -> tuple[Any, Linear | None, First
     if not isinstance(model, Cascade):
         if interval is not None and not isinstance(model, AfterEffect):
             raise ParameterError(
-                "the model has no dynamics, so that an interval does nothing (interval, "
+                "the model has no dynamics, so an interval has no effect (interval, "
                 "--interval); leave it out"
             )
         return model, None, "operator"
     if model.ahead is not None:
         raise ParameterError(
-            "the model has dynamics on both sides of the operator, which exports do not carry; "
+            "the model has dynamics on both sides of the operator, which exports do not support; "
             "identify with dynamics on one side (--law dynamics:first=operator or linear)"
         )
     if interval is None and model.linear.interval is None:
@@ -179,7 +179,7 @@ def split(model: Any, interval: float | None) -> tuple[Any, Linear | None, First
 
 
 def _notice(warnings: str) -> str:
-    """Return a comment that says why the model is not to be trusted; empty if nothing does."""
+    """Return a comment with reasons not to trust the model; empty without warnings."""
     if not warnings:
         return ""
     # Characters of a line in a comment

@@ -30,7 +30,7 @@ from minorloop.operators.preisach import Preisach
 from minorloop.version import __version__
 
 _PATIENCE = 120
-"""Seconds after which a compiler counts as hanging."""
+"""Seconds after which a compiler counts as blocked."""
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-Wall", "-Wextra")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The earliest time of a zip file, so that equal models give equal bytes."""
@@ -49,12 +49,12 @@ def export_fmu(
 ) -> list[str]:
     """Write a model as an FMI 2.0 co-simulation unit.
 
-    Gives the platforms of the compiled unit, as the standard names them.
+    It returns the platforms of the compiled unit, as the standard names them.
 
     The variables of the unit are input, output, and ``error_bound``, a bound of the output error
     from dropped extrema. The input is held over each communication step, and the output is that at
     its end: the output after the step that begins with ``u[k]`` is ``y[k]`` of ``simulate``, and a
-    simulator shows it in row k + 1. The unit contains the source too, so that it can be compiled
+    simulator shows it in row k + 1. The unit also contains the source, so that it can be compiled
     for other platforms. The compiler is ``$CC``, which may have options, or ``cc``.
 
     Raises a `ParameterError` if C cannot hold the model, an option is out of its range, or there is
@@ -72,12 +72,12 @@ def export_fmu(
     memory : int
         Remembered extrema of the input.
     input, output : str or Quantity
-        Names and units, such as ``voltage [V]``; those of a `ModelFile` are used instead.
+        Names and units, such as ``voltage [V]``; those of a `ModelFile` replace them.
     interval : float, optional
-        Default step of a simulator in seconds, and that of a continuous linear part; if not given,
-        that of the linear part, or 0.01.
+        Default step of a simulator in seconds, and step of a continuous linear part; by default the
+        interval of the linear part, or 0.01.
     force : bool
-        Whether a file that exists may be replaced.
+        Whether an existing file may be replaced.
     """
     target = check_writable(path, force=force)
     if target.suffix != ".fmu":
@@ -94,8 +94,8 @@ def export_fmu(
     operator, linear, first = split(model, own or step if isinstance(model, Cascade) else None)
     if not isinstance(operator, Preisach):
         raise ParameterError(
-            f"the model is a {type(operator).__name__}, and units can contain Preisach models "
-            "only; identify one from the same record"
+            f"the model is a {type(operator).__name__}, and units can contain only Preisach "
+            "models; identify one from the same record"
         )
     named = [q if isinstance(q, Quantity) else Quantity.parse(q) for q in (input, output)]
     whole = operator if linear is None else Cascade(operator, linear, first)
@@ -150,7 +150,7 @@ def _context(
 
 
 def _distinct(*names: str) -> list[str]:
-    """Return the names with underscores, so that all differ, also from ``time`` in all units."""
+    """Return the names with underscores, so that all differ from one another and from ``time``."""
     found = ["time"]
     for name in names:
         while name in found:

@@ -1,10 +1,10 @@
 """Convert a model to a differentiable function in JAX, for use in a larger learned model.
 
-JAX calls the compiled loops of the operator; gradients are compiled loops too, their exact
-transpose. Nothing is smoothed. The output is linear in the weights; their gradient is exact.
-The gradient in the input is exact where it exists, which is almost everywhere. Where inputs repeat,
-meet a remembered extremum or lie on a threshold, it is one of the one-sided gradients; beyond the
-levels the gradient of the relays is zero.
+JAX calls the compiled loops of the operator; gradients are also compiled loops, their exact
+transpose, without smoothing. The output is linear in the weights; their gradient is exact. The
+gradient in the input is exact where it exists, which is almost everywhere. If inputs repeat, meet a
+remembered extremum or lie on a threshold, it is one of the one-sided gradients; beyond the levels
+the gradient of the relays is zero.
 
 Arguments and results have the type of the given arrays, float32 unless ``jax_enable_x64`` is set;
 inside, everything is float64. Only reverse mode is supported: `jax.grad` and `jax.vjp`, also under
@@ -63,16 +63,16 @@ def as_function(
     """Convert a model to a function of its parameters and its input.
 
     ``model``: levels or radii, and the initial parameters; ``start``: memory before the first
-    sample; a constant.
+    sample, a constant.
 
-    Raises a `ParameterError` if the model is of another kind. The function raises it where shapes
-    are wrong, or the input is empty.
+    Raises a `ParameterError` if the model is of another kind. The function raises it if shapes are
+    wrong, or the input is empty.
 
     Returns
     -------
     function : callable
-        ``function(parameters, u)`` gives the (T,) output for a (T,) input; for many signals
-        at once, ``jax.vmap(function, in_axes=(None, 0))``. For reverse mode only; where an
+        ``function(parameters, u)`` returns the (T,) output for a (T,) input; for many signals
+        together, use ``jax.vmap(function, in_axes=(None, 0))``. Only for reverse mode; if an
         argument is not finite the whole output is NaN.
     parameters : dict of str to array
         ``weights`` and ``offset`` of the model, and ``slope`` of a Preisach operator. Weights above
@@ -202,7 +202,7 @@ def _operator(model: Any, start: Any) -> _Loops:
 
 
 def _checked(operator: _Loops, parameters: Parameters, u: Any) -> list[Any]:
-    """Arguments as floating arrays of the shapes that the loops rely on."""
+    """Arguments as floating arrays of the shapes that the loops require."""
     if set(parameters) != set(operator.names):
         raise ParameterError(
             f"parameters are {', '.join(sorted(parameters)) or 'none'}; give "
@@ -232,7 +232,7 @@ def _floating(value: Any) -> Any:
 
 
 def _differentiable(operator: _Loops) -> Callable[..., Any]:
-    """Primitive of JAX for the operator, with another one for its gradient."""
+    """Primitive of JAX for the operator, with another primitive for its gradient."""
     cores = [len(shape) for shape in operator.shapes] + [1]
     loop = _primitive("hysteresis", operator.forward, cores, lambda *given: given[-1:])
     back = _primitive("hysteresis_gradient", operator.backward, [*cores, 1], lambda *g: g[:-1])
@@ -257,12 +257,12 @@ def _primitive(
 ) -> Any:
     """Convert a loop on numpy arrays to a primitive of JAX, with its rules for jit and vmap.
 
-    `jax.pure_callback` is no alternative: its arrays are copied by the thread pool in which the
-    callback runs, which is a deadlock on one core.
+    `jax.pure_callback` is not an alternative: the thread pool that runs the callback also copies
+    its arrays, which is a deadlock on one core.
 
-    ``name``: name in JAX; ``function``: gives one array, or several, for arrays without axes of
+    ``name``: name in JAX; ``function``: returns one or several arrays for arrays without axes of
     `jax.vmap`; ``cores``: number of axes of each argument; axes before them are those of
-    `jax.vmap`; ``like``: selects the arguments whose shapes and types the results have.
+    `jax.vmap`; ``like``: selects the arguments with the shapes and types of the results.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True

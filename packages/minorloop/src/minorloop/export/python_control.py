@@ -34,12 +34,12 @@ def as_system(
 
     Update and output are pure functions of state and input, so the system can be connected and
     simulated any number of times. Begin a simulation from `as_state` with the same room. A state
-    that is not a memory of the operator, such as zeros, is refused. So a Preisach operator cannot
-    be linearised and has no search for operating points, which try such states.
+    that is not a memory of the operator, such as zeros, is refused. So linearisation and the search
+    for operating points, which try such states, are not possible for a Preisach operator.
 
     Raises a `MissingExtraError` if python-control is not installed; a `ParameterError` if the model
     is of another class, there is too little room, the interval is not positive or not that of the
-    linear part, or a cascade is to have no feedthrough; in a simulation, if a state is not a
+    linear part, or ``feedthrough`` is false for a cascade; in a simulation, if a state is not a
     memory.
 
     Parameters
@@ -53,10 +53,10 @@ def as_system(
         Extrema in the state of a Preisach operator, at least 6. When a history has more, the
         smallest loop is dropped.
     feedthrough : bool
-        Whether the output depends on the input at the same instant, as that of a hysteresis does.
-        If not, it belongs to the input before, which breaks algebraic loops. The linear part of a
-        Preisach operator then has clamped inputs beyond the levels, as the state does. Always true
-        for a cascade.
+        Whether the output depends on the input at the same time, as that of a hysteresis does. If
+        not, it belongs to the previous input, which breaks algebraic loops. The linear part of a
+        Preisach operator then has clamped inputs beyond the levels, like the state. Always true for
+        a cascade.
     name, input, output : str
         Names of the system and its signals.
     """
@@ -64,7 +64,7 @@ def as_system(
         raise ParameterError(f"interval is {interval!r} s; give a positive time, or True")
     if isinstance(model, Cascade):
         if not feedthrough:
-            raise ParameterError("feedthrough is False; a cascade always has it, so leave it out")
+            raise ParameterError("feedthrough is False; omit it, because cascades always have it")
         model = _sampled(model, interval)
         interval = model.linear.interval or True
     try:
@@ -110,23 +110,22 @@ def as_state(
     model : Preisach, PrandtlIshlinskii or Cascade
         The model.
     start : start state of the operator, optional
-        What is remembered; negative saturation of a Preisach operator, and demagnetised plays, if
-        not given. Plays have no saturation: after ``"negative"`` they are infinitely far down
-        until an input moves them.
+        Memory; by default negative saturation of a Preisach operator, or demagnetised plays. Plays
+        have no saturation: after ``"negative"`` they are infinitely far down until an input moves
+        them.
     room : int
         As for `as_system`.
     before : float, optional
-        Input at which a cascade has settled then; the last input of ``start``, or 0 for plays, if
-        not given.
+        Input at which a cascade has settled; by default the last input of ``start``, or 0 for
+        plays.
     interval : float or True
         As for `as_system`.
 
     Returns
     -------
     (room,) or (plays,) array, longer for a cascade
-        The remembered extrema, oldest first, the present input repeated to the end; or the
-        positions of the plays. Those of a cascade are followed by the states of its linear part
-        and its creep.
+        The remembered extrema, oldest first, with the present input repeated to the end; or the
+        positions of the plays. For a cascade, the states of its linear part and its creep follow.
     """
     if isinstance(model, Cascade):
         operator = as_state(model.operator, start, room=room)  # type: ignore[arg-type]
@@ -140,7 +139,7 @@ def as_state(
         return np.array(model.positions(plays))  # type: ignore[arg-type]
     if not isinstance(model, Preisach):
         raise ParameterError(
-            f"a {type(model).__name__} has no state here; give a Preisach or a PrandtlIshlinskii"
+            f"the model is a {type(model).__name__}; give a Preisach or a PrandtlIshlinskii"
         )
     as_whole("room", room, LEAST_ROOM, MOST_ROOM)
     memory = model.memory("negative" if start is None else start)  # type: ignore[arg-type]
@@ -165,7 +164,7 @@ def as_memory(state: npt.ArrayLike) -> Memory:
 
 
 def _memory_of(model: Preisach, state: FloatArray) -> Memory:
-    """Return the memory in a state; refuse one of another operator."""
+    """Return the memory in a state; refuse the state of another operator."""
     low = float(model.levels[0])
     if state[0] != low:
         raise ParameterError(
@@ -196,8 +195,8 @@ def _sampled(model: Cascade, interval: float | Literal[True]) -> Cascade:
     """Return a cascade with a linear part that is sampled at this interval."""
     if model.ahead is not None:
         raise ParameterError(
-            "the cascade has dynamics on both sides of the operator, which a system of "
-            "python-control made here does not carry; identify it with dynamics on one side"
+            "the cascade has dynamics on both sides of the operator, which the export to "
+            "python-control does not support; identify it with dynamics on one side"
         )
     if interval is not True:
         return model.sampled(interval)
@@ -239,9 +238,9 @@ def _rest(model: Preisach | PrandtlIshlinskii, x: FloatArray) -> float:
 def bounded(model: Preisach, memory: Memory, room: int) -> Memory:
     """Drop the smallest loops of a memory until it has fewer than ``room`` past extrema.
 
-    ``model``: the operator; the smallest loop is that with the least sum of absolute weights;
-    ``memory``: the memory; ``room``: one more than the number of extrema to keep, without the
-    present input; at least 4.
+    ``model``: the operator; the smallest loop has the least sum of absolute weights; ``memory``:
+    the memory; ``room``: one more than the number of extrema to keep, without the present input; at
+    least 4.
     """
     extrema = list(memory.extrema)
     if len(extrema) <= room:

@@ -1,7 +1,7 @@
 """A scikit-learn regressor for the Preisach operator.
 
-Rows are samples in the order of time. The prediction of a row depends on the rows before it. The
-checks of scikit-learn that exclude this are named in `EXPECTED_FAILURES`, each with its reason.
+Rows are samples in the order of time. The prediction of a row depends on the rows before it.
+`EXPECTED_FAILURES` names the checks of scikit-learn that exclude this, each with its reason.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     levels : int
         Bands between the least and the greatest input.
     column : int
-        Column of ``X`` that is the input; the others are not used.
+        Column of ``X`` that is the input; other columns are not used.
     law : Plane, optional
-        Other options of the plane; its levels and lag are not used. Uniform cells without a slope
-        if not given.
+        Other options of the plane; its levels and lag are not used. By default, uniform cells
+        without a slope.
     prior : "auto", Gaussian or Smooth, optional
-        As for `minorloop.identify`; `Smooth` if not given.
+        As for `minorloop.identify`; `Smooth` by default.
     start : {"negative", "positive", "demagnetised"}
-        Memory before the first row of what is fitted.
+        Memory before the first fitted row.
     predict_from : {"start", "end"}
         Whether the rows to predict begin from ``start``, or follow the last fitted row, as the
         blocks of ``sklearn.model_selection.TimeSeriesSplit`` do.

@@ -16,25 +16,25 @@ from minorloop.fleet._worker import FitProcesses, Work
 _CONNECT = 10.0
 """Seconds to wait for the first answer of a scheduler."""
 _EVERY = 0.5
-"""Seconds between two looks at the cluster."""
+"""Seconds between two checks of the cluster."""
 
 _workers = FitProcesses()
-"""On a worker of the cluster: its processes, idle ones for the next specimens."""
+"""Processes of a worker of the cluster; idle processes wait for the next specimens."""
 atexit.register(_workers.close)
 
 
 def _fit_on_worker(work: Work, task: Task, limit: float) -> Found:
-    """Do as `FitProcesses.run` on a worker of the cluster, without messages."""
+    """Return the result of `FitProcesses.run` on a worker of the cluster, without messages."""
     return _workers.run(work, task, limit, lambda sentence: None)
 
 
 class Cluster:
     """The workers of the Dask scheduler at an address, which do work as of `FitProcesses.run`.
 
-    ``patience`` are the seconds to wait for a worker. A worker that ends is Dask's to replace.
+    ``patience`` is the time to wait for a worker, in seconds. Dask replaces a worker that ends.
 
-    Raises a `ParameterError` if there is no scheduler at the address; a `FleetError` if no worker
-    comes.
+    Raises a `ParameterError` if there is no scheduler at the address; a `FleetError` if there is no
+    worker in this time.
     """
 
     def __init__(
@@ -50,13 +50,13 @@ class Cluster:
             self.close()
             raise self._no_worker() from None
         threads = self._client.nthreads()
-        # Specimens that are read or queued for each thread of the workers
+        # Number of specimens that are read or queued: three for each thread of the workers
         self.ahead = 3 * max(1, sum(threads.values()))
 
     def fit(self, task: Task) -> Found:
         """Return the result of a task.
 
-        Raises a `FleetError` if the scheduler is gone, or no worker is left for the patience.
+        Raises a `FleetError` if the scheduler is gone, or there is no worker for ``patience``.
         """
         future = self._client.submit(self._fit, task, pure=False)
         while True:
@@ -72,7 +72,7 @@ class Cluster:
                 return task.failed(reason)
 
     def close(self) -> None:
-        """Disconnect, which cancels what was sent."""
+        """Disconnect, which cancels all tasks."""
         with suppress(Exception):  # the scheduler may be gone; its state is not needed
             self._client.close(timeout=_EVERY)
 
@@ -89,13 +89,13 @@ class Cluster:
 
     def _no_worker(self) -> FleetError:
         return FleetError(
-            f"no worker at {self._address} within {self._patience:g} s; start one, or give a "
+            f"no worker at {self._address} within {self._patience:g} s; start a worker, or give a "
             "longer patience"
         )
 
 
 def _connect(address: str) -> Any:
-    """Return a client of a scheduler; what listens nowhere is refused at once."""
+    """Return a client of a scheduler; raise an error immediately if there is none."""
     try:
         from distributed import Client
     except ImportError:

@@ -30,7 +30,7 @@ class Task:
     data: bytes
     """Content of the file of its record."""
     options: Mapping[str, Any]
-    """Of `minorloop.identify`."""
+    """Options of `minorloop.identify`."""
 
     @property
     def sha256(self) -> str:
@@ -38,7 +38,7 @@ class Task:
         return hashlib.sha256(self.data).hexdigest()
 
     def failed(self, reason: str) -> Found:
-        """Return that there is no model, and why."""
+        """Return a result without a model, with the reason."""
         return self.specimen.outcome(error=reason, sha256=self.sha256), None
 
 

@@ -1,7 +1,7 @@
 """Compiled loops over many operators that share a plane (`PlaneTables`): arrays in, arrays out.
 
-Each operator has a stack of its own, as `minorloop.operators._kernels` describes, of bounded
-length; when one is full, the two extrema whose loss changes the output least are dropped.
+Each operator has its own stack of bounded length, as `minorloop.operators._kernels` describes it.
+If a stack is full, the two extrema whose loss changes the output least are dropped.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def loss(nodes, bow, stack, k):
 
 @njit(cache=True, nogil=True)
 def _drop_smallest(plane, sizes, size_bow, stack, n):
-    """Drop the pair of past extrema whose loss is least.
+    """Drop the pair of past extrema with the least loss.
 
-    Returns the rows in use, the loss, and the two inputs between which it lasts.
+    Returns the rows in use, the loss, and the two inputs between which the loss lasts.
     """
     least, smallest = 1, np.inf
     for k in range(1, n - 3):
@@ -61,9 +61,9 @@ def _drop_smallest(plane, sizes, size_bow, stack, n):
 
 @njit(cache=True, nogil=True)
 def march(plane, sizes, size_bow, stacks, rows, lost, within, u, y, first, last):
-    """Outputs of operators first to last for their inputs (operators, T), into y.
+    """Fill y with the outputs of operators first to last for their inputs (operators, T).
 
-    A loss lasts until an input passes the wider extrema of the pair that was dropped.
+    A loss lasts until an input passes the wider extrema of the dropped pair.
     """
     room = stacks.shape[1]
     for k in range(first, last):

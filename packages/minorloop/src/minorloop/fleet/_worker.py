@@ -1,9 +1,9 @@
 """Processes that identify one specimen after another and can be ended at any time.
 
-A fit may run for ever inside a compiled loop, and memory may run out; neither can be caught in
-the process in which it happens. So each fit runs in a separate process, which holds no result or
-file that others need. It ends when the process that started it is gone, or when it has received no
-task for `IDLE` seconds. The workers of a Dask cluster start such processes too.
+A fit may run without end inside a compiled loop, and memory may run out; neither can be caught in
+the same process. So each fit runs in a separate process, which holds no result or file that others
+need. It ends when the process that started it is gone, or when it has received no task for `IDLE`
+seconds. The workers of a Dask cluster also start such processes.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ Work: TypeAlias = Callable[[Task, Path], Found]
 """Function that a worker applies to a task; it must belong to a module, because it is pickled."""
 
 _ATTEMPTS = 2
-"""Workers that may end during the fit of the same specimen."""
+"""Most workers that may end during the fit of one specimen."""
 STARTS = 3
-"""Workers in a row that may end before they are ready."""
+"""Most workers in a row that may end before they are ready."""
 IDLE = 60.0
 """Seconds without a task after which a worker ends."""
 _COMMAND = """
@@ -46,7 +46,7 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 class FitProcesses:
-    """Processes for fits, of which each is used again when it is free; safe to use in threads."""
+    """Processes for fits; a free process is used again. Safe to use in threads."""
 
     def __init__(self) -> None:
         self._all: set[Worker] = set()
@@ -54,12 +54,12 @@ class FitProcesses:
         self._closed = False
 
     def run(self, work: Work, task: Task, limit: float, say: Callable[[str], None]) -> Found:
-        """Return what work makes of a task in a process, or that it fails.
+        """Return the result of ``work`` on a task in a process, or its failure.
 
-        It is given up after ``limit`` seconds. If its process ends, it is tried once more. ``say``
-        is called with sentences about faults.
+        A task is stopped after ``limit`` seconds. If its process ends, it is tried once more.
+        ``say`` is called with sentences about faults.
 
-        Raises a `FleetError` if no process can be started, or this is closed meanwhile.
+        Raises a `FleetError` if no process can be started, or `close` is called meanwhile.
         """
         for attempt in range(1, _ATTEMPTS + 1):
             worker = self._ready()
@@ -71,7 +71,7 @@ class FitProcesses:
                 name = task.specimen.name
                 say(f"the worker of specimen {name} {found}; the specimen is tried once more")
         self._check_open()
-        reason = f"{_ATTEMPTS} workers ended during its fit, the last one {found}"
+        reason = f"{_ATTEMPTS} workers ended during its fit, the last {found}"
         return task.failed(f"{reason}; look for a lack of memory")
 
     def close(self) -> None:
@@ -85,7 +85,7 @@ class FitProcesses:
         with suppress(IndexError):
             while True:
                 worker = self._free.pop()
-                if not worker.ended:  # idle for long
+                if not worker.ended:  # a worker ends if it is idle for a long time
                     return worker
                 self._end(worker)
         for _ in range(STARTS):
@@ -94,8 +94,8 @@ class FitProcesses:
             self._all.add(worker)
             self._check_open()
             try:
-                # Seconds that a worker may take to load what it needs; compiling it takes less than
-                # a minute
+                # Seconds that a worker may take to load its kernels; their compilation takes less
+                # than a minute
                 worker.ready.result(300.0)
             except Exception:
                 why = self._end(worker)
@@ -106,16 +106,16 @@ class FitProcesses:
     def _follow(
         self, worker: Worker, work: Work, task: Task, limit: float, say: Callable[[str], None]
     ) -> Found | str:
-        """Return the result of a fit within the limit, or what happened to the worker."""
+        """Return the result of a fit within the limit, or the end of the worker in words."""
         answer = worker.ask(work, task, worker.scratch)
         try:
             found: Found = answer.result(limit if limit < math.inf else None)
         except TimeoutError:
             self._end(worker)
             name = task.specimen.name
-            say(f"specimen {name} has reached the limit of {limit:g} s and is given up")
+            say(f"specimen {name} has reached the limit of {limit:g} s and is stopped")
             return task.failed(
-                f"no model within the limit of {limit:g} s; look at the record, or allow more time"
+                f"no model within the limit of {limit:g} s; check the record, or allow more time"
             )
         except Exception:
             return f"ended ({self._end(worker)})"
@@ -128,7 +128,7 @@ class FitProcesses:
 
     def _check_open(self) -> None:
         if self._closed:
-            self.close()  # what was started after the others were ended
+            self.close()  # ends workers that were started after the first call
             raise FleetError("the fleet was ended")
 
 
@@ -141,7 +141,7 @@ class LocalWorkers:
         self._rest = work, limit, say
 
     def fit(self, task: Task) -> Found:
-        """Return the result of a task, as `FitProcesses.run`; waits for a free worker."""
+        """Return the result of a task, as `FitProcesses.run`; wait for a free worker."""
         work, limit, say = self._rest
         with self._places:
             return self._workers.run(work, task, limit, say)
@@ -198,7 +198,7 @@ class Worker:
             answer.set_exception(error)
 
     def end(self) -> str:
-        """Kill the process; returns its exit status and the last line that it wrote."""
+        """Kill the process; return its exit status and the last line that it wrote."""
         self._process.kill()
         status = self._process.wait()
         with self._ending:
@@ -220,7 +220,7 @@ class Worker:
 
 
 def serve(alive: int) -> None:
-    """Call what comes on stdin, and answer on stdout, until the pipe ``alive`` closes."""
+    """Call functions from stdin, and answer on stdout, until the pipe ``alive`` closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with(alive)
     tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")

@@ -48,26 +48,25 @@ def identify_fleet(
 ) -> Summary:
     """Identify every specimen; failures are reported and do not stop the others.
 
-    Each fit runs in a process that is ended at the time limit. A process that ends for lack of
+    Each fit runs in a process that is stopped at the time limit. A process that ends for lack of
     memory or by a signal is replaced, and its specimen is tried once more.
 
     Parameters
     ----------
     specimens : sequence of Specimen
-        As `read_manifest` gives them.
+        As `read_manifest` returns them.
     folder : str or path
         Folder for the results: new, empty, or of the same fleet, which then continues. Results of
-        specimens whose record, columns and model file are unchanged are kept, failures too; the
-        others are identified. If that fails, the model of an earlier start is removed.
+        specimens with unchanged record, columns and model file are kept, also failures; other
+        specimens are identified. If this fails, the model of an earlier start is removed.
     workers : int or str, optional
-        Local processes; as many as there are cores if not given. Or the address of the scheduler of
+        Number of local processes, by default that of the cores. Or the address of the scheduler of
         a Dask cluster, such as ``tcp://10.0.0.1:8786``. Records are read here and sent to its
-        workers, which return models; they need this package and no shared folder.
+        workers, which return models; they need this package but no shared folder.
     limit : float
-        Seconds after which the fit of a specimen is given up; ``inf`` for no limit.
+        Seconds after which the fit of a specimen is stopped; ``inf`` for no limit.
     retry_failed : bool
-        Whether specimens that failed before are tried again although their records are
-        unchanged.
+        Whether to try failed specimens again although their records are unchanged.
     patience : float
         Seconds to wait for a worker of the cluster.
     watch : callable, optional
@@ -75,19 +74,19 @@ def identify_fleet(
     say : callable, optional
         Called with sentences about faults of local workers, in any thread.
     **options
-        Of `minorloop.identify`, the same for all.
+        Options of `minorloop.identify`, the same for all specimens.
 
     Raises
     ------
     MissingExtraError
         If workers are those of a cluster and Dask is not installed.
     ParameterError
-        If there is no specimen, an option is not one that `minorloop.identify` takes, or there
-        is no scheduler at the address.
+        If there is no specimen, an option is not an option of `minorloop.identify`, or there is no
+        scheduler at the address.
     FleetError
-        If the scheduler or all workers are lost, or none comes; results so far are kept.
+        If the scheduler or all workers are lost, or there are no workers; results so far are kept.
     OutputError
-        If the folder holds something else, another fleet, or cannot be written to.
+        If the folder has other content, another fleet, or cannot be written to.
     """
     _check(specimens, workers, limit, patience, options)
     _try_options(options)
@@ -138,7 +137,7 @@ def _outcomes(
             return kept, False
         return write_result(place, one, *backend.fit(task)), True
 
-    # Those with an earlier result first: few are new, and all are known when a fleet is lost.
+    # Specimens with an earlier result come first, so that all of them are known if a fleet is lost.
     coming = sorted(specimens, key=lambda one: not has_result(place, one))
     threads = ThreadPoolExecutor(backend.ahead)
     try:
@@ -157,7 +156,7 @@ def _check(
     options: Mapping[str, Any],
 ) -> None:
     if not specimens:
-        raise ParameterError("there is no specimen; list some in the manifest")
+        raise ParameterError("there is no specimen; list specimens in the manifest")
     if workers is not None and not isinstance(workers, str):
         as_whole("workers", workers, 1, 1024)
     if not limit > 0:

@@ -18,11 +18,11 @@ from minorloop.lab.tables import MAX_BYTES
 
 COLUMNS = ("specimen", "file", "input", "output")
 OPTIONAL = ("time", "curves", "groups", "sd")
-"""Columns of a record, as `minorloop.read` takes them, that a manifest may name too."""
+"""Further columns of a record that a manifest may name, as for `minorloop.read`."""
 LARGEST = 16 * 2**20
 """Bytes of the largest manifest."""
 _LONGEST_KEY = 120
-"""Bytes of the name of a file: file systems allow 255, with suffixes."""
+"""Most bytes of the name of a file: file systems allow 255, with suffixes."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,12 @@ class Specimen:
     curves: str | None = None
     groups: str | None = None
     sd: str | None = None
-    """``time``, ``curves``, ``groups`` and ``sd``: other columns of it, as for `minorloop.read`;
-    time and standard deviations are found if they are not given, and left out if they are ``none``.
-    """
+    """``time``, ``curves``, ``groups`` and ``sd``: other columns of the record, as for
+    `minorloop.read`; by default time and standard deviations are found; ``none`` omits them."""
 
     @property
     def columns(self) -> dict[str, Any]:
-        """Columns of the record that are named; None for a time or deviation named ``none``."""
+        """Named columns of the record; None for a time or deviation named ``none``."""
         named = {name: getattr(self, name) for name in ("input", "output", *OPTIONAL)}
         left_out = [name for name in ("time", "sd") if named[name] == "none"]
         known = {name: column for name, column in named.items() if column is not None}
@@ -59,7 +58,7 @@ class Specimen:
 
     @property
     def origin(self) -> dict[str, Any]:
-        """File and columns of the record, as an `Outcome` has them."""
+        """File and columns of the record, as in an `Outcome`."""
         return {"file": self.listed or str(self.file), **self.columns}
 
     def outcome(self, **figures: Any) -> Outcome:
@@ -67,18 +66,18 @@ class Specimen:
         return Outcome(self.name, **self.origin, **figures)
 
     def shown_error(self, error: object) -> str:
-        """Return why its record cannot be used, without content that must not be shown."""
+        """Return why the record cannot be used, without content that must not be shown."""
         if not self.outside:
             return str(error)
         columns = ", ".join(repr(column) for column in self.columns.values() if column)
         return (
             f"{self.file} is not a record with the columns {columns}; it lies outside the folder "
-            "of the manifest, so that its content is not shown"
+            "of the manifest, so its content is not shown"
         )
 
     @property
     def key(self) -> str:
-        """The name as part of a file name; different names have different keys."""
+        """Part of a file name for the specimen; different names have different keys."""
         name = quote(self.name, safe="")
         if not self.name.strip("."):
             name = name.replace(".", "%2E")
@@ -109,11 +108,11 @@ def read_manifest(
     ``curves``, ``groups`` and ``sd``, separated by commas, semicolons or tabs. Paths of files are
     relative to the manifest.
 
-    Raises a `RecordError` if the manifest cannot be read, lacks a column, lists nothing, or names a
-    specimen twice.
+    Raises a `RecordError` if the manifest cannot be read, lacks a column, has no specimens, or
+    names a specimen twice.
 
-    ``path``: the manifest; ``input`` and ``output``: columns of the records, for specimens whose
-    row names none.
+    ``path``: the manifest; ``input`` and ``output``: columns of the records, for specimens without
+    these in their row.
     """
     text = _text_of(Path(path))
     delimiter = max(",;\t", key=text.partition("\n")[0].count)
@@ -159,7 +158,7 @@ def _text_of(path: Path) -> str:
 
 
 def _header(path: PathLike, row: Sequence[str]) -> list[str]:
-    """Return the names of the columns; no names if a column that is needed is missing."""
+    """Return the names of the columns; no names if a required column is missing."""
     header = [name.strip().lower() for name in row]
     for name in (*COLUMNS, *OPTIONAL):
         if header.count(name) > 1:
@@ -181,7 +180,7 @@ def _specimen(
         raise RecordError(f"{where} has {named['input']!r} for input and output; give two columns")
     name, listed = str(named.pop("specimen")), str(named.pop("file"))
     file = path.parent / listed
-    # `Path.resolve` raises an error for a loop of links, which is the failure of one specimen.
+    # `Path.resolve` would raise an error for a loop of links, which must fail only one specimen.
     outside = not Path(os.path.realpath(file)).is_relative_to(os.path.realpath(path.parent))
     columns: Any = {column: value or None for column, value in named.items()}
     return Specimen(name, file, **columns, listed=listed, outside=outside)

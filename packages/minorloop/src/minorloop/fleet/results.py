@@ -1,8 +1,8 @@
 """Folder of the results of a fleet.
 
-It holds ``fleet.json`` (the options), ``models/NAME.json`` and ``results/NAME.json`` for each
+It contains ``fleet.json`` (the options), ``models/NAME.json`` and ``results/NAME.json`` for each
 specimen, and ``summary.json`` and ``summary.csv`` at the end. Each file is written atomically as
-soon as its content is known, so that a fleet that was stopped continues where it stopped.
+soon as its content is known, so that a stopped fleet continues where it stopped.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
 VERSION = 2
-"""Format of the folder; another one has models of other defaults."""
+"""Format of the folder; another format has models of other defaults."""
 
 
 def write_result(
@@ -27,7 +27,7 @@ def write_result(
 ) -> Outcome:
     """Write the result of a specimen and the content of its model file into the folder.
 
-    Without a model, an earlier one is removed. Returns the result.
+    Without a model, an earlier model is removed. Returns the result.
     """
     path = _model(place, one)
     if model is not None:
@@ -69,7 +69,7 @@ def strays(place: Path, specimens: Sequence[Specimen]) -> list[str]:
 
 
 def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:
-    """Make the folder, or continue one with the same options; return its path."""
+    """Make the folder, or continue a folder with the same options; return its path."""
     header = place / "fleet.json"
     make_folder(place, force=header.exists())
     content = {

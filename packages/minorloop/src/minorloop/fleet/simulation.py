@@ -16,9 +16,9 @@ from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Star
 from minorloop.operators.preisach import Preisach
 
 _MOST_OPERATORS = 2**31
-"""A choice: with the least room, their memory takes 412 GB."""
+"""Most operators. A choice: with the least room, their memory takes 412 GB."""
 _CHUNK = 16_384
-"""Operators of one task of a thread: enough that starting a task costs little."""
+"""Operators in a task of a thread: enough that the start of a task takes little time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,17 +26,17 @@ class FleetState:
     """Memories of many operators, as arrays."""
 
     model: Preisach
-    """The operator that the memories belong to."""
+    """The operator of the memories."""
     stacks: FloatArray
     """Shape (S, room, 4). Remembered extrema of each operator, the present input last: input,
     output of the relays, band of the plane, fraction of the band."""
     rows: IntArray
-    """Shape (S,). How many of them are in use."""
+    """Shape (S,). Number of extrema in use."""
     lost: FloatArray
     """Shape (S,). Bound of the output error from loops that were dropped for lack of room, in the
-    unit of the output; zero again when the input has passed them."""
+    unit of the output; it is zero again after the input has passed them."""
     within: FloatArray
-    """Shape (S, 2). Inputs between which that error lasts."""
+    """Shape (S, 2). Inputs between which this error lasts."""
 
     @classmethod
     def begin(
@@ -47,9 +47,9 @@ class FleetState:
         Raises a `ParameterError` if there is no operator, or too little room for the memory.
 
         ``model``: the operator; ``operators``: number of operators; ``start`` {"negative",
-        "positive", "demagnetised"} or Memory: memory of each operator; ``room``: extrema that each
-        operator has room for, the present input included, at least 6. When a history has more, the
-        smallest loop is dropped. Each takes 32 bytes.
+        "positive", "demagnetised"} or Memory: memory of each operator; ``room``: most extrema of
+        each operator, with the present input, at least 6. If a history has more, the smallest loop
+        is dropped. Each extremum takes 32 bytes.
         """
         check_kind("model", model, Preisach)
         count = as_whole("operators", operators, 1, _MOST_OPERATORS)
@@ -85,15 +85,15 @@ def simulate_fleet(
     state has; a `ParameterError` if the model is of another class, or the state is of another
     model, damaged, or may not be overwritten.
 
-    ``model``: the operator; ``u`` (S,) or (S, T): the next input of each of S operators, or the
-    next T of them; ``state``: memories before; negative saturation if not given; ``in_place``:
-    whether ``state`` may be overwritten, which saves a copy of its memory.
+    ``model``: the operator; ``u`` (S,) or (S, T): the next input, or the next T inputs, of each of
+    S operators; ``state``: memories before, by default negative saturation; ``in_place``: whether
+    ``state`` may be overwritten, which saves a copy of its memory.
 
     Returns
     -------
     y : (S,) or (S, T) array
     state : FleetState
-        Memories after.
+        Memories after the inputs.
     """
     check_kind("model", model, Preisach)
     inputs = as_samples(u, name="u")
@@ -129,7 +129,7 @@ def _check_state(model: Preisach, state: FleetState, in_place: bool) -> None:
     if not _same_relays(state.model, model):
         raise ParameterError(
             f"the state belongs to another model, with {state.model.bands} bands from "
-            f"{state.model.levels[0]:g} to {state.model.levels[-1]:g}; begin one of this"
+            f"{state.model.levels[0]:g} to {state.model.levels[-1]:g}; begin one of this model"
         )
     stacks, rows, lost, within = _parts(state)
     count, room = len(rows), stacks.shape[1] if stacks.ndim == 3 else 0

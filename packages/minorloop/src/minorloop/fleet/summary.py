@@ -12,7 +12,7 @@ WORDS = ("min", "quarter", "median", "three_quarters", "max")
 FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
 LONGEST = 400
-"""Characters of a reason, a warning or advice, which are on one line."""
+"""Most characters of a reason, a warning or advice, which are on one line."""
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class Outcome:
     """Result of one specimen, with file and columns of its record as the manifest names them."""
 
     specimen: str
-    """Its name."""
+    """Name of the specimen."""
     error: str | None = None
-    """Why there is no model; None if there is one."""
+    """Reason why there is no model; None if there is a model."""
     nrmse: float | None = None
     """Error of the model on the fitted samples, over the range of the output."""
     low: float | None = None
@@ -31,7 +31,7 @@ class Outcome:
     opening: float | None = None
     """Widest gap between the two major branches, as a share of the range."""
     samples: int | None = None
-    """Rows fitted."""
+    """Number of fitted rows."""
     seconds: float | None = None
     """Time of the fit."""
     sha256: str | None = None
@@ -42,14 +42,14 @@ class Outcome:
     model: str | None = None
     """Digest of the file of the model."""
     nrmse_holdout: float | None = None
-    """Error on the held-out end of the record; None if nothing was held out."""
+    """Error on the held-out end of the record; None if it has none."""
     excited: float | None = None
     """Share of the cells of the plane that the record excites."""
     warning: str | None = None
-    """Why the model is not to be trusted; None if there is no warning."""
+    """Reasons not to trust the model; None if there is no warning."""
     advice: str | None = None
     chosen: str | None = None
-    """``advice`` and ``chosen``: what is weak and what to do; and what was chosen and not given."""
+    """``advice`` and ``chosen``: weaknesses and remedies; and choices of the identification."""
     time: str | None = None
     curves: str | None = None
     groups: str | None = None
@@ -64,15 +64,15 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A figure of a specimen that lies far from those of the others."""
+    """A figure of a specimen that is far from those of other specimens."""
 
     specimen: str
     figure: str
-    """``specimen`` and ``figure``: names of both."""
+    """``specimen`` and ``figure``: names of the specimen and of the figure."""
     value: float
-    """The figure."""
+    """Value of the figure."""
     median: float
-    """Of all specimens."""
+    """Median over all specimens."""
     deviations: float
     """Distance from the median in robust standard deviations."""
 
@@ -82,7 +82,7 @@ class Summary:
     """Results of all specimens of a fleet."""
 
     outcomes: Sequence[Outcome]
-    """In the order of the manifest."""
+    """Outcomes in the order of the manifest."""
     strays: Sequence[str] = ()
     """Files in the folder that do not belong to any of these specimens."""
 
@@ -102,7 +102,7 @@ class Summary:
         return [outcome for outcome in self.outcomes if outcome.warning is not None]
 
     def distributions(self) -> dict[str, dict[str, float]]:
-        """Least, quartiles and greatest of each figure over the specimens identified."""
+        """Minimum, quartiles and maximum of each figure over the identified specimens."""
         found = {}
         for figure in FIGURES:
             values = self._values(figure)
@@ -120,13 +120,13 @@ class Summary:
         found = []
         for figure in _JUDGED:
             values = self._values(figure)
-            # Specimens below which none is an outlier: a median deviation of fewer is too uncertain
+            # Fewer specimens have no outliers: their median deviation is too uncertain
             if values.size < 8:
                 continue
             median = float(np.median(values))
             # Standard deviation over median absolute deviation of a normal distribution
             spread = 1.4826 * float(np.median(np.abs(values - median)))
-            # Relative spread below which values count as equal: rounding is no outlier
+            # Relative spread below which values count as equal: rounding is not an outlier
             spread = max(spread, 1e-9 * max(1.0, abs(median)))
             with_it = [one for one in self.identified if getattr(one, figure) is not None]
             for outcome, value in zip(with_it, values, strict=True):

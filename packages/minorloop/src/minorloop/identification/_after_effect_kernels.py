@@ -12,7 +12,7 @@ from minorloop.operators._memory_kernels import copy, push, switched_on
 
 @njit(cache=True, nogil=True)
 def follow(marks, lost, begins, reset, x):
-    """In place: stretched inputs (T,) become stretched effective inputs.
+    """Replace stretched inputs ``x`` (T,) by stretched effective inputs, in place.
 
     ``marks`` are the stretched thresholds, ``lost`` (T,) is 1 - exp(-interval /
     settling), ``begins`` (T,) is true where a curve begins, at the effective input ``reset``.
@@ -27,12 +27,13 @@ def follow(marks, lost, begins, reset, x):
 
 @njit(cache=True, nogil=True)
 def fill(levels, marks, spread, x, u, intervals, times, begins, reset, extrema, count, late, out):
-    """Fill rows (T, P K) of the design matrix; returns the extrema in use.
+    """Fill rows (T, P K) of the design matrix; return the number of extrema of the memory.
 
-    Column block p is the share of each cell that has switched on late by time constant p, less that
-    by p + 1; block 0 is at once. So the unknowns of a block are the weights of plane and creep up
-    to time constant p, which must not be negative. ``x`` (T,) is the effective input in units of
-    ``marks``, the stretched thresholds, as are the extrema; ``late`` (P, K) is the state.
+    Column block p is the share of each cell that has switched on with the delay of time constant p,
+    less the share with that of p + 1; block 0 has no delay. So the unknowns of a block are the sums
+    of the weights of plane and creep up to time constant p, which must not be negative. ``x`` (T,),
+    the effective input, and the extrema are in units of ``marks``, the stretched thresholds;
+    ``late`` (P, K) is the state.
     """
     bands, cells, planes = levels.size - 1, late.shape[1], late.shape[0]
     for t in range(u.size):

@@ -11,10 +11,10 @@ from minorloop.operators._memory_kernels import wipes_out
 
 @njit(cache=True, nogil=True)
 def condense(levels, buckets, per_unit, past, u, y, measured, labels, out_u, out_y, out_w, out_row):
-    """Replace each run of samples on one branch, in one band and of one label; gives the count.
+    """Condense each run of samples on one branch, in one band and of one label; return the count.
 
     ``past`` are the extrema before the first input, after negative saturation. ``out_u`` are
-    inputs, ``out_w`` the weights of their outputs ``out_y``, zero where none was measured, and
+    inputs, ``out_w`` the weights of their outputs ``out_y``, zero where no output was measured, and
     ``out_row`` a sample of the run.
     """
     values = np.empty(past.size + u.size + 2)
@@ -47,7 +47,7 @@ def condense(levels, buckets, per_unit, past, u, y, measured, labels, out_u, out
 
 @njit(cache=True, nogil=True)
 def _put_run(u, y, measured, first, end, out_u, out_y, out_w, out_row, count):
-    """Write at most three weighted samples that have the moments of a run, and its last input.
+    """Write at most three weighted samples with the moments of a run, and the run's last input.
 
     The weighted samples are the nodes of the Gauss quadrature of the inputs of the run, so that
     the normal equations of regressors that are quadratic in the input do not change.
@@ -139,11 +139,11 @@ def quadrature(u, measured, first, end, middle, half, number):
 
 @njit(cache=True, nogil=True)
 def closed_loops(u, first, tolerance, gap, narrowest, turns, begin, end):
-    """Write the first and the last sample of each closed loop; gives their number.
+    """Write the first and the last sample of each closed loop; return the number of loops.
 
-    A loop begins at a turning point and is closed where the input has come back to it, to within
-    ``tolerance`` of the width of the loop. A loop whose last sample before that is further away
-    than ``gap`` of its width is not written, and neither is one below the ``narrowest`` width.
+    A loop begins at a turning point and closes where the input returns to it, to within
+    ``tolerance`` of the width of the loop. A loop is not written if its last sample before that is
+    further away than ``gap`` of its width, or if it is narrower than ``narrowest``.
     ``first``: the first sample is a turning point. ``turns`` (T,) may hold anything.
     """
     top, way, count = 0, 0, 0

@@ -1,19 +1,18 @@
 """Compiled loops of identification: arrays in, arrays out.
 
-Cells and nodes of the plane are packed row by row: cell (i, j), j <= i, and the node
-(alpha, beta) = (levels[i + 1], levels[j]) share the index i (i + 1) / 2 + j, K = L (L + 1) / 2
-of them.
+The K = L (L + 1) / 2 cells and nodes of the plane are packed row by row: cell (i, j), j <= i, and
+the node (alpha, beta) = (levels[i + 1], levels[j]) share the index i (i + 1) / 2 + j.
 
-The design is a tree. The switched-on weight at a sample is that at the last reversal (its
-parent, itself a sample) plus one Everett difference, which reads at most six nodes:
+The design is a tree. The switched-on weight at a sample is the weight at its parent, the sample of
+the last reversal, plus one Everett difference, which reads at most six nodes:
 
     row(t) = row(parent[t]) + sum over c of coefficient[t, c] * node[index[t, c]]
 
-A whole number that a helper gets is an ``np.int64``: for a literal, numba compiles it once more.
+Pass whole numbers to helpers as ``np.int64``: numba compiles a helper again for a literal.
 
-Parent -1 is negative saturation, where nothing is on. Reversals with the same parent at the same
-input have the same memory, and the first of them is the parent of what follows any of them: curves
-that all begin demagnetised share the reversals of the demagnetisation.
+Parent -1 is negative saturation, where all cells are off. Reversals with the same parent at the
+same input have the same memory; the first of them is the parent of all samples that follow any of
+them. So curves that all begin demagnetised share the reversals of the demagnetisation.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from minorloop.operators._memory_kernels import INSIDE, wipes_out
 
 ROOT = -1
 _SEARCHED = 64
-"""Reversals with the same parent, the newest ones, that are compared."""
+"""Number of the newest reversals with the same parent that are compared."""
 
 
 @njit(cache=True, nogil=True)
@@ -42,7 +41,7 @@ def trace(low, u, parent, newest, older, at, values, samples):
             continue
         rising = x > value
         if rising == (top & 1 == 0):
-            if sample != ROOT:  # an earlier reversal with the same memory takes the place
+            if sample != ROOT:  # an earlier reversal with the same memory replaces this one
                 above, left = parent[sample] + 1, _SEARCHED
                 node = newest[above]
                 while left > 0 and node != ROOT and at[node] != value:
@@ -64,7 +63,7 @@ def trace(low, u, parent, newest, older, at, values, samples):
 
 @njit(cache=True, nogil=True)
 def lead_to(used, parent):
-    """Add the parents of samples in use to them, in place: the others have no use."""
+    """Mark all ancestors of the samples in use as used too, in place."""
     for t in range(parent.size - 1, -1, -1):
         if used[t] and parent[t] != ROOT:
             used[parent[t]] = True
@@ -83,7 +82,7 @@ def forward(index, coefficient, parent, nodes, out):
 
 @njit(cache=True, nogil=True)
 def adjoint(index, coefficient, parent, samples, out):
-    """Transpose of `forward`: one number a sample to one a node. Consumes ``samples``."""
+    """Transpose of `forward`: numbers per sample become numbers per node. Consumes ``samples``."""
     out[:] = 0.0
     for t in range(parent.size - 1, -1, -1):
         if samples[t] == 0.0:
@@ -96,7 +95,7 @@ def adjoint(index, coefficient, parent, samples, out):
 
 @njit(cache=True, nogil=True)
 def cells_to_nodes(bands, x):
-    """In place: Everett values from cell weights, F(a, b) = sum over i < a, j >= b."""
+    """Replace cell weights by Everett values in place: F(a, b) = sum over i < a, j >= b."""
     for i in range(1, bands):
         first = i * (i + 1) // 2
         for k in range(first, first + i):
@@ -111,17 +110,16 @@ def cells_to_nodes(bands, x):
 def gram(index, coefficient, parent, weight, links, before, sums, nodes, listed, out):
     """Half of the weighted Gram matrix of the rows: out + out' is all of it.
 
-    Expanding a sum over tree rows by ancestry, every sample counts with the weight of all that
-    descends from it, against its own terms (half) and those of each of its ancestors (whole).
-    Samples of one parent share their ancestors, so that their terms are added first. The tree is
-    walked depth first, so that the sum over the ancestors changes by one row at each step. The cost
-    grows with the number of reversals and the nodes of the plane that a memory touches. Consumes
-    ``weight``.
+    A sample counts with the sum of the weights of its descendants and itself. Its terms are
+    multiplied by themselves (half) and by the terms of each of its ancestors (whole). Samples of
+    one parent share their ancestors, so their terms are added first. The tree is walked depth
+    first, so that the sum over the ancestors changes by one row at each step. The cost grows with
+    the number of reversals and of the nodes that a memory touches. Consumes ``weight``.
 
     ``links`` (3, T + 1) begins at `ROOT`: first child, next child of the same parent, and number of
-    ancestral nodes before a sample. ``before`` (T, 6) may hold anything. ``sums`` and ``listed``
-    begin at zero, ``nodes`` lists where ``sums`` is not zero: each (2, n), of children and of
-    ancestors.
+    nodes of the ancestors before a sample. ``before`` (T, 6) may hold anything. ``sums`` and
+    ``listed`` begin at zero; ``nodes`` lists the nodes where ``sums`` is not zero. Each is (2, n),
+    for children and for ancestors.
     """
     terms = index.shape[1]
     for t in range(parent.size - 1, -1, -1):
@@ -171,7 +169,7 @@ def gram(index, coefficient, parent, weight, links, before, sums, nodes, listed,
 
 @njit(**INSIDE)
 def _add_terms(index, coefficient, t, factor, sums, nodes, listed, which, count):
-    """Add terms of a row to a line of sums; ``nodes`` lists where, each once. Gives their count."""
+    """Add terms of a row to a line of sums; list each node once in ``nodes``; return the count."""
     for c in range(index.shape[1]):
         if coefficient[t, c] == 0.0:
             continue
@@ -187,7 +185,7 @@ def _add_terms(index, coefficient, t, factor, sums, nodes, listed, which, count)
 def gram_rows(bands, index, coefficient, parent, weight, cells, out):
     """Rows of the weighted Gram matrix of switched-on fractions, for cells (k,).
 
-    The Everett value of a single cell is one at the nodes above and left of it.
+    The Everett function of a single cell is one at the nodes above and left of the cell.
     """
     nodes, on = np.empty(bands * (bands + 1) // 2), np.empty(parent.size)
     for k in range(cells.size):
@@ -206,7 +204,7 @@ def gram_rows(bands, index, coefficient, parent, weight, cells, out):
 
 @njit(cache=True, nogil=True)
 def nodes_to_cells(bands, x):
-    """In place: transpose of `cells_to_nodes`."""
+    """Apply the transpose of `cells_to_nodes` in place."""
     for i in range(1, bands):
         first = i * (i + 1) // 2
         for k in range(first + 1, first + i + 1):
@@ -226,7 +224,7 @@ def add_row(x, row, other):
 
 @njit(cache=True, nogil=True)
 def nodes_to_cells_both_ways(bands, x):
-    """In place along both axes of a matrix (n, n), n >= K: `nodes_to_cells`."""
+    """Apply `nodes_to_cells` in place along both axes of a matrix (n, n), n >= K."""
     for row in x:
         nodes_to_cells(bands, row)
     for i in range(1, bands):
@@ -253,7 +251,7 @@ def take_lower(entries, begin, places, ridge, out):
 
 @njit(cache=True, nogil=True)
 def add_rows(first, columns, values, rows, place, out):
-    """Add rows of a sparse matrix to ``out``; ``place`` is that of each column, -1 for none."""
+    """Add rows of a sparse matrix to ``out``; ``place`` maps its columns, -1 leaves one out."""
     for k in range(rows.size):
         for p in range(first[rows[k]], first[rows[k] + 1]):
             if place[columns[p]] >= 0:
@@ -262,7 +260,7 @@ def add_rows(first, columns, values, rows, place, out):
 
 @njit(cache=True, nogil=True)
 def descend(x, gradient, z, bounded, sweeps):
-    """Coordinate descent on 1/2 z'Xz, X symmetric with unit diagonal: a first guess."""
+    """Improve a first guess by coordinate descent on 1/2 z'Xz, X symmetric with unit diagonal."""
     size = z.size
     for _ in range(sweeps):
         for k in range(size):

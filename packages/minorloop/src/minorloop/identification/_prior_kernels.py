@@ -8,7 +8,7 @@ from minorloop.operators._memory_kernels import copy_extrema, push, switched_on
 
 @njit(cache=True, nogil=True)
 def walk(levels, spread, past, u, measured, rows, features):
-    """Fractions switched on and features of the memory, after every measured input.
+    """Compute the fractions switched on and features of the memory after every measured input.
 
     ``past`` (d,) are the extrema before the first input; ``rows`` (M, K) is filled with the
     fractions, ``features`` (M, 3) with the present input and the last two extrema, from 0 to 1.
@@ -30,7 +30,7 @@ def walk(levels, spread, past, u, measured, rows, features):
 
 @njit(cache=True, nogil=True)
 def look_ahead(levels, spread, past, candidates, rows):
-    """Fractions switched on after each candidate (m,) is applied to the extrema ``past`` (d,)."""
+    """Fill ``rows`` with fractions switched on after extrema ``past`` (d,) and a candidate (m,)."""
     low, high = levels[0], levels[-1]
     stack = np.empty(past.size + 2)
     for m in range(candidates.size):
@@ -41,7 +41,7 @@ def look_ahead(levels, spread, past, candidates, rows):
 
 @njit(cache=True, nogil=True)
 def overshoot(u, low, high, out):
-    """Overshoot (T,) beyond either end of the levels, fading on the way to the other end."""
+    """Compute the overshoot (T,) beyond an end of the levels; it fades towards the other end."""
     below = above = 0.0
     for t in range(u.size):
         if u[t] <= low:
@@ -54,11 +54,11 @@ def overshoot(u, low, high, out):
 
 @njit(cache=True, nogil=True)
 def closed_travel(u, near, farthest, out):
-    """Length of the way (T,) since the input was last farther than ``near`` away, in closed loops.
+    """Compute the travel in closed loops (T,) since the input last was more than ``near`` away.
 
-    It is the length less that of the shortest way through the same inputs, at most ``farthest``.
+    It is the travel minus the shortest travel through the same inputs, at most ``farthest``.
     """
-    places = np.empty(u.size, np.int64)  # of the inputs that differ from the one before
+    places = np.empty(u.size, np.int64)  # of the inputs that differ from the previous input
     count = 0
     for t in range(u.size):
         if t == 0 or u[t] != u[places[count - 1]]:

@@ -7,7 +7,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def absorb(information, vector, row, y, forgetting, prior, theta):
-    """In place: forget, add one sample, and leak towards the present unknowns."""
+    """Forget, add one sample, and leak towards the present unknowns, in place."""
     n = row.size
     for i in range(n):
         for j in range(n):
@@ -18,7 +18,7 @@ def absorb(information, vector, row, y, forgetting, prior, theta):
 
 @njit(cache=True, nogil=True)
 def descend(information, vector, theta, bounded, sweeps):
-    """In place: sweeps of coordinate descent on the unknowns, the bounded ones kept >= 0."""
+    """Improve the unknowns in place by coordinate descent; bounded unknowns stay >= 0."""
     n = theta.size
     for _ in range(sweeps):
         for i in range(n):

@@ -1,8 +1,8 @@
 """Compiled loops of the sparse factorisation L S L' of a symmetric matrix, S of signs.
 
 Columns of the factor with nearly the same rows form a panel, a dense block. ``start`` (P + 1,) are
-the first columns of the panels. ``at`` (P + 1,) is where the rows of each begin in ``rows``, its
-own columns first. ``offset`` (P + 1,) is where its numbers begin in ``data``, row after row.
+the first columns of the panels. The rows of a panel, its own columns first, begin at ``at`` (P +
+1,) in ``rows``. Its numbers begin at ``offset`` (P + 1,) in ``data``, row after row.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from minorloop.operators._memory_kernels import INSIDE
 
 _WIDEST = 96
 _PADDING, _FEW = 0.3, 32
-"""Zeros that a panel may store: this share of its numbers, or as many."""
+"""Zeros that a panel may store: this share of its numbers, or this number."""
 _SMALL = 30_000
-"""Multiplications from which a product of blocks is left to the library."""
+"""Number of multiplications above which the library multiplies two blocks."""
 _INFINITE = 1e64
 """Replaces a pivot that is zero to rounding: its unknown becomes zero."""
 
@@ -124,7 +124,7 @@ def panel_rows(first, rows, start, at):
 def factorise(start, at, rows, offset, panel_of, sign, place, values, least, data):
     """Fill ``data`` with the factor of the matrix of entries ``values`` at ``place``.
 
-    A pivot below ``least`` of the size of its column before elimination counts as zero.
+    A pivot counts as zero below ``least`` times the size of its column before elimination.
     """
     data[:] = 0.0
     for e in range(place.size):
@@ -158,7 +158,7 @@ def factorise(start, at, rows, offset, panel_of, sign, place, values, least, dat
 
 @njit(**INSIDE)
 def _find_panel(mine, i, start, at, rows, panel_of, where):
-    """Panel of row ``mine[i]``, and the end of its rows in ``mine``; ``where`` gets its rows."""
+    """Return the panel of row ``mine[i]`` and the end of its rows in ``mine``; fill ``where``."""
     t, end = panel_of[mine[i]], i
     while end < mine.size and mine[end] < start[t + 1]:
         end += 1
@@ -295,7 +295,7 @@ def invert(start, at, rows, offset, panel_of, sign, data, out):
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def solve_half(start, at, rows, offset, data, x):
-    """Solve L X = B in place, for some columns at once; rows that are zero cost nothing."""
+    """Solve L X = B in place, for several columns at once; rows of zeros cost nothing."""
     filled = np.zeros(start[-1], dtype=np.bool_)
     for i in range(x.shape[0]):
         for c in range(x.shape[1]):
@@ -355,7 +355,7 @@ def weights_to_nodes(bands, weights, out):
 
 @njit(cache=True, nogil=True)
 def add_paths(index, coefficient, parent, times, out):
-    """Add the row of each of some samples (m,) to a column of ``out`` (n, m): factors of nodes."""
+    """Add the row (factors of nodes) of each sample ``times`` (m,) to columns of ``out`` (n, m)."""
     for m in range(times.size):
         t = times[m]
         while t >= 0:

@@ -1,4 +1,4 @@
-"""How near a model is to measured outputs, in the figures that different fields compare by."""
+"""Errors of a model against measured outputs, in the measures that different fields use."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from minorloop.identification.curves import Curves
 from minorloop.identification.loops import closed_loops, loop_areas
 
 _MOST_CURVES = 10
-"""Curves up to which each has a row; of more, those with the largest errors."""
+"""Most rows of a table of curves; of more curves, it shows those with the largest errors."""
 _CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
 _CurveTable: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]], str]
 """Headings, rows and title of a table of curves."""
@@ -29,12 +29,12 @@ class Accuracy:
     nrmse: float
     """`rmse` over the range of the output."""
     relative_rms: float
-    """`rmse` over the root-mean-square of the output, which depends on the zero of the output; its
+    """`rmse` over the root-mean-square of the output. It depends on the zero of the output; its
     square is the relative square error."""
     worst: float
     """The largest error, model less measured, over the range of the output."""
     worst_sample: int
-    """Its sample."""
+    """Sample of the largest error."""
     loops: int
     """Closed loops among the samples, as `closed_loops` finds them."""
     loop_area: float | None
@@ -49,7 +49,7 @@ class CurveAccuracy:
     name: str
     """Label of the curve."""
     first: int
-    """Its first row."""
+    """First row of the curve."""
     accuracy: Accuracy
     """Errors on its fitted and held-out samples, over the range of the whole record."""
     left_out: float | None
@@ -68,8 +68,8 @@ def accuracy(
     """Return the errors of predicted outputs.
 
     ``u``, ``y`` and ``predicted`` (T,): inputs, measured and predicted outputs; ``scored`` (T,) of
-    bool: samples that are scored, at least one; others may be NaN; ``curves``: parts of the record;
-    ``span``: range of the output; that of the scored samples if not given.
+    bool: samples to score, at least one; others may be NaN; ``curves``: parts of the record;
+    ``span``: range of the output; by default the range of the scored samples.
     """
     measured = y[scored]
     error = predicted[scored] - measured
@@ -102,7 +102,7 @@ def by_curve(
     """Return the errors on each curve that has scored samples, in the order of the record.
 
     ``u``, ``y``, ``predicted``, ``scored``, ``curves`` are as of `accuracy`; ``left_out`` (T,):
-    outputs predicted without the group of each row; NaN where there are none.
+    outputs predicted without the group of each row, or NaN.
     """
     span, found = float(np.ptp(y[scored])), []
     for number, (first, last) in enumerate(curves.parts(u.size)):
@@ -118,13 +118,13 @@ def by_curve(
 
 
 def _rms(error: FloatArray | None, span: float) -> float | None:
-    """Root-mean-square of the errors that are known, over a range; None if there are none."""
+    """Root-mean-square of the finite errors over a range; None if no error is finite."""
     known = np.zeros(0) if error is None else error[np.isfinite(error)]
     return float(np.sqrt(np.mean(known**2)) / (span or 1.0)) if known.size else None
 
 
 def worst_error(errors: Accuracy, sample: str = "") -> str:
-    """Return the largest error and its sample; what rounds to zero has no sign and no sample."""
+    """Return the largest error and its sample; an error that rounds to zero is only 0.0%."""
     return f"{errors.worst:+.1%}{sample}" if abs(errors.worst) >= 0.0005 else "0.0%"
 
 

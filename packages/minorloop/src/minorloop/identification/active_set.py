@@ -8,12 +8,12 @@ ill-conditioned. The proximal-point iteration (Rockafellar, SIAM J. Control Opti
 ridge about the present solution, reduces it step by step, and raises it again if the pivoting does
 not settle.
 
-What solves for the free unknowns is either dense (`dense_solver`) or the sparse system. With the
-latter, the predictor-corrector method of Mehrotra (SIAM J. Optim. 2, 1992) first comes near the
-optimum, in a number of sparse factorisations that hardly depends on the problem. It shows which
-unknowns are at their bounds, up to a few. Block pivoting, with the same factorisations, then meets
-the conditions of optimality to rounding. With a prior, a single factorisation is enough to come
-near the optimum.
+Either a dense solver (`dense_solver`) or the sparse system solves for the free unknowns. With the
+sparse system, the predictor-corrector method of Mehrotra (SIAM J. Optim. 2, 1992) first comes near
+the optimum, in a number of sparse factorisations that hardly depends on the problem. It shows which
+unknowns are at their bounds, with a few exceptions. Block pivoting, with the same factorisations,
+then meets the conditions of optimality to rounding. With a prior, a single factorisation is enough
+to come near the optimum.
 """
 
 from abc import ABC, abstractmethod
@@ -34,33 +34,33 @@ ACCEPTABLE = 1e-6
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 40, 3, 8
 _JOINS, _FEW = 0.1, 100
-"""Most unknowns that become free together, over those that are, and in any case. A few thousand at
-once, most of which leave again, make dense factors large."""
+"""Most unknowns that become free together: this share of the free unknowns, or this number. If a
+few thousand become free at once, most leave again, but dense factors are large until then."""
 _QUICK = 0.01
-"""Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
+"""Ratio of a violation to the previous one up to which the ridge stays, so that a dense factor is
 used again."""
 _LEAST_SPARSE_RIDGE = 1e-9
-"""The accuracy of the factor: below it, conjugate gradients are many."""
+"""Accuracy of the factor: a smaller ridge takes many steps of conjugate gradients."""
 _SPLITTING, _ALTERNATIONS, _RELAXATION = 0.1, 15, 1.6
-"""Penalty of the alternating directions, to a diagonal of one, their number, and over-relaxation;
-by trial. Then, of a thousand unknowns, about ten are on the wrong side of their bounds."""
+"""Penalty of the alternating directions for a diagonal of one, their number, and over-relaxation,
+by trial. About one unknown in a hundred is then on the wrong side of its bound."""
 _AT_BOUND = 1e4
-"""Ridge that keeps an unknown of a sparse system at its bound, to a diagonal of one."""
+"""Ridge that keeps an unknown of a sparse system at its bound, for a diagonal of one."""
 _PIVOT_STEPS, _PIVOT_TOLERANCE = 100, 1e-13
-"""Most conjugate gradients of a sparse step, whose error is that of the result, relative to the
-outputs."""
+"""Most steps of conjugate gradients for a sparse step, and their error over the norm of the
+outputs, which is that of the result."""
 _INTERIOR_RIDGE = 1e-8
-"""Added to a diagonal of one. More of it takes more iterations; less of it fails where samples are
-fewer than unknowns."""
+"""Ridge of the interior point, for a diagonal of one. A larger ridge takes more iterations; a
+smaller one fails if there are fewer samples than unknowns."""
 _GAP = 1e-13
-"""Complementarity at which pivoting takes over, relative. Where the samples hardly determine the
-unknowns, the dual residual hardly falls from there on: the least ridge holds the unknowns back."""
+"""Relative complementarity at which pivoting takes over. If the samples hardly determine the
+unknowns, the dual residual hardly falls below it, because of the ridge of the interior point."""
 _MOST, _BOUNDARY, _FALLS = 40, 0.997, 0.95
-"""Most iterations, share of the way to the boundary, and ratio of what is left of complementarity
-and gradient to the least before up to which there is progress."""
+"""Most iterations; share of the way to the boundary; and ratio of the sum of complementarity and
+gradient to its least value so far, below which an iteration counts as progress."""
 _CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-3
-"""Most conjugate gradients of a Newton step, and their relative residual; by trial. The factor is
-accurate, so that one is usual."""
+"""Most steps of conjugate gradients for a Newton step, and their relative residual; by trial. The
+factor is accurate, so one step usually suffices."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,10 @@ def optimality(z: FloatArray, gradient: FloatArray, bounded: BoolArray, scale: f
 class Pivoting(ABC):
     """Proximal-point iteration with block pivoting.
 
-    ``gradient`` is z -> A'(A z - y) + Q z. Unknowns ``bounded`` (n,) must not be negative; those
-    beyond ``searched`` that are at their bounds stay there. Violations are relative to ``scale``,
-    the norm of y. The iteration ends at a violation of `TOLERANCE`, or some steps after one of
-    ``enough``. A subclass solves for the free unknowns.
+    ``gradient`` is z -> A'(A z - y) + Q z. Unknowns ``bounded`` (n,) must not be negative; unknowns
+    outside ``searched`` (n,) that are at their bounds stay there. Violations are relative to
+    ``scale``, the norm of y. The iteration ends at a violation of `TOLERANCE`, or some steps after
+    one of ``enough``. A subclass solves for the free unknowns.
     """
 
     least_ridge = _LEAST_RIDGE
@@ -121,10 +121,10 @@ class Pivoting(ABC):
     def run(self, z: FloatArray, ridge: float = _FIRST_RIDGE) -> BoundedSolution:
         """Iterate from z and a first ridge to the best solution, converged or not.
 
-        The ridge is only reduced where the violation falls slowly. Where the pivoting did not
-        settle, it stays higher until the free unknowns have rested for a number of steps, which
-        doubles with each failure. As solutions with one ridge change little in one direction, each
-        then begins at the minimum along the change before.
+        The ridge is reduced only while the violation falls slowly. If the pivoting does not settle,
+        the ridge stays higher until the set of free unknowns is the same for a number of steps,
+        which doubles with each failure. Successive solutions with one ridge change little and in
+        one direction, so each begins at the minimum along the previous change.
         """
         free, least = ~self.bounded | (z > 0), self.least_ridge
         best, before, last = BoundedSolution(z, np.inf, 0), z, np.inf
@@ -169,7 +169,7 @@ class Pivoting(ABC):
     ) -> tuple[FloatArray, FloatArray]:
         """Minimum along a change within the bounds, and the gradient there."""
         falling = self.bounded & (change < 0)
-        # Longest search along a change, over that change; bounds usually end it before
+        # Longest search, in lengths of the change; bounds usually end it earlier
         length = float(np.min(-z[falling] / change[falling], initial=1e6))
         end = self.gradient(z + length * change)
         slope, last = float(gradient @ change), float(end @ change)
@@ -182,7 +182,7 @@ class Pivoting(ABC):
     ) -> tuple[tuple[FloatArray, BoolArray], bool, int]:
         """Minimise with a ridge about z, exchanging unknowns that are on the wrong side.
 
-        Of those at their bounds, the ones of the steepest descent are exchanged first.
+        Unknowns at their bounds with the steepest descent are exchanged first.
         """
         fewest, patience = free.size + 1, _PATIENCE
         x = z
@@ -246,11 +246,11 @@ def solve_sparse(
 ) -> BoundedSolution:
     """Find the unknowns (n,) that meet the optimality conditions for outputs ``y`` (M,).
 
-    ``system`` has columns of about unit length, so that of many optima one with small unknowns is
-    near. Pivoting goes on with factors ``fine`` (n,), which give columns less their mean about unit
-    length: a cell that hardly switches is determined to as many digits as the others. They stay
-    those of the system, and the solution has them. Bounded unknowns that are not ``varying`` begin
-    at zero, and are not searched inside their bounds.
+    ``system`` has columns of about unit length, so that an optimum with small unknowns is found if
+    there are many. Pivoting uses the column factors ``fine`` (n,), which give columns without their
+    mean about unit length: a cell that hardly switches is determined to as many digits as the
+    others. The system and the solution keep these factors. Bounded unknowns that are not
+    ``varying`` stay at zero.
     """
     searched = bounded & varying
     z = _interior_point(system, y, bounded, searched, scale) * system.scale / fine
@@ -272,9 +272,9 @@ def solve_with_prior(
     scale: float,
     centre: FloatArray | float = 0.0,
 ) -> BoundedSolution:
-    """Find them from a guess (n,) where a prior determines them, so that the system is regular.
+    """Find the same from a guess (n,) where a prior determines them, so that the system is regular.
 
-    ``centre`` is what the outputs do not contain, in the unit of the columns.
+    ``centre`` is the part of the unknowns that the outputs do not contain, in units of the columns.
     """
 
     def gradient(z: FloatArray) -> FloatArray:
@@ -328,12 +328,12 @@ def _interior_point(
         system.factorise(ridge)
 
         def direction(target: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
-            """Newton step to z * slack = target, and that of the slack."""
-            wanted = target / z[places] - slack  # noqa: B023
+            """Newton steps of the unknowns and of the slack, to z * slack = target."""
+            required = target / z[places] - slack  # noqa: B023
             right = -dual  # noqa: B023
-            right[places] += wanted
+            right[places] += required
             step = system.solve(right, free, _CORRECTOR_TOLERANCE, most)
-            return step, wanted - slack / z[places] * step[places]  # noqa: B023
+            return step, required - slack / z[places] * step[places]  # noqa: B023
 
         step, change = direction(np.zeros(places.size), 1)
         length = min(_longest(z[places], step[places]), _longest(slack, change))
@@ -368,6 +368,6 @@ def _start(
 
 
 def _longest(values: FloatArray, change: FloatArray) -> float:
-    """Largest step up to one that leaves all values non-negative."""
+    """Return the largest step, at most one, that leaves all values non-negative."""
     falling = change < 0
     return float(min(1.0, np.min(-values[falling] / change[falling], initial=1.0)))

@@ -1,7 +1,7 @@
 """An experiment that chooses its own inputs: design, repetition of outliers, validation.
 
-The next input is a function of the points so far and nothing else. An experiment that was stopped
-therefore continues as it would have without the stop.
+The next input depends only on the points so far. An experiment that was stopped therefore continues
+as it would have without the stop.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class Validation:
     """Score of the model on holds that it was not fitted to."""
 
     prediction: Prediction
-    """Of the validation holds, (n,)."""
+    """Outputs (n,) predicted for the validation holds."""
     measured: FloatArray
     """Shape (n,). Outputs of these holds."""
     scale: float
@@ -69,20 +69,20 @@ class Validation:
 
 @dataclass(frozen=True)
 class RunFindings:
-    """What an adaptive run shows."""
+    """Findings of an adaptive run: outliers, contradictions, validation and warnings."""
 
     holds: int
     """Holds that the model was fitted to."""
     outliers: tuple[int, ...]
     """Holds left out of the fit: not measured, or far outside their band."""
     repeated: tuple[int, ...]
-    """Those of ``outliers`` that were measured again at once."""
+    """Outliers that were measured again at once."""
     changes: tuple[int, ...]
-    """Holds that contradict the model although their repetition gave the same."""
+    """Holds that contradict the model although their repetition agrees with them."""
     validation: Validation | None
     """Score on the holds that were never fitted; None where there are none yet."""
     warnings: tuple[str, ...]
-    """Why the model is not to be trusted."""
+    """Reasons not to trust the model."""
 
 
 @dataclass
@@ -206,7 +206,7 @@ class Adaptive:
         u, y
             As of `choose`.
         law : Plane, optional
-            What is not "auto" in it is used instead of what the experiment was designed for.
+            Its fields that are not "auto" replace those that the experiment was designed for.
         prior : "auto", Gaussian or Smooth
             `Gaussian` if "auto".
         start : {"negative", "positive", "demagnetised"} or Memory
@@ -234,7 +234,7 @@ class Adaptive:
         return Validation(part, fit.y[held], scale)
 
     def findings(self, u: Sequence[float], y: Sequence[float]) -> RunFindings:
-        """Return what the points show; u and y as of `choose`."""
+        """Return the findings from the points; u and y as of `choose`."""
         roles = self.roles(u, y)
         outliers = [k for k, role in enumerate(roles) if role == "outlier"]
         validation = self.validation(u, y)
@@ -250,7 +250,7 @@ class Adaptive:
     def _warnings(
         self, u: Sequence[float], y: Sequence[float], validation: Validation | None
     ) -> list[str]:
-        """Return why the model is not to be trusted; one sentence each."""
+        """Return reasons not to trust the model; one sentence each."""
         said = [
             f"hold {k + 1} contradicts the model, and its repetition gave the same: the actuator "
             f"or its sensor changed at about hold {k + 1}, or a Preisach model cannot follow it; "
@@ -269,21 +269,21 @@ class Adaptive:
             return said  # Too few points for a model yet.
 
     def _validation_level(self, index: int, now: float) -> float:
-        """Random level in one quarter of the range, at most a step from the present one."""
+        """Random level in one quarter of the range, at most a step from the present level."""
         shares = np.random.default_rng(self.seed).uniform(size=VALIDATION)
-        # Order in which validation visits the quarters of the range, so that it reverses every time
+        # Quarters of the range in an order that reverses the input at every validation hold
         part = ((2, 0, 3, 1)[index] + shares[index]) / VALIDATION
         level = self.low + part * (self.high - self.low)
         return float(np.clip(level, now - self.step, now + self.step))
 
 
 class _Progress:
-    """State of an experiment after some points, decided from each point to the next.
+    """State of an experiment after some points, updated point by point.
 
     ``designed`` and ``validated`` count the holds of design and validation, ``extra`` repetitions
-    and replacements, ``replaced`` the replacements alone. ``changes`` are the deviations from the
-    model of points whose repetition agreed with them. ``repeat_next``: the last point is to be
-    repeated. ``validating``: the design is complete.
+    and replacements, ``replaced`` the replacements alone. ``changes`` maps points whose repetition
+    agreed with them to their deviation from the model. ``repeat_next``: the next point repeats the
+    last. ``validating``: the design is complete.
     """
 
     def __init__(self, of: Adaptive, u: Sequence[float], y: Sequence[float]) -> None:
@@ -335,7 +335,7 @@ class _Progress:
         return _with_wider_bands(self.of._fits[key], self.changes)
 
     def _measured(self, k: int) -> None:
-        """Set the role of a point that is no repetition."""
+        """Set the role of a point that does not repeat the previous point."""
         early = self.of.least_gain > 0 and self.designed >= self.of._first.size
         self.validating = self.is_designed or (early and self.design(k) is None)
         role: _Role = "validation" if self.validating else "design"
@@ -346,7 +346,7 @@ class _Progress:
         self.roles.append(role)
 
     def _repeated(self, k: int) -> None:
-        """Set the role of a point that repeats the one before."""
+        """Set the role of a point that repeats the previous point."""
         self.extra += 1
         measured = bool(np.isfinite(self.y[k]))
         self.repeat_next = not measured and self.extra < REPEATS
@@ -387,7 +387,7 @@ class _Progress:
         return sum(role in _FITTED for role in self.roles) < 6
 
     def _deviation(self, k: int) -> tuple[float, float]:
-        """Error of the prediction of a point from those before, and its deviation."""
+        """Deviation of a point from its prediction by earlier points, and that expected."""
         shown = self.fit(k).predict(self.u[: k + 1], bands=PROBABILITY)
         return float(self.y[k] - shown.y[-1]), float(shown.sd[-1])
 
@@ -403,18 +403,18 @@ def _with_wider_bands(fit: Identification, changes: dict[int, float]) -> Identif
 
 
 def design_holds(holds: int | None, hours: float | None, hold: float) -> int:
-    """Return how many holds of a budget the design may choose.
+    """Return the number of holds of a budget that the design may choose.
 
     Raises a `ParameterError` if both or neither are given, or they allow less than 3 holds or more
     than 1000.
 
-    ``holds``: holds to choose; those of validation and repetitions come on top; ``hours``: all
-    there is, validation and repetitions included; ``hold``: longest hold, in seconds.
+    ``holds``: holds to choose, without validation and repetitions; ``hours``: time for all holds,
+    validation and repetitions included; ``hold``: longest hold, in seconds.
     """
     if holds is not None and hours is None:
         return as_whole("holds", holds, _FEWEST, MOST_HOLDS)
     if holds is not None or hours is None:
-        raise ParameterError("give a budget in holds or in hours, one of them")
+        raise ParameterError("give a budget either in holds or in hours")
     more = VALIDATION + REPEATS
     seconds = as_seconds("hold", hold)
     count = int(as_finite("hours", hours) * 3600 / seconds)

@@ -1,4 +1,4 @@
-"""Rules of advice on a plane: what is weak about a fit, and what to do about it."""
+"""Rules of advice on a plane: the weaknesses of a fit, and remedies."""
 
 from collections.abc import Iterator
 from typing import Any, TypeAlias
@@ -20,20 +20,20 @@ Fit: TypeAlias = Any
 _WELL_EXCITED = 0.5
 """Share of excited cells below which a record does not identify the plane."""
 _OVERFIT = 2.0
-"""Error on held-out over error on fitted data from which a model is called overfitted."""
+"""Ratio of the errors on held-out and fitted data from which a model counts as overfitted."""
 _NEARLY_AS_GOOD = 0.8
 _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
 _ROUNDING = 1e-9
 _RARE = 10
-"""Samples for each input that may be a sentinel; more of them are inputs."""
+"""Least number of samples per sample of a sentinel; a more frequent value is an input."""
 _WORST, _WRONG = 0.1, 0.05
-"""Error, as a share of the range of the output, above which a model is not to be trusted; and the
-same for what is to be expected of it on other inputs, noise not counted."""
+"""Errors above which a model is not to be trusted, over the range of the output: on its data, and
+the error to expect on other inputs, without noise."""
 _LEAST_DRIFT = 0.005
 """Least drift or step that is reported, in ranges."""
 _ALIKE, _LEAST_ERROR = 0.8, 0.005
-"""Autocorrelation of a residual that is no noise; and its least size in ranges."""
+"""Autocorrelation from which a residual is not noise; and its least size in ranges."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
     "reverse the sign of the output (reduce --flip output), or allow negative weights with "
@@ -63,7 +63,7 @@ def _outliers(fit: Fit) -> Iterator[str]:
 
 
 def _residual(fit: Fit) -> Iterator[str]:
-    """Say what the residual shows."""
+    """Report start-up, step, drift and uneven errors of the residual."""
     found = fit.residual
     if found.startup is not None:
         first = "the first row is" if found.startup.rows == 1 else None
@@ -72,14 +72,14 @@ def _residual(fit: Fit) -> Iterator[str]:
             f"{first} off by up to {found.startup.largest:.1%} of range and "
             f"{'has' if found.startup.rows == 1 else 'have'} {found.startup.share:.0%} of the "
             "squared error, a start-up that the model does not follow: let them set the memory "
-            f"without being fitted, skip={found.startup.rows} "
-            f"(--record skip={found.startup.rows}), or give the start state that the record has"
+            f"without fitting them, skip={found.startup.rows} "
+            f"(--record skip={found.startup.rows}), or give the start state of the record"
         )
     if found.step is not None and abs(found.step.size) > _LEAST_DRIFT:
         yield (
             f"from sample {found.step.sample} on the output is shifted by {found.step.size:+.2%} "
-            "of range: the sensor or its mount moved, or its zero was set anew; identify the rows "
-            "before and behind apart (--record rows=A:B), or subtract the shift from the output"
+            "of range: the sensor or its mount moved, or its zero was reset; identify the rows "
+            "before and after separately (--record rows=A:B), or subtract the shift from the output"
         )
     if abs(found.drift) > _LEAST_DRIFT:
         yield (
@@ -92,15 +92,15 @@ def _residual(fit: Fit) -> Iterator[str]:
 
 
 def _starts(fit: Fit) -> Iterator[str]:
-    """Say that the first rows of curves are off together, as where another memory came before."""
+    """Report a common error of the first rows of curves, as after another initial memory."""
     curves, start = fit.curves, fit.start
     if curves.begins.size == 1 or not isinstance(start, str):
         return
     rows = np.flatnonzero(fit.fitted)
     position = curves.positions(fit.u.size)
     length = np.diff(np.append(curves.begins, fit.u.size))
-    # The first rows of a curve are one in so many; and their mean error, over that of all rows,
-    # from which they are off together: without noise or misfit in common it is far below
+    # The first tenth of the rows of a curve. Their mean error is reported from 0.6 times the error
+    # of all rows: without a common error it is far smaller
     first = rows[position[rows] * 10 < np.repeat(length, length)[rows]]
     if not first.size:
         return
@@ -108,7 +108,7 @@ def _starts(fit: Fit) -> Iterator[str]:
     if abs(off) >= max(0.6 * fit.nrmse, _LEAST_ERROR):
         others = [name for name in ("negative", "positive", "demagnetised") if name != start]
         yield (
-            f"the first rows of the curves are off together, by {-off:+.2%} of range in the mean: "
+            f"the first rows of the curves have a common error, {-off:+.2%} of range in the mean: "
             f"the memory before them may not be {start!r}; try "
             f'start_of_curve="{others[1]}" or "{others[0]}" (--record start_of_curve)'
         )
@@ -157,7 +157,7 @@ def _uneven(fit: Fit) -> Iterator[str]:
     if found.autocorrelation > _ALIKE and not explained:
         yield (
             f"neighbouring residuals are alike (autocorrelation {found.autocorrelation:.2f}), so "
-            f"they are an error of the model and no noise: {_remedy(fit)}"
+            f"they are an error of the model, not noise: {_remedy(fit)}"
         )
 
 
@@ -177,7 +177,7 @@ def _remedy(fit: Fit) -> str:
 
 
 def _lag(fit: Fit) -> Iterator[str]:
-    """Say that a lag may be none, and how many rows it leaves out at the beginnings of curves."""
+    """Report a lag that may be hysteresis, and the rows that it leaves out where curves begin."""
     if fit.lag and any(choice.chosen.endswith(TRAVEL) for choice in fit.choices):
         yield (
             f"the lag of {counted(fit.lag, 'sample')} may be hysteresis that this model does not "
@@ -216,7 +216,7 @@ def _excitation(fit: Fit) -> Iterator[str]:
         yield f"{fit.samples} samples for {fit.unknowns} unknowns: the rest is {smooth}"
     low, high = fit.model.levels[[0, -1]]
     beyond = int(np.count_nonzero((fit.u < low) | (fit.u > high)))
-    # With dynamics, the levels follow inputs that were filtered otherwise.
+    # With dynamics, the levels are those of inputs with another filter.
     if beyond and fit.measured is None:
         yield (
             f"{counted(beyond, 'input')} {are(beyond)} beyond the levels [{low:g}, {high:g}], "
@@ -268,15 +268,15 @@ def _accuracy(fit: Fit) -> Iterator[str]:
 
 
 def _of_another_group(fit: Fit) -> str:
-    """Say what the errors on left-out groups promise, which groups that are not alike do not."""
+    """Say which error to expect for another group; groups that are not alike do not tell it."""
     usual, worst = np.quantile(fit.each_group_nrmse, [0.5, 1.0])
-    # Error on the worst group over that on the median one from which groups are not alike
+    # Ratio of the errors on the worst and the median group from which groups are not alike
     if worst <= 2.0 * usual:
         return "Expect that error for another group"
     return (
         f"They are not alike: it is {percent(usual)} for the median group and {percent(worst)} for "
-        "the worst. Expect up to the latter for another group, and more where its inputs go where "
-        "no group was; the bands count this"
+        "the worst. Expect up to the latter for another group, and more for inputs that no group "
+        "has; the bands include this"
     )
 
 
@@ -313,7 +313,7 @@ def _errors(fit: Fit) -> Iterator[str]:
 
 
 def _untried(fit: Fit) -> str:
-    """Name the options that were neither given nor compared."""
+    """Name the options that were neither set nor compared."""
     compared = {choice.name for choice in fit.choices}
     options = [] if fit.searched else ['lag="auto" (--law lag=auto)']
     if not fit.matrix.spec.slope and "structure" not in compared:
@@ -322,7 +322,7 @@ def _untried(fit: Fit) -> str:
 
 
 def _known(fit: Fit) -> BoolArray:
-    """(T,) measured rows that are no outliers."""
+    """(T,) measured rows without outliers."""
     known: BoolArray = np.isfinite(fit.y)
     for finding in fit.findings:
         if finding.kind == "outlier":
@@ -335,18 +335,18 @@ def _has_outliers(fit: Fit) -> bool:
 
 
 def _parts(fit: Fit) -> dict[str, BoolArray]:
-    """Fitted and held-out rows that are no outliers, where there are some."""
+    """Fitted and held-out rows without outliers; parts without rows are left out."""
     parts = {"fitted": fit.fitted & _known(fit), "held-out": fit.held_out & _known(fit)}
     return {name: rows for name, rows in parts.items() if rows.any()}
 
 
 def _whole(fit: Fit) -> float:
-    """Range of the output in fitted and held-out rows that are no outliers."""
+    """Range of the output in fitted and held-out rows without outliers."""
     return float(fit.span(fit.scored & _known(fit)))
 
 
 def _scores_without_outliers(fit: Fit) -> tuple[float, float]:
-    """Error over the range and that of the polynomial, on held-out rows or else on fitted ones."""
+    """Errors of model and polynomial over the range, on held-out rows or else on fitted rows."""
     scored = fit.held_out if fit.held_out.any() else fit.fitted
     known = _known(fit)
     if not (scored & known).any():
@@ -361,17 +361,17 @@ def _scores_without_outliers(fit: Fit) -> tuple[float, float]:
 def _expected(fit: Fit) -> float:
     """Error to expect on other inputs without noise, over the range of the output.
 
-    The greatest of twice that on fitted data, four times that with a lag, that on held-out data,
-    and that on held-out data over their own range, as far as it is more than twice the noise: a
-    range may be small.
+    It is the greatest of: twice the error on fitted data (four times with a lag); the error on
+    held-out data; and the error on held-out data over their own range, as far as it is more than
+    twice the noise, because their range may be small.
     """
     parts, error = _parts(fit), fit.prediction - fit.y
     square = {x: float(np.mean(error[parts[x]] ** 2)) for x in parts}
     fitted, held_out = square.get("fitted", 0.0), square.get("held-out", 0.0)
     noise = noise_in(error[parts["fitted"]], fit.y[parts["fitted"]]) ** 2 if fitted else 0.0
     own = fit.span(parts["held-out"]) if held_out else 1.0
-    # Error on other inputs over that on fitted data where a lag was found, at most: filters are no
-    # pure lag, and their error grows with the rate
+    # Largest ratio of the errors on other inputs and on fitted data if a lag was found: a filter is
+    # not a pure lag, and its error grows with the rate
     more = 4.0 if fit.lag else _OVERFIT
     beyond = (
         (more**2 * (fitted - noise), fit.span(fit.fitted)),
@@ -394,8 +394,8 @@ def _clockwise(fit: Fit) -> bool:
     """Whether the output comes before the input, but no weight is negative."""
     known = fit.fitted & _known(fit)
     late = lateness(fit.u, fit.y, known, fit.curves)
-    # Lateness of the output, and the same in its standard deviations, from which it comes before
-    # the input
+    # The output comes before the input from these values of its lateness, and of its lateness in
+    # standard deviations
     sure = late * np.sqrt(np.count_nonzero(known)) < -4.0
     return late < -0.5 and bool(sure and (fit.model.weights >= 0).all())
 
@@ -421,13 +421,13 @@ def _numerics(fit: Fit) -> Iterator[str]:
 
 
 WARNINGS = (_findings, _input_codes, _errors)
-"""Rules for which a model is not to be trusted; each gives sentences about a fit."""
+"""Rules about models that are not to be trusted; each gives sentences about a fit."""
 REMARKS = (_codes, _outliers, _residual, _lag, _excitation, _accuracy, _numerics)
 """Other rules, most important first."""
 
 
 def fault_warnings(fit: Fit) -> Iterator[str]:
-    """Give the part of the advice about faults of actuator, sensor or sign."""
+    """Give the advice about faults of actuator, sensor or sign."""
     for rule in (_findings, _codes, _outliers):
         yield from rule(fit)
     if _falls(fit):

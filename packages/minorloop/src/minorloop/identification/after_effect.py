@@ -1,7 +1,7 @@
 """Identify an operator with after-effect, creep or viscous relays from a record with times.
 
-Laws are compared by the error on left-out parts of the record. Each has few constants, which are
-searched; for given constants the weights are a least-squares problem with bounds.
+Laws are compared by the error on left-out parts of the record. A search finds the few constants of
+each law; for given constants the weights are a least-squares problem with bounds.
 """
 
 from __future__ import annotations
@@ -62,48 +62,48 @@ almost collinear, so that a record cannot separate more."""
 _MOST_UNKNOWNS = 6000
 """Unknowns of the dense normal equations: 300 MB."""
 _BLOCK = 512
-"""Rows of the design matrix at a time: with 6000 unknowns 25 MB."""
+"""Rows of the design matrix in memory at a time: with 6000 unknowns 25 MB."""
 _FOLDS = 5
-"""One of so many curves is left out."""
+"""One of this number of curves is left out."""
 _STRENGTHS = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
-"""Strengths of smoothing that are compared, as in `minorloop.identification.least_squares`; never
-none, because neighbouring time constants are almost collinear."""
+"""Strengths of smoothing that are compared, as in `minorloop.identification.least_squares`; zero is
+not among them, because neighbouring time constants are almost collinear."""
 _FIRST_SETTLINGS = (0.1, 1.0, 10.0, 100.0)
 """Settling times with which a search may begin, over the longest hold. The error may have several
-minima, because what settles late looks like a field that is smaller."""
+minima, because a long settling time looks like a smaller field."""
 _TRIALS = 25
 """Fits of the search for each constant; the error then changes in the fourth digit."""
 _FACTOR = 10**0.5
 """Ratio of the settling times that are compared with the best one."""
 _FARTHEST = 1e3
-"""Ratio of the greatest of them to the longest hold: the law is then the logarithm of time for all
-predictions that are a hundred times as long as what was seen."""
+"""Greatest settling time over the longest hold: the law is then the logarithm of time for all
+predictions up to a hundred times as long as the holds of the record."""
 _APART = 0.6
 _REFITS = 8
-"""Distance of the logarithm of the field within which it is searched for another settling time, and
-number of fits: known to a few percent."""
+"""Distance within which the logarithm of the field is searched for another settling time, and
+number of fits, after which the field is known to a few percent."""
 _SEGMENTS = 10
-"""Least number of parts of a record from whose scatter a difference of two fits is judged."""
+"""Least number of parts of a record whose scatter judges the difference between two fits."""
 _NOISELESS = 1e-12
-"""Error over the range below which it counts as so much: rounding."""
+"""Least error over the range; smaller errors are rounding and count as this."""
 _HELD = 4.0
 _SHORT = 0.1
-"""Shortest hold that shows creep, in short intervals, of which so many are shorter: in a pause
-without samples the output may be read only at its beginning and end."""
+"""Shortest hold that shows creep, in units of a short interval, and the quantile of the intervals
+that is short: in a pause without samples, the output may be read only at its two ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class Viscosity:
     """The law of a Preisach model whose output changes with time: after-effect, creep, viscosity.
 
-    Every law is fitted without a part of the record and scored on it; another law must reduce the
-    error by 2 %. The weights of plane and creep up to each time constant together are not negative,
-    so that the model is monotone and can be inverted.
+    Every law is fitted without a part of the record and scored on it; a law with more constants
+    must reduce the error by 2 %. The sums of the weights of plane and creep up to each time
+    constant are not negative, so that the model is monotone and can be inverted.
 
     The record needs times; u[k] is applied since t[k - 1], and the first input of a curve has been
     applied for the shortest interval of the record. Groups are runs: bands are then those of
-    another run, and include the scatter of the runs, of which there are few, by Student's
-    distribution. Everything has settled with the memory before the first row.
+    another run, and include the scatter of the few runs by Student's distribution. The specimen has
+    settled with the initial memory before the first row.
 
     References
     ----------
@@ -122,18 +122,18 @@ class Viscosity:
     levels: int | npt.ArrayLike = 25
     """Number of bands over the range of the input, or the (L + 1,) thresholds themselves."""
     creep: Literal["auto", "none", "thermal", "spectrum"] = "auto"
-    """Laws that are compared, beside none: a fluctuation field by which thresholds relax with the
-    logarithm of time; or weights that creep with a spectrum of time constants."""
+    """Laws to compare with no effect of time: a fluctuation field by which thresholds relax with
+    the logarithm of time; or weights that creep with a spectrum of time constants."""
     rate: bool | Literal["auto"] = "auto"
     """Whether to compare viscous relays too: thresholds that depend on the rate of the input.
     ``"auto"``: if the record has more than one rate."""
     diagonal: Diagonal = "reversible"
-    """As in `Preisach`. What is reversible follows the input without after-effect."""
+    """As in `Preisach`. The reversible part follows the input without after-effect."""
     spacing: Literal["uniform", "adaptive"] = "uniform"
     """As in `Plane`."""
     times: npt.ArrayLike | None = None
-    """(n,) time constants of the spectrum in seconds; two per decade, from twice the shortest
-    interval to the longest hold, if not given."""
+    """(n,) time constants of the spectrum in seconds; by default two per decade, from twice the
+    shortest interval to the longest hold."""
 
     def identify(
         self, record: Record, prior: Prior = "auto", holdout: float = 0.0, say: Say = silent
@@ -141,8 +141,8 @@ class Viscosity:
         """Identify the weights and the law of their change, as `minorloop.identify`.
 
         Raises a `SignalError` if times do not increase, too few outputs are finite, or input or
-        output never change; if ``rate`` is asked for and the record has one rate only, or a
-        spectrum and there is no hold; a `ParameterError` if an option is out of its range.
+        output never change; if ``rate`` is true and the record has one rate only, or ``creep`` is a
+        spectrum and the record has no hold; a `ParameterError` if an option is out of its range.
         """
         used, told = samples_in_time(record)
         if isinstance(prior, Gaussian):
@@ -151,7 +151,7 @@ class Viscosity:
             )
         if holdout:
             raise ParameterError(
-                f"holdout is {holdout}, and laws of time are scored on parts left out; leave it out"
+                f"holdout is {holdout}, and laws of time are scored on parts left out; omit holdout"
             )
         inputs, outputs, coded = used.checked
         clock = as_times(used.t)
@@ -184,8 +184,8 @@ class Viscosity:
                 tried.append(search.tried(law, say, search.guess(law, tried)))
             best = tried[0]
             for one in tried[1:]:
-                # Ratio of the left-out errors below which a law with more constants is worth them,
-                # as in `minorloop.identification.dynamics`
+                # Ratio of the left-out errors below which a law with more constants is better, as
+                # in `minorloop.identification.dynamics`
                 if one.error < 0.98 * best.error:
                     best = one
             say(f"fitting all rows with the law {best.law!r}")
@@ -260,7 +260,7 @@ class Constants:
 
 
 class Design:
-    """Rows of the design matrix of a record, of the unknowns of all planes and the offset."""
+    """Design matrix of a record, for the unknowns of all planes and the offset."""
 
     def __init__(self, spec: PlaneSpec, record: TimedRecord, constants: Constants) -> None:
         self.spec, self.record, self.constants = spec, record, constants
@@ -278,7 +278,7 @@ class Design:
             _kernels.follow(self._marks, lost, record.begins, start, self._x)
 
     def blocks(self) -> Iterator[tuple[slice, FloatArray]]:
-        """Yield the rows block by block, and where each is in the record."""
+        """Yield blocks of rows, each with its slice of the record."""
         record, constants, cells = self.record, self.constants, self.spec.cells
         planes = 1 + constants.times.size
         extrema, count = np.empty(self._reset.size + record.u.size + 2), 0
@@ -297,9 +297,10 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Uncertainty of the weights of a fit: ``root`` (m, m), a root of their covariance, where free.
+    """Uncertainty of the weights of a fit.
 
-    ``free`` (n,) are the unknowns that are not at their bound.
+    ``free`` (n,) are the unknowns that are not at their bound, ``root`` (m, m) a root of their
+    covariance.
     """
 
     spec: PlaneSpec
@@ -362,7 +363,7 @@ class _Search:
         return Constants(field, settling, none)
 
     def guess(self, law: str, tried: Sequence[TriedLaw]) -> FloatArray:
-        """First guess of the logarithms of the numbers of a law, after others were tried."""
+        """First guess of the logarithms of the numbers of a law, from the laws already tried."""
         if law == "viscous":
             return np.log([float(np.median(self.record.intervals))])
         if law == "wide":
@@ -382,7 +383,7 @@ class _Search:
         return min(begins, key=cost)
 
     def normal(self, constants: Constants) -> tuple[Normal, Normal]:
-        """Normal equations of the rows that are kept, and of those left out."""
+        """Normal equations of the kept rows, and of the left-out rows."""
         from scipy.linalg.blas import dsyrk
 
         record = self.record
@@ -424,7 +425,7 @@ class _Search:
         return np.asarray(found.z * scale)
 
     def cost(self, law: str) -> Callable[[FloatArray], float]:
-        """Return the logarithm of the error of the rows that are kept, by the numbers of a law."""
+        """Return the function from the numbers of a law to the log of the error on kept rows."""
         last: list[FloatArray] = []
 
         def cost(numbers: FloatArray) -> float:
@@ -435,7 +436,7 @@ class _Search:
         return cost
 
     def tried(self, law: str, say: Callable[[str], None], numbers: FloatArray) -> TriedLaw:
-        """Search the constants of a law on the rows that are kept; its error on those left out.
+        """Search the constants of a law on the kept rows; score it on the left-out rows.
 
         The search begins at ``numbers``.
         """
@@ -492,7 +493,7 @@ class _Search:
     def refit(
         self, best: TriedLaw, numbers: FloatArray, guess: FloatArray
     ) -> tuple[float, FloatArray]:
-        """Error of a fit of all rows with other constants of a law, and its unknowns."""
+        """Error and unknowns of a fit of all rows with other constants of a law."""
         kept, left_out = self.normal(self.constants(best.law, numbers))
         whole = kept + left_out
         found = self.solve(whole, best.smoothness, guess)
@@ -525,12 +526,12 @@ class _Search:
         return AfterEffect(plane, constants.field, constants.settling, constants.times, creep)
 
     def settlings(self, best: TriedLaw, x: FloatArray) -> tuple[tuple[AfterEffect, float], ...]:
-        """Models with other settling times of thresholds, and how likely each is over the best.
+        """Models with other settling times of thresholds, and their likelihood over the best.
 
         The difference of the squared errors of two fits is compared with its scatter from part to
-        part of the record (Vuong, Econometrica 57, 1989): errors within a curve are alike, and no
-        plane is quite that of the specimen, so that the likelihood of the rows would exclude what
-        is as good.
+        part of the record (Vuong, Econometrica 57, 1989). The likelihood of single rows would
+        exclude models that are as good, because errors within a curve are alike, and no model is
+        exact.
         """
         from scipy.optimize import minimize_scalar
 
@@ -548,8 +549,8 @@ class _Search:
 
         for factor in (1 / _FACTOR, _FACTOR):
             numbers, likely = best.numbers.copy(), 1.0
-            # Likelihood over that of the best below which no more extreme settling times are
-            # compared
+            # Likelihood over that of the best below which the search for more extreme settling
+            # times ends
             while likely > 0.01:
                 numbers[0] += np.log(factor)
                 if not least < np.exp(numbers[0]) < longest:
@@ -581,12 +582,12 @@ class _Search:
 
 
 def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
-    """Whether to compare viscous relays; refuse if they are asked for and cannot be found."""
+    """Whether to compare viscous relays; an error if ``rate`` is true and all rates are alike."""
     if rate is False:
         return False
     speeds, durations = _branches(record)
     several = all(
-        # Ratio of the greatest to the least tenth of the speeds of branches, and of their
+        # Ratio of the 90th to the 10th percentile of the speeds of branches, and of their
         # durations, below which a record has one rate
         most >= 4.0 * least
         for least, most in (np.quantile(one, [0.1, 0.9]) for one in (speeds, durations))
@@ -594,14 +595,14 @@ def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
     if rate is True and not several:
         raise SignalError(
             f"branches last {durations.min():.3g} to {durations.max():.3g} s, at "
-            f"{speeds.min():.3g} to {speeds.max():.3g} per second, which is one rate; record the "
-            "same loops ten times as fast too, or leave rate out"
+            f"{speeds.min():.3g} to {speeds.max():.3g} per second, which is one rate; also record "
+            "the same loops ten times as fast, or omit rate"
         )
     return several
 
 
 def _branches(record: TimedRecord) -> tuple[FloatArray, FloatArray]:
-    """Mean speed of the input on each branch between reversals, and seconds in which it moves."""
+    """Mean speed of the input on each branch between reversals, and seconds for which it moves."""
     moves, steps = np.diff(record.u), record.intervals[1:]
     moving = (moves != 0) & ~record.begins[1:]
     moves, steps = moves[moving], steps[moving]
@@ -625,7 +626,7 @@ def _spectrum(record: TimedRecord, times: npt.ArrayLike | None, wanted: bool) ->
     if longest < _HELD * float(np.quantile(steps, _SHORT)):
         if wanted:
             raise SignalError(
-                f"no input is held for longer than {longest:.3g} s, so that no creep is seen; "
+                f"no input is held for longer than {longest:.3g} s, too short to observe creep; "
                 f"record holds of at least {_HELD:.0f} samples"
             )
         return None

@@ -22,16 +22,16 @@ from minorloop.operators.inversion import Inversion, Unreachable
 from minorloop.report import Picture, Report
 
 _NEAR = 3
-"""Intervals on either side that an interval is compared with: of so many the median ignores one
-that is long too, and four slow rows in a row are a rate of their own."""
+"""Number of intervals on either side that an interval is compared with. Their median ignores one
+other long interval, and four slow rows in a row count as another rate."""
 
 
 @dataclass(frozen=True, eq=False)
 class TriedLaw:
     """A law that was tried.
 
-    ``law`` is its name, ``numbers`` are the logarithms of its constants, ``error`` is that on rows
-    left out over the range of the output, ``smoothness`` the strength of smoothing.
+    ``law`` is its name, ``numbers`` are the logarithms of its constants, ``error`` is the error on
+    left-out rows over the range of the output, ``smoothness`` the strength of smoothing.
     """
 
     law: str
@@ -49,7 +49,7 @@ class _Uncertain(Protocol):
 
 def _gaps(fit: AfterEffectIdentification) -> Iterator[str]:
     """Name gaps of the times in which the input changes."""
-    # Change of the input over its range that needs a row of its own in a gap of the times
+    # Change of the input, over its range, that needs a row inside a gap of the times
     moved = np.abs(np.diff(fit.u)) > 0.01 * float(np.ptp(fit.u))
     moved[fit.curves.begins[1:] - 1] = False
     long = np.flatnonzero(isolated_long(np.diff(fit.t)) & moved)
@@ -58,8 +58,8 @@ def _gaps(fit: AfterEffectIdentification) -> Iterator[str]:
         yield (
             f"the input changes in {counted(long.size, 'gap')} of the times, first from "
             f"{fit.u[row]:.4g} to {fit.u[row + 1]:.4g} between {fit.t[row]:.6g} and "
-            f"{fit.t[row + 1]:.6g} s; it counts as changed at the beginning of the gap, so give a "
-            "row where it really changed"
+            f"{fit.t[row + 1]:.6g} s; the model takes the change at the beginning of the gap, so "
+            "add a row at the real time of the change"
         )
 
 
@@ -126,7 +126,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
     t: FloatArray
     """Shape (T,). Time of each row in seconds."""
     law: str
-    """The law of its change with time."""
+    """The law by which the output changes with time."""
     tried: tuple[TriedLaw, ...]
     """All laws that were compared."""
     left_out: BoolArray
@@ -134,7 +134,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
     without: AfterEffect
     """The operator fitted without the rows left out."""
     settlings: tuple[tuple[AfterEffect, float], ...] = ()
-    """Operators with other settling times, and how likely they are over the best."""
+    """Operators with other settling times, and their likelihood over the best."""
     groups: IntArray | None = None
     """Shape (T,). Number of the run of each row."""
     weights: _Uncertain | None = None
@@ -158,7 +158,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
 
     @property
     def without_time(self) -> float:
-        """The same for the model without time."""
+        """Root-mean-square error of the model without time on rows left out."""
         return self.tried[0].error
 
     def _further_rows(self) -> list[tuple[str, str]]:
@@ -200,9 +200,9 @@ class AfterEffectIdentification(Fit[AfterEffect]):
     ) -> FloatArray | Prediction:
         """Predict the outputs for another input, as `Result.predict`.
 
-        The variance of bands is that of errors on rows left out, near the same input, of the
-        weights and of the settling time. Where the record has runs, the band is that of
-        another run.
+        The variance of bands is the sum of the variances of the errors on left-out rows near the
+        same input, of the weights and of the settling time. If the record has runs, the band is
+        that of another run.
         """
         times, inputs = as_waveform(t, u)
         parts = as_curves(curves, inputs.size, self.curves.start, None)
@@ -238,7 +238,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
 
     @cached_property
     def _variance(self) -> tuple[FloatArray, FloatArray]:
-        """Mean squares of the errors of rows left out: inputs (B,), and mean squares about them."""
+        """Inputs (B,), and the mean squared error of the left-out rows near each."""
         squares = self._errors**2
         return by_input(self.u[self.left_out], squares, float(squares.mean()))
 
@@ -249,7 +249,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
         return np.asarray((found - self.y)[self.left_out])
 
     def _factor(self, probability: float) -> float:
-        """Factor with which bands of this probability contain that share of the rows left out."""
+        """Factor that makes bands of this probability contain that share of the left-out rows."""
         sd = np.sqrt(np.interp(self.u[self.left_out], *self._variance))
         scores = np.abs(self._errors) / np.where(sd > 0, sd, 1.0)
         runs = 1 if self.groups is None else np.unique(self.groups[self.fitted]).size
@@ -267,7 +267,7 @@ def along(model: AfterEffect, t: FloatArray, u: FloatArray, curves: Curves) -> F
 
 
 def held(t: FloatArray, curves: Curves) -> FloatArray:
-    """(T,) seconds for which each input is held; the shortest of all at the begin of a curve."""
+    """(T,) seconds for which each input is held; the least of them where a curve begins."""
     steps = np.diff(t, prepend=t[0])
     steps[curves.begins] = steps[1:].min()
     return np.asarray(steps)
@@ -281,9 +281,9 @@ def longest_hold(t: FloatArray, u: FloatArray, curves: Curves) -> float:
 
 
 def isolated_long(steps: FloatArray) -> BoolArray:
-    """(N,) which intervals are far longer than those before and those after.
+    """Return (N,) whether each interval is far longer than those before and those after.
 
-    Where the rate of a record changes, intervals are as long as those on one side.
+    At a change of the rate of a record, intervals are as long as those on one side.
 
     ``steps`` (N,): intervals in seconds.
     """
@@ -296,5 +296,5 @@ def isolated_long(steps: FloatArray) -> BoolArray:
     # At an end of the record the intervals on the other side count.
     before[0], after[-1] = after[0], before[-1]
     usual = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
-    # Ratio to those on both sides from which an interval is a gap, as in the times of a log
+    # Ratio to the intervals on both sides from which an interval is a gap, as in a log
     return np.asarray(steps > 5.0 * usual)

@@ -1,10 +1,10 @@
 """Alternation between an operator and its dynamics, each fitted with the other one fixed.
 
-With the dynamics fixed, the operator is identified from a record without them: its inputs are
-filtered by what comes before it, and its outputs are those of the present operator plus the
-residual through the inverse of what comes behind, which a filter limits to the frequencies where
-the noise stays small. With the operator fixed, the dynamics that come nearest to the measured
-outputs are found by nonlinear least squares.
+With the dynamics fixed, the operator is identified from a record without dynamics. The inputs of
+this record pass the dynamics before the operator. Its outputs are those of the present operator
+plus the residual through the inverse of the dynamics behind the operator; a filter limits the
+inverse to frequencies where the noise stays small. With the operator fixed, nonlinear least squares
+finds the dynamics whose outputs are nearest to the measured outputs.
 """
 
 from collections.abc import Callable
@@ -24,12 +24,12 @@ from minorloop.operators.preisach import Preisach
 Static: TypeAlias = Callable[[FloatArray, FloatArray], Identification]
 
 _ROUNDS, _SETTLED = 25, 2e-3
-"""Most alternations; they end when one with either filter gains less than this share."""
+"""Most alternations; they end when an alternation with either filter gains less than this share."""
 _DEPTH = 4
-"""Alternations that the next one is extrapolated from."""
+"""Number of alternations from which the next is extrapolated."""
 _FILTERS = (5.0, 1.0)
-"""Factors of the time constant of that filter: a slow one, which converges from any begin, and then
-a fast one, which converges further."""
+"""Factors of the time constant of that filter: the slow filter converges from any beginning, then
+the fast filter converges further."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +71,10 @@ def alternate(
 ) -> Found:
     """Alternate between operator and dynamics until the error no longer falls.
 
-    The parameters are extrapolated from the last rounds (Anderson, J. ACM 12, 1965), because
-    operator and dynamics explain part of the record alike, and plain alternation would be slow.
+    The parameters are extrapolated from the last rounds (Anderson, J. ACM 12, 1965). Plain
+    alternation is slow, because operator and dynamics both explain part of the record.
 
-    ``record``: the record; ``dynamics``: where to begin; they have the structure of what is found;
+    ``record``: the record; ``dynamics``: first guess, with the structure of the result;
     ``static``: identification of an operator from inputs and outputs; ``operator``: operator to
     begin with; ``creeping``: whether to fit creep.
     """
@@ -87,7 +87,7 @@ def alternate(
         dynamics = _fitted_poles(record, dynamics, operator)
         if creeping:
             dynamics = replace(dynamics, creep=_fitted_creep(record, dynamics, operator))
-        if dynamics.vector.size != began.size:  # creep has come or gone
+        if dynamics.vector.size != began.size:  # creep was added or removed
             begun, reached = [], []
         else:
             begun.append(began)
@@ -103,7 +103,7 @@ def alternate(
                 low, high = dynamics.bounds(float(record.t[-1]))
                 ahead[: low.size] = np.clip(ahead[: low.size], low, high)
                 dynamics = dynamics.at(ahead)
-        else:  # back to where plain alternation does not make the error larger
+        else:  # return to the best fit, from which plain alternation does not increase the error
             operator, dynamics = best.operator, best.dynamics
             begun, reached = [], []
     assert best is not None
@@ -111,7 +111,7 @@ def alternate(
 
 
 def _extrapolated(begun: list[FloatArray], reached: list[FloatArray]) -> FloatArray:
-    """Return where rounds that began and ended at these vectors seem to converge."""
+    """Return the limit to which rounds that began and ended at these vectors seem to converge."""
     steps = np.array(reached) - np.array(begun)
     if len(steps) < 2 or not np.diff(steps, axis=0).any():
         return reached[-1].copy()
@@ -122,7 +122,7 @@ def _extrapolated(begun: list[FloatArray], reached: list[FloatArray]) -> FloatAr
 def without(
     dynamics: DynamicParts, record: DynamicRecord, operator: Preisach | None, slower: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the record that the operator alone would have given, NaN where nothing is fitted.
+    """Return the record of the operator alone, without dynamics; NaN in rows that are not fitted.
 
     The time constant of the filter of the inverse is ``slower`` times as long as usual.
     """
@@ -146,14 +146,14 @@ def without(
 
 
 def earlier(y: FloatArray, samples: int) -> FloatArray:
-    """Return outputs (T,) so many samples earlier, NaN at the end."""
+    """Return outputs (T,) shifted earlier by ``samples``, NaN at the end."""
     return np.append(y, np.full(samples, np.nan))[samples:]
 
 
 def _fitted_poles(
     record: DynamicRecord, dynamics: DynamicParts, operator: Preisach
 ) -> DynamicParts:
-    """Return the poles and the dead time that come nearest to the outputs."""
+    """Return the dynamics with the poles and dead time that fit the outputs best."""
     from scipy.optimize import least_squares
 
     # Dead time in samples that counts as none where there are no poles
@@ -186,10 +186,10 @@ def _fitted_poles(
 def _fitted_creep(
     record: DynamicRecord, dynamics: DynamicParts, operator: Preisach
 ) -> Creep | None:
-    """Return the creep that comes nearest to the outputs; None if there is none."""
+    """Return the creep that fits the outputs best; None if there is none."""
     prompt = dynamics.prompt(record, operator)
     slowest = float(dynamics.time_constants.max(initial=record.interval))
-    # Creep times: from so many times the slowest time constant to this part of the record
+    # Creep times: from five times the slowest time constant to a third of the record
     shortest, longest = 5.0 * slowest, float(record.t[-1]) / 3.0
     times = None if dynamics.creep is None else dynamics.creep.times
     if times is None and shortest > longest:

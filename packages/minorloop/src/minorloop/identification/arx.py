@@ -15,12 +15,12 @@ from minorloop.identification.steps import Arrays, as_sampled, steps_in, whole
 from minorloop.threads import one_thread
 
 HIGHEST_ORDER, LONGEST_DEAD_TIME = 4, 2
-"""Largest number of poles, and dead time in samples, that are tried."""
+"""Largest number of poles, and largest dead time in samples, to try."""
 _NEARLY = 1.05
 _ALMOST_EXACT = 1e-5
 """Ratio and difference of simulation errors, over the range, up to which they count as equal."""
 _LEAST_ERROR = 1e-7
-"""Simulation error, over the range, that counts as rounding; by trial."""
+"""Simulation error, over the range, below which errors are rounding; by trial."""
 _POLE_TOLERANCE = 1e-6
 """Imaginary part up to which a pole counts as real, and real part up to which it counts as not
 positive. Rounding splits a double pole into two that are 1e-8 apart."""
@@ -32,12 +32,11 @@ def arx(
     """Identify linear dynamics from a record that begins at rest.
 
     Difference equations A(q) y = B(q) u with up to four coefficients in A, no more in B, and a dead
-    time of up to two samples are fitted by least squares, then refined so that their simulated
-    output comes nearest to the measured one, because least squares alone is biased by noise. Of the
-    equations within 5 % of the least simulation error on the second record, that with the least
-    Bayesian information criterion is chosen; without a second record, the least criterion decides.
-    Unstable equations are excluded. Those with negative or complex poles must simulate better by 5
-    % than all others.
+    time of up to two samples are fitted by least squares. Noise biases this fit, so the equations
+    are then refined until their simulated output is nearest to the measured output. The result is
+    the equation with the least Bayesian information criterion among those within 5 % of the least
+    simulation error on the second record; without a second record, among all. Unstable equations
+    are excluded. Those with negative or complex poles must simulate better by 5 % than all others.
 
     Raises a `SignalError` if the shapes differ, the samples are not even or too few, nothing
     changes, or no stable equation fits; a `ParameterError` if the second record has another
@@ -45,8 +44,8 @@ def arx(
 
     ``t`` (T,): evenly spaced times in seconds; ``u`` and ``y`` (T,): input and output; y[k] is read
     at the end of the interval with input u[k]. The record begins with a hold at whose end the plant
-    is at rest. ``second``: another record to choose by. Its gain is fitted again, because
-    hysteresis changes it.
+    is at rest. ``second``: another record, which chooses the equation. Its gain is fitted again,
+    because hysteresis changes the gain.
 
     References
     ----------
@@ -66,10 +65,10 @@ def arx(
 def step_response(t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike) -> StepResponse:
     """Identify the unit step response, separately for rising and falling output.
 
-    The fit of a direction of which there is no step is None.
+    The fit of a direction without steps is None.
 
-    The record is cut into its steps; each is scaled by its own settled change, and all of one
-    direction are fitted together as `arx` does it.
+    The record is cut into its steps; each is scaled by its own settled change, and all steps of one
+    direction are fitted together as `arx` does.
 
     Raises a `SignalError` as `arx`; also if no step moves the output.
 

@@ -1,4 +1,4 @@
-"""What the bands of a model follow from, beside the model: all that a model file keeps of a fit."""
+"""Uncertainty of a model, which gives its bands: the part of a fit that a model file keeps."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Diagonal, Preisach
 
 _PIECES = 8
-"""Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
+"""Pieces of a branch of the major loop, whose steepest counts: a jump is not a slope."""
 _DIGITS = 6
-"""Significant digits of what bands follow from."""
+"""Significant digits of the numbers in a model file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class BandModel:
     posterior: Posterior
     """Distribution of the unknowns."""
     noise: float
-    """Standard deviation of the sensor, as far as it is told from other errors."""
+    """Standard deviation of the sensor noise, as far as it is distinguished from other errors."""
     error: ModelError | None
     """Error beyond the posterior; None for few samples."""
     grouped: bool
@@ -42,8 +42,8 @@ class BandModel:
     """Mean of `within_cells` on the fitted samples, whose errors contain it."""
 
     def in_file(self) -> dict[str, Any]:
-        """Return what a model file keeps."""
-        # Bands of the plane of a posterior in a file: its deviations are those of 25 bands to a
+        """Return the entries of a model file."""
+        # A posterior in a file has a plane of 12 bands: its deviations are those of 25 bands to a
         # tenth
         posterior, error = self.posterior.coarse(12), self.error
         spec = posterior.spec
@@ -63,7 +63,7 @@ class BandModel:
 
     @classmethod
     def of_file(cls, part: BandsPart, model: Preisach) -> BandModel:
-        """Return what bands follow from as a model file has it.
+        """Return the uncertainty that a model file keeps.
 
         Raises a `ModelFileError` if the numbers contradict each other.
         """
@@ -88,25 +88,25 @@ class BandModel:
         probability: float = BAND,
         lag: int = 0,
     ) -> tuple[FloatArray, BoolArray]:
-        """Standard deviations (M,) of readings at some samples of an input, in increasing order.
+        """Standard deviations (M,) of readings at some samples of an input.
 
-        Also says which of them go where the record does not show how far the model is off.
+        Also returns (M,) whether a sample is where the record does not show the error of the model.
 
         ``model``: the model; ``u`` (T,): inputs; ``curves``: where the memory is reset; ``samples``
-        (M,) of int: which samples; ``probability``: probability of the bands; ``lag``: rows by
-        which the output follows the input.
+        (M,) of int: the samples, increasing; ``probability``: probability of the bands; ``lag``:
+        rows by which the output follows the input.
         """
         inputs, places = curves.driven(u, model.levels, lag)
         places = places[samples]
-        wanted = np.zeros(inputs.size, dtype=np.bool_)
-        wanted[places] = True
-        sd = np.hypot(self.posterior.deviation(inputs, curves.start, wanted), self.noise)
+        at_samples = np.zeros(inputs.size, dtype=np.bool_)
+        at_samples[places] = True
+        sd = np.hypot(self.posterior.deviation(inputs, curves.start, at_samples), self.noise)
         outside = _beyond(model, inputs)[places]
         farther = outside > 0
         if self.error is not None:
-            sd, off = self.error.deviation(inputs, wanted, curves.start, sd, probability)
+            sd, off = self.error.deviation(inputs, at_samples, curves.start, sd, probability)
             farther = farther | off
-        if not self.grouped:  # a left-out group may reach beyond the others, and errors count this
+        if not self.grouped:  # errors on left-out groups include inputs beyond the other groups
             sd = np.hypot(sd, outside)
         within = within_cells(model, inputs, curves.start)
         mean = float(within.mean()) if within.size else 0.0
@@ -115,10 +115,10 @@ class BandModel:
 
 
 def within_cells(model: Preisach, u: FloatArray, start: Start) -> FloatArray:
-    """Variance (T,) from where the weight of the smallest loops is within their cells.
+    """Variance (T,) from the unknown place of the weight inside the diagonal cells.
 
-    Inputs at the levels do not show it. Both kinds of diagonal are the same there, and either may
-    hold between them.
+    Inputs at the levels do not show it. Both kinds of diagonal agree there, and either may hold
+    between the levels.
     """
     other: Diagonal = "reversible" if model.diagonal == "uniform" else "uniform"
     apart = replace(model, diagonal=other).simulate(u, start) - model.simulate(u, start)
@@ -126,10 +126,10 @@ def within_cells(model: Preisach, u: FloatArray, start: Start) -> FloatArray:
 
 
 def _beyond(model: Preisach, u: FloatArray) -> FloatArray:
-    """Standard deviation (T,) from relays beyond the levels, of which nothing is known.
+    """Standard deviation (T,) from the unknown relays beyond the levels.
 
-    The output may go on as steeply as the major loop is where it is steepest. What an input beyond
-    one end switched is switched back on the way to the other end.
+    The output may continue with the steepest slope of the major loop. Relays that an input beyond
+    one end switches are switched back on the way to the other end.
     """
     low, high = float(model.levels[0]), float(model.levels[-1])
     overshoot = np.zeros(u.size)

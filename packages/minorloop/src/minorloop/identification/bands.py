@@ -15,7 +15,7 @@ BAND = 0.9
 PER_DEVIATION = 1.6449
 """Half of such a band over the standard deviation."""
 _SHOWN = 12
-"""Most outputs that are printed, by trial."""
+"""Most outputs to print, by trial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +31,14 @@ class Prediction(Drawn):
     probability: float
     """Probability that a reading lies within its band."""
     noise: float = 0.0
-    """The part of ``sd`` that is known to be sensor noise, or learnt to be: from more than about a
-    hundred samples it is not told from the discrepancy, and this is 0 unless it is given."""
+    """The part of ``sd`` that is sensor noise, given or learnt. With more than about a hundred
+    samples the noise is not distinguished from the discrepancy, and is 0 unless it is given."""
     beyond: float = 0.0
-    """Share of the outputs that are farther from the record, by closed travel of the input or in
-    the memory plane, than each of its parts is from the others."""
+    """Share of the outputs that are farther from the record than its parts are from one another, by
+    closed travel of the input or in the memory plane."""
 
     def without_noise(self) -> Prediction:
-        """Return the prediction of the true outputs, whose bands are narrower by the noise."""
+        """Return the prediction of the true outputs: their bands do not contain the noise."""
         return replace(self, sd=np.sqrt(np.maximum(self.sd**2 - self.noise**2, 0.0)), noise=0.0)
 
     @property
@@ -82,16 +82,16 @@ class Prediction(Drawn):
         lines.append(f"bands of {self.probability:.0%}, standard deviation {mean:.3g} on average")
         if self.beyond:
             lines.append(
-                f"{self.beyond:.0%} of these inputs go where the record does not show how far the "
-                "model is off: their bands are assumed, not measured"
+                f"{self.beyond:.0%} of these inputs are where the record does not show the error "
+                "of the model: their bands are assumed, not measured"
             )
         return "\n".join(lines)
 
 
 def as_probability(bands: float) -> float:
-    """Check that a number is a probability between 0 and 1.
+    """Return a number that is a probability between 0 and 1.
 
-    Raises a `ParameterError` if it does not.
+    Raises a `ParameterError` if it is not.
     """
     number = as_finite("bands", bands)
     if not 0 < number < 1:

@@ -8,10 +8,10 @@ from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.threads import one_thread
 
 _MOST = 10_000
-"""Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
+"""Approximate number of samples to fit polynomials to; more hardly change the coefficients."""
 _DEGREES = range(1, 8)
 _DELAYS = range(21)
-"""Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
+"""Degrees and delays in samples to try; the delays are the lags that ``lag="auto"`` tries."""
 
 
 def polynomial_nrmse(
@@ -22,13 +22,13 @@ def polynomial_nrmse(
     It is the root-mean-square error over the range of the scored output.
 
     ``u`` and ``y`` (T,): input and output; outputs are read only where ``train`` or ``scored``;
-    ``train`` (T,) of bool: samples that the polynomial is fitted to, and the degree and the delay
-    chosen on; ``scored`` (T,) of bool: samples that it is scored on; ``curves``: parts of the
-    record within which the input is delayed.
+    ``train`` (T,) of bool: samples to fit the polynomial to, and to choose degree and delay on;
+    ``scored`` (T,) of bool: samples to score it on; ``curves``: parts of the record within which
+    the input is delayed.
     """
     centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
     x = (u - centre) / half
-    # A polynomial is arbitrary beyond the inputs that it was fitted to.
+    # A polynomial is arbitrary beyond its fitted inputs.
     x = np.clip(x, x[train].min(), x[train].max())
     first = np.zeros(u.size, dtype=np.int64) if curves is None else curves.first_rows(u.size)
 
@@ -55,15 +55,15 @@ def polynomial_nrmse(
 
 
 def lateness(u: FloatArray, y: FloatArray, rows: BoolArray, curves: Curves) -> float:
-    """Correlation of output and play in some rows, without what polynomials of the input explain.
+    """Correlation of output and play in some rows, after polynomials of the input are subtracted.
 
-    It is negative where loops run clockwise: there the output comes before the input.
+    It is negative if loops run clockwise: the output comes before the input.
     """
     places = np.flatnonzero(rows)
     places = places[one_of_each(places.size, _MOST)]
     plays = Basis.of(u, curves, places.size).plays[places]
-    # Which play of the rough model shows in what direction loops run, of about a tenth of the
-    # range; and degree of the polynomial beside it
+    # The play of about a tenth of the range, which shows the direction of loops; and the degree of
+    # the polynomial
     q, _ = np.linalg.qr(np.polynomial.chebyshev.chebvander(plays[:, 0], 6))
     play, output = (x - q @ (q.T @ x) for x in (plays[:, 2], y[places] - y[places].mean()))
     return float(play @ output / (np.linalg.norm(play) * np.linalg.norm(output) or 1.0))
@@ -73,7 +73,7 @@ def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:
     """Sum of squared errors of the polynomials of each degree from 1 on."""
     q, r = np.linalg.qr(basis)
     size = np.abs(r.diagonal())
-    # Part of a polynomial that the lower ones do not explain, below which it is rounding
+    # Part of a polynomial that lower degrees do not explain; a smaller part is rounding
     explained = np.where(size > 1e-10 * size[0], (q.T @ y) ** 2, 0.0)
     return np.asarray(y @ y - np.cumsum(explained))[min(_DEGREES) :]
 
@@ -89,6 +89,6 @@ def nrmse(residual: FloatArray, y: FloatArray) -> float:
 
 
 def percent(share: float, digits: int = 3) -> str:
-    """Return a share as a percentage, with three digits at most where it is huge."""
-    # Error, in ranges, from which its percentage is shown with few digits
+    """Return a share as a percentage, with at most three digits if it is huge."""
+    # Share from which the percentage has few digits
     return f"{share:.{digits}%}" if share < 100.0 else f"{100 * share:.3g}%"

@@ -1,11 +1,10 @@
-"""Errors on left-out parts of a record: to choose options by, and to validate a fit with.
+"""Errors on left-out parts of a record, which choose options and validate a fit.
 
-A part is a group of rows where there are some, a contiguous part otherwise, because neighbouring
+A part is a group of rows if the record has groups. Otherwise it is contiguous, because neighbouring
 samples of a record are alike. Each candidate is fitted without one part, and scored on that part.
-The structure is compared on a coarse plane, where a fit takes milliseconds. For
-validation the final structure is fitted, and smoothness or hyperparameters are chosen anew. Errors
-on groups contain what the residuals of one fit do not: differences between curves, days or
-specimens.
+Structures are compared on a coarse plane, where a fit takes milliseconds. For validation the final
+structure is fitted, and smoothness or hyperparameters are chosen again. Unlike the residuals of one
+fit, errors on groups contain the differences between curves, days or specimens.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,34 +23,34 @@ from minorloop.identification.least_squares import Problem
 from minorloop.identification.residuals import find_startup
 
 PARTS = 5
-"""Contiguous parts of a record without groups; more groups than that are put together."""
+"""Contiguous parts of a record without groups; if there are more groups, some are combined."""
 FOLDS = 10
-"""Fits without a part of the groups for validation, at most."""
+"""Most validation fits, each without a part of the groups."""
 FEWEST_GROUPS = 3
 """Groups below which their scatter is not estimated."""
 _SEGMENTS = 5
 """Contiguous segments of each part, for the lag and the levels, which need no extrapolation."""
 LEVELS = 25
-"""Bands with which ``levels="auto"`` begins; twice as many are compared with it."""
+"""Bands with which ``levels="auto"`` begins; it compares twice as many."""
 _MOST_ROWS = 40_000
-"""Samples, the first ones, that options are compared on."""
+"""Number of first samples on which options are compared."""
 _COARSE_BANDS = 15
 _SAMPLES_EACH = 2
 """Samples for each cell of the coarse plane."""
 _FEWEST = 100
-"""Samples below which nothing is compared: each part of a short record is unlike the others."""
+"""Least samples to compare options on: the parts of a shorter record are unlike one another."""
 _STRENGTHS = (0.0, 1e-6, 1e-4)
 _PROMISING = 0.9
 """Ratio of the error to that of a coarse plane below which more levels are tried."""
 _FEWER_PARTS = 3
-"""Parts that fine planes are scored on."""
+"""Number of parts to score fine planes on."""
 _BETTER, _BETTER_LAG = 0.95, 0.8
-"""Ratio of errors below which another option takes the place of the simplest one, and for a lag."""
+"""Ratios of errors below which another option replaces the simplest option: any option, a lag."""
 _TRAVELS, _UNSURE = (0.5, 1.0, 1.5), 1 / 3
-"""Travels of the input over the mean one in as many samples as the lag; and the ratio of errors for
-a lag that is not better than a delay by such a travel, which is as with inputs at one rate."""
+"""Travels of the input over its mean travel during the lag; and the ratio of errors for a lag that
+is no better than a delay by such a travel. With inputs at one rate, the two delays are alike."""
 TRAVEL = ", or as much travel of the input"
-"""Ends the name of a lag that is not better than a delay by the travel of the input."""
+"""End of the name of a lag that is no better than a delay by a travel of the input."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Structure and lag, and how they were chosen."""
+    """Structure and lag, and the choices that led to them."""
 
     spec: PlaneSpec
     lag: int
@@ -87,8 +86,8 @@ class Chosen:
 def parts_of(record: FitRecord, groups: IntArray | None, segments: int = 1) -> IntArray:
     """(T,) number of the part of each fitted row; -1 elsewhere, and in a start-up.
 
-    A start-up would hide the differences between the candidates. Each part of a record without
-    groups, or whose compared rows are of one group, has some contiguous segments.
+    A start-up would hide the differences between the candidates. If a record has no groups, or all
+    compared rows are of one group, each part consists of contiguous segments.
     """
     fold = np.full(record.u.size, -1)
     rows = np.flatnonzero(record.fitted)
@@ -108,16 +107,16 @@ def check_several_groups(groups: IntArray) -> IntArray:
     names = np.unique(groups)
     if names.size < 2:
         raise ParameterError(
-            "all fitted rows are of one group, so none can be left out; give two groups or more, "
-            "or leave groups (--record groups=COLUMN) out"
+            "all fitted rows are of one group, and no group can be left out; give two or more "
+            "groups, or omit groups (--record groups=COLUMN)"
         )
     return names
 
 
 def folds(groups: IntArray, rows: IntArray) -> IntArray:
-    """(T,) number of the fold of each row, of which those of the groups of some rows are fitted.
+    """(T,) number of the fold of each row; folds contain whole groups.
 
-    Raises a `ParameterError` if these rows are of one group.
+    Raises a `ParameterError` if ``rows``, which are fitted, are of one group.
     """
     names = check_several_groups(groups[rows])
     return np.searchsorted(names, groups) % min(names.size, FOLDS)
@@ -130,12 +129,12 @@ def validate(
     groups: IntArray,
     say: Callable[[str], None] = lambda stage: None,
 ) -> FloatArray:
-    """(T,) outputs of each group, predicted without it; NaN where a row was not fitted.
+    """(T,) outputs predicted by fits without the group of each row; NaN for rows not fitted.
 
     Raises a `ParameterError` if all fitted rows are of one group.
 
     ``record``: the record; ``found``: the fit to all groups; ``lag``: its lag; ``groups`` (T,) of
-    int: number of the group of each row; ``say``: called with what is done next.
+    int: number of the group of each row; ``say``: called with the next step.
     """
     rows = replace(record, fitted=found.fitted).rows(lag)
     fold, regression = folds(groups, rows), found.regression
@@ -174,9 +173,9 @@ def choose(
     """Choose the structure, the lag and the levels.
 
     ``specs``: structures to compare, the simplest first, on the same levels; ``record``: the
-    record; ``lag``: the lag, where it is given; 0 and the best up to 20 are compared otherwise;
-    ``groups`` (T,) of int: number of the group of each row; ``finer``: other levels to compare;
-    ``say``: called with what is done next.
+    record; ``lag``: the lag; None compares 0 and the best up to 20; ``groups`` (T,) of int: number
+    of the group of each row; ``finer``: other levels to compare; ``say``: called with the next
+    step.
     """
     spec, choices = specs[0], []
     if np.count_nonzero(record.fitted) < _FEWEST:
@@ -224,12 +223,12 @@ def structure(spec: PlaneSpec) -> str:
 def _choose_lag(
     specs: Sequence[PlaneSpec], record: FitRecord, groups: IntArray | None
 ) -> tuple[int, list[Choice]]:
-    """Compare no lag with the best one on the same samples, those that the lag leaves.
+    """Compare no lag with the best lag on the samples that the lag leaves.
 
-    A lag makes up for bands that are too wide, and for a structure that does not fit: each of the
-    two is compared with narrower bands, and the structure that is best with it. It also makes up
-    for hysteresis that is no plane, but does not depend on the rate: a delay by a travel of the
-    input, which does not either, is then as good.
+    A lag compensates for bands that are too wide, and for a wrong structure. So both are compared
+    with narrower bands, each with its best structure. A lag also compensates for hysteresis that is
+    not a plane but does not depend on the rate. A delay by a travel of the input, which does not
+    depend on the rate either, is then as good.
     """
     lag = fitting.best_lag(_coarse(specs[-1], record), record)
     if not lag:
@@ -264,7 +263,7 @@ def _choose_levels(
     fold: IntArray,
     say: Callable[[str], None],
 ) -> tuple[PlaneSpec, list[Choice]]:
-    """Compare more levels, but only if the given ones are better than a coarse plane."""
+    """Compare more levels, but only if the given levels are better than a coarse plane."""
     coarse = _coarse(spec, record)
     if are_few(finer, record.rows(lag).size) or coarse.bands == spec.bands:
         return spec, []
@@ -296,7 +295,7 @@ def compared(
 
 
 def _coarse(spec: PlaneSpec, record: FitRecord) -> PlaneSpec:
-    """Return the structure on few bands, which the samples determine."""
+    """Return the structure on so few bands that the samples determine them."""
     samples = np.count_nonzero(record.fitted)
     bands = int(np.clip(np.sqrt(2 * samples / _SAMPLES_EACH), 3, _COARSE_BANDS))
     return coarser_spec(spec, bands)
@@ -310,7 +309,7 @@ def error(
     strengths: Sequence[float] = _STRENGTHS,
     parts: int = PARTS,
 ) -> float:
-    """Error on left-out parts over the range; the strength is chosen within the others."""
+    """Error on left-out parts over the range; the fitted parts choose the strength."""
     regression = record.regression(spec, lag, fold)
     part = fold[regression.rows]
     counts = regression.matrix.counts

@@ -1,4 +1,4 @@
-"""Condense the samples of long records before anything is solved."""
+"""Condense the samples of long records before a solver uses them."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 
 LONG = 20_000
-"""Samples from which a record is condensed."""
+"""Least samples of a record that is condensed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,15 +20,15 @@ class Condensed:
     u: FloatArray
     """Shape (T,). Inputs."""
     measured: BoolArray
-    """Shape (T,). After which of them there is an output."""
+    """Shape (T,). Whether there is an output after each input."""
     y: FloatArray
     counts: FloatArray
-    """``y`` and ``counts``: shape (M,). Outputs, and the number of samples that each stands for,
-    not necessarily whole."""
+    """``y`` and ``counts``: shape (M,). Outputs, and the number of samples that each replaces, not
+    necessarily whole."""
     rows: IntArray
     """Shape (M,). A sample of the long record for each output."""
     within: float
-    """Mean square of the outputs about the polynomials that stand for them."""
+    """Mean square of the outputs about the polynomials that replace them."""
 
 
 def condense(
@@ -42,12 +42,12 @@ def condense(
     """Condense samples on one branch and in one band; None if the record is short.
 
     Within a band of the levels, the regressors are polynomials of the input of degree two, so that
-    three weighted outputs have the same normal equations as any number.
+    three weighted outputs have the same normal equations as any number of samples.
 
     ``levels`` (L + 1,): thresholds, or a refinement of them; ``start``: memory before the first
     input. The condensed record begins at negative saturation. ``u`` and ``y`` (T,): inputs and
-    outputs; ``measured`` (T,) of bool: which outputs are used; ``labels`` (T,) of int: samples with
-    different labels are kept apart.
+    outputs; ``measured`` (T,) of bool: whether an output is used; ``labels`` (T,) of int: samples
+    with different labels are not condensed together.
     """
     if u.size < LONG or u.min() < levels[0] or u.max() > levels[-1]:
         return None

@@ -1,4 +1,4 @@
-"""Curves: parts of a record before each of which the memory is reset."""
+"""Curves: parts of a record that begin with a reset of the memory."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Curves:
         return self.names[number] if self.names else str(number)
 
     def parts(self, samples: int) -> list[tuple[int, int]]:
-        """First row of each curve, and that after its last."""
+        """First row of each curve, and the row after its last."""
         return list(pairwise([*self.begins.tolist(), samples]))
 
     def first_rows(self, samples: int) -> IntArray:
@@ -54,22 +54,22 @@ class Curves:
         return np.asarray(np.arange(samples) - self.first_rows(samples))
 
     def delayed(self, values: FloatArray, lag: int) -> FloatArray:
-        """Delay signals (..., T) within each curve, whose first value is used before it."""
+        """Delay signals (..., T) within each curve; they begin with its first value."""
         samples = values.shape[-1]
         rows = np.maximum(np.arange(samples) - lag, self.first_rows(samples))
         return np.asarray(values[..., rows])
 
     def travelled(self, u: FloatArray, travel: float) -> FloatArray:
-        """Delay inputs (T,) by a travel, in their unit, within each curve, whatever their rate.
+        """Delay inputs (T,) by a travel, in their unit, within each curve, at any rate.
 
-        The first input of a curve is used for those before it; others are interpolated linearly.
+        A curve begins with its first input; later inputs are interpolated linearly.
         """
         path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(u)))])
         places = np.maximum(path - travel, path[self.first_rows(u.size)])
         return np.asarray(np.interp(places, path, u))
 
     def driven(self, u: FloatArray, levels: Levels, lag: int = 0) -> tuple[FloatArray, IntArray]:
-        """Inputs that set the memory before each later curve, and the place of each row in them.
+        """Inputs with those that set the memory before each later curve, and the place of each row.
 
         ``u`` (T,): inputs of all curves; ``levels`` (L + 1,): thresholds of the plane; ``lag``:
         rows by which the inputs are delayed within each curve.
@@ -100,9 +100,9 @@ def as_curves(
     Raises a `SignalError` if there is not one label for each row; a `ParameterError` if
     ``start_of_curve`` is given without labels, or is not a start.
 
-    ``labels`` (T,): A new curve begins where the label changes; one curve if not given;
-    ``samples``: T; ``start``: memory before the first row; ``start_of_curve``: memory before each
-    curve, the first included; ``start`` if not given. With ``"as-left"`` the memory continues.
+    ``labels`` (T,): a new curve begins where the label changes; without labels, the record is one
+    curve; ``samples``: T; ``start``: memory before the first row; ``start_of_curve``: memory before
+    each curve, also the first; ``start`` by default. With ``"as-left"`` the memory continues.
     """
     if labels is None:
         if start_of_curve is not None:
@@ -125,7 +125,7 @@ def as_curves(
         shown = ", ".join(map(_as_text, np.asarray(labels)[begins[:4]].tolist()))
         raise ParameterError(
             f"curves (--record curves=COLUMN) changes from row to row, {shown}, and each change "
-            "begins a curve; put the rows of a curve one after the other, or give the start state "
+            "begins a curve; put all rows of a curve together, or give the start state "
             '"as-left" (--record start_of_curve=as-left) if the rows are in the order of time'
         )
     names = tuple(map(_as_text, np.asarray(labels)[begins].tolist()))
@@ -139,7 +139,7 @@ def _as_text(label: object) -> str:
 
 
 def _quoted(label: object) -> str:
-    """Return a label as in the file, text in quotation marks."""
+    """Return a label as in the file; text is in quotation marks."""
     return repr(label) if isinstance(label, str) else _as_text(label)
 
 
@@ -160,7 +160,7 @@ def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:
 
 
 def check_group_sizes(name: str, groups: IntArray, labels: Sequence[object]) -> None:
-    """Raise an error if a group has one row only: nothing shows how it differs from the others.
+    """Raise an error if a group has one row only, which does not show how the group differs.
 
     Raises a `ParameterError` if a group has one row.
     """
@@ -170,7 +170,7 @@ def check_group_sizes(name: str, groups: IntArray, labels: Sequence[object]) -> 
         row = int(np.argmax(groups == single[0]))
         raise ParameterError(
             f"{name} has {_quoted(labels[single[0]])} in one row only, at index {row}; correct "
-            "this label, or leave the row out"
+            "this label, or remove the row"
         )
     if single.size:
         raise ParameterError(

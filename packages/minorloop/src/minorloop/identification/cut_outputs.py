@@ -1,9 +1,9 @@
-"""Whether an output is cut at a level, by the likelihood of a rough model that is cut there.
+"""Find out whether an output is cut at a level, by the likelihood of a rough model with a cut.
 
-An output that is cut goes up to a level along any branch and stays there, while one that saturates
-bends. The polynomials of plays of the rough model are fitted as they are, cut at a level, and bent
-towards one. What a cut hides is simpler than what it shows, so that their degrees are chosen too,
-and fits are compared by the criterion of Schwarz.
+An output that is cut rises to a level along any branch and stays there; an output that saturates
+bends. The polynomials of plays of the rough model are fitted without a level, cut at a level, and
+bent towards a level. An output without its cut may need a lower degree than the cut output. So each
+fit chooses its degree, and fits are compared by the criterion of Schwarz.
 
 References
 ----------
@@ -20,26 +20,26 @@ from minorloop.identification.rough_model import RoughRecord, few, weighted
 from minorloop.lab.noise import noise_of, spread
 
 _ABOVE = (0.0, 0.5)
-"""Distances of its level above the highest reading, in widths of the bend."""
+"""Distances of the level of a bend above the highest reading, in widths of the bend."""
 _SURE = 6.0
-"""Logarithm of how likely a cut is over how likely anything else, from which it is one."""
+"""Logarithm of the likelihood ratio of a cut to its alternatives from which an output is cut."""
 _ROUNDS, _SETTLED = 8, 1e-4
 """Most Gauss-Newton steps of a fit, and relative decrease of the squared error that ends them."""
 _TINY = 1e-6
-"""Weight of readings at the level, and least squared error, against singular systems."""
+"""Least weight of readings at the level, and least squared error; they avoid singular systems."""
 _AT = 2.0
-"""Distance below the level up to which readings are at it, in standard deviations of the noise."""
+"""Distance below the level within which a reading is at the level, in deviations of the noise."""
 
 
 def cut_depth(record: RoughRecord, way: int, *, rail: bool = False) -> float | None:
-    """Return how far below the highest output (``way`` 1; -1: above the lowest) it is cut.
+    """Return the depth of a cut below the highest output (``way`` 1; -1: above the lowest output).
 
-    In the unit of the output, with the noise of readings; None where it is not cut. Where the
-    density of the readings shows a ``rail``, a cut needs to be as likely as none only.
+    The depth is in the unit of the output and includes the noise of readings; it is None without a
+    cut. If the density of the readings shows a ``rail``, a cut as likely as no cut is enough.
     """
     places = few(record.places)
     off = record.y[places] - record.rough[places]
-    # Error against the rough model of outliers, in robust deviations and in spans
+    # Error of outliers against the rough model, in robust deviations and in spans
     places = places[np.abs(off) <= max(8.0 * spread(off), 0.2 * record.span)]
     y = way * record.y[places] / record.span
     y -= np.median(y)
@@ -55,7 +55,7 @@ def cut_depth(record: RoughRecord, way: int, *, rail: bool = False) -> float | N
     gain = min(fit.cost(noise) for fit in fits) - cut
     if rail:
         return depth if gain >= 0 else None
-    # Least share of the readings that are at a level: a few extremes say little of it
+    # Least share of the readings at a level: a few extremes do not show a level
     rare = np.mean(y >= level - _AT * noise) < 0.05
     if rare or gain < _SURE:
         return None
@@ -89,23 +89,23 @@ class _CutFit:
         """Half of Schwarz's criterion of an output that is cut at a level, or bends towards it."""
         samples, unknowns = self.rows.shape
         squares = float(self.error @ self.error) if np.isinf(level) else self._least(level, bend)
-        squares += samples * (noise / 2) ** 2  # less than the noise is chance
+        squares += samples * (noise / 2) ** 2  # errors below the noise are chance
         unknowns += np.isfinite(level)
         return float(samples * np.log(squares + _TINY) + unknowns * np.log(samples)) / 2
 
     def _least(self, level: float, bend: float) -> float:
-        """Squared error of the best fit, by Gauss-Newton steps from that without a level."""
+        """Squared error of the best fit, by Gauss-Newton steps from the fit without a level."""
         found, least = self.first, np.inf
         for _ in range(_ROUNDS):
             x = self.rows @ found
-            seen, slope = _saturated(x, level, bend)
-            error = self.y - seen
+            output, slope = _saturated(x, level, bend)
+            error = self.y - output
             squares = float(error @ error)
             settled = squares > (1 - _SETTLED) * least
             least = min(least, squares)
             if settled:
                 break
-            # Least slope by which the error of a bent output is divided, so that a step stays
+            # Divide the error of a bent output by a slope of at least 0.05, so that a step stays
             # finite
             step = np.where(slope > 0, error / np.maximum(slope, 0.05), 0.0)
             found = weighted(self.rows, x + step, slope**2 + _TINY)

@@ -1,15 +1,15 @@
-"""Least squares under bounds on dense matrices: what multiplies, and what solves.
+"""Least squares under bounds on dense matrices: products and solvers.
 
-Residuals are computed from the rows A where they are given, not from A'A, so that the optimality is
-not limited by the squared condition number. The accuracy of the unknowns is; therefore they are
-refined on the rows. Normal equations lose half of the digits: their factor is only the
+Residuals are computed from the rows A if they are given, not from A'A, so that the squared
+condition number does not limit the optimality. It does limit the accuracy of the unknowns, so they
+are refined on the rows. Normal equations lose half of the digits: their factor is only the
 preconditioner of LSQR (Paige and Saunders, ACM Trans. Math. Softw. 8, 1982), which works on the
-rows. Directions that the factor represents accurately take one step together; each direction lost
-in its rounding takes about one more.
+rows. All directions that the factor represents accurately take one step together; each direction
+that is lost to rounding takes about one more.
 
-The free part is factorised while it is small, and few exchanges update the factor. Beyond that,
-conjugate gradients on A are cheaper: a few hundred steps if a penalty keeps the condition number
-low.
+The free part is factorised while it is small, and a few exchanges only update the factor. For a
+larger part, conjugate gradients on A are cheaper: they take a few hundred steps if a penalty keeps
+the condition number low.
 """
 
 from __future__ import annotations
@@ -37,41 +37,41 @@ UNSETTLED = 1e-9
 _FALL = 1e-10
 """Relative decrease of the sum of squares below which the refinement stops."""
 _ROUNDING = 1e-14
-"""Residual, over the norm of the target, up to which it is rounding."""
+"""Residual over the norm of the target below which it is rounding."""
 _ROUNDS, _STEPS = 6, 200
 _HALF = 0.5
 _ORTHOGONAL = 1e-8
 _PRECISE = 1e-13
 _DAMPING = 1e-7
-"""Keeps undetermined directions at rest; the rounds correct its effect on the others."""
+"""Damping that keeps undetermined directions at rest; further rounds correct its other effects."""
 _TOGETHER = 32
-"""Rows of the Gram matrix that are computed at once."""
+"""Number of rows of the Gram matrix that are computed at once."""
 _WHOLE, _SHARE = 6000, 1 / 8
-"""Most unknowns of a matrix that is computed whole from some share of its rows on. On 100 bands it
-takes as long as 43 % of the rows of 20,000 samples of random steps, and 69 % of 2,000; half of the
-rows and more are needed in the end. On 200 bands it takes 3.2 GB and 9 s more (random staircase of
-seed 1008 of ``benchmarks.fit_times``)."""
+"""Most unknowns of a matrix that is computed whole, and the share of its rows from which it is. On
+100 bands it takes as long as 43 % of the rows of 20,000 samples of random steps, and 69 % of 2,000;
+at least half of the rows are needed in the end. On 200 bands it takes 3.2 GB and 9 s more (random
+staircase of seed 1008 of ``benchmarks.fit_times``)."""
 _FIRST_SWEEPS = 5
 _LEAST_UPDATED = 500
 """Unknowns from which an update of the factor is quicker than another factorisation."""
 _FACTORISED, _FACTORISED_SMOOTH = 5100, 2500
-"""Free unknowns up to which a factorisation is cheaper; the second with a penalty and bounds, where
-the solution need not be refined."""
+"""Free unknowns up to which a factorisation is cheaper: in general, and with a penalty and bounds,
+where the solution need not be refined."""
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
-"""Relative residual and most steps of the conjugate gradients, by trial. A few hundred steps
-are usual. They need not be exact, as the next iteration corrects them."""
+"""Relative residual and most steps of the conjugate gradients, by trial. A few hundred steps are
+usual. They need not be exact, because the next iteration corrects them."""
 _FIRST_RIDGE, _LEAST_RIDGE = 1e-4, 1e-12
 
 
 class GramRows:
-    """Entries of a symmetric (n, n) matrix that is too large to be computed where few are needed.
+    """Entries of a symmetric (n, n) matrix, which computes and keeps only the requested part.
 
-    The lower triangle of the part that was needed is kept, in the order in which it was.
+    The lower triangle of this part is kept, with unknowns in the order of the requests.
 
     Parameters
     ----------
     diagonal : (n,) array
-        Its diagonal.
+        Diagonal of the matrix.
     compute : callable
         Rows (k,) of the matrix at columns (m,): (k, m).
     whole : callable
@@ -92,7 +92,7 @@ class GramRows:
 
     @classmethod
     def of(cls, gram: FloatArray) -> GramRows:
-        """Entries of a matrix that is given by its lower triangle; the upper one is overwritten."""
+        """Entries of a matrix given by its lower triangle; overwrites the upper triangle."""
         found = cls(gram.diagonal().copy(), lambda which, at: gram[np.ix_(which, at)], lambda: gram)
         found._take_whole()
         return found
@@ -118,8 +118,8 @@ class GramRows:
         self._prepare(picked)
         _kernels.take_lower(self._entries, self._begin, self._place[picked], ridge, out)
 
-    def _prepare(self, which: IntArray) -> None:
-        new = which[self._place[which] < 0]
+    def _prepare(self, unknowns: IntArray) -> None:
+        new = unknowns[self._place[unknowns] < 0]
         if not new.size:
             return
         before, count, size = self._known.size, self._known.size + new.size, self.diagonal.size
@@ -146,11 +146,11 @@ class GramRows:
 
 
 class Quadratic:
-    """The cost 1/2 z'Gz + 1/2 z'Qz - b'z of unknowns z (n,): what multiplies.
+    """The cost 1/2 z'Gz + 1/2 z'Qz - b'z of unknowns z (n,), with its gradient and products.
 
-    ``gram`` is G, whose diagonal is about one except where a column is zero; only entries of
-    unknowns that become free are needed if there is a guess. ``linear`` is b, and ``penalty`` Q. A
-    subclass may compute gradient and product without forming G.
+    ``gram`` is G, whose diagonal is about one, or zero where a column is zero. With a guess, only
+    entries of unknowns that become free are needed. ``linear`` is b, and ``penalty`` Q. A subclass
+    may compute gradient and product without forming G.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class Quadratic:
 class Rows:
     """A least-squares problem: ``apply`` is z -> A z, ``transpose`` is r -> A'r, ``target`` is y.
 
-    A penalty is rows whose target is zero.
+    A penalty consists of rows with the target zero.
     """
 
     apply: Callable[[FloatArray], FloatArray]
@@ -225,14 +225,14 @@ def solve(
     rows: Rows | None = None,
     say: Callable[[str], None] = lambda stage: None,
 ) -> BoundedSolution:
-    """Find the unknowns that meet the optimality conditions; the best ones, converged or not.
+    """Find the unknowns that meet the optimality conditions, or come nearest to it.
 
     Parameters
     ----------
     quadratic : Quadratic
         The cost.
     bounded : (n,) array of bool
-        Which unknowns must not be negative.
+        Whether an unknown must not be negative.
     scale : float
         Norm of y, to which violations are relative.
     guess : (n,) array, optional
@@ -257,7 +257,7 @@ class _DensePivoting(Pivoting):
 
     @property
     def most_factorised(self) -> int:
-        """Free unknowns up to which their normal equations are factorised."""
+        """Most free unknowns whose normal equations are factorised."""
         smooth = self.quadratic.penalty is not None and self.bounded.any()
         return min(_FACTORISED, _FACTORISED_SMOOTH) if smooth else _FACTORISED
 
@@ -284,7 +284,7 @@ class _DensePivoting(Pivoting):
         return found
 
     def _conjugate_gradients(self, right: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
-        """Step of the free unknowns without a factorisation, which would be too large."""
+        """Step of the free unknowns without a factorisation, whose factor would be too large."""
         diagonal = self.quadratic.diagonal + ridge
         return conjugate_gradients(
             lambda z: np.where(free, self.quadratic.product(z) + ridge * z, 0.0),
@@ -304,11 +304,11 @@ class _DensePivoting(Pivoting):
         z = np.where(self.bounded, np.maximum(fine, 0.0), fine)
         kkt = optimality(z, self.gradient(z), self.bounded, self.scale)
         if kkt > max(found.kkt, TOLERANCE) and not np.array_equal(z, fine):
-            return found  # a bound lies in between
+            return found  # a bound prevents the full step
         return BoundedSolution(z, kkt, self.factorisations, settled)
 
     def _scaling(self, picked: IntArray) -> Preconditioner | None:
-        """Factor of the free part; the last one if it is of the same unknowns."""
+        """Factor of the free part; the last factor if it has the same unknowns."""
         if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
             return self.scaling
         if picked.size > self.most_factorised:
@@ -324,7 +324,7 @@ class _DensePivoting(Pivoting):
         """Cholesky factor of the normal equations of some unknowns, with a ridge."""
         self.scaling = self.updated = None
         size = picked.size**2
-        if self.workspace.size < size:  # allocating it costs more than filling it
+        if self.workspace.size < size:  # reused: to allocate it takes longer than to fill it
             self.workspace = np.empty(size)
         matrix = self.workspace[:size].reshape(picked.size, -1)
         self.quadratic.lower(picked, ridge, matrix)
@@ -338,9 +338,9 @@ class _DensePivoting(Pivoting):
 
 
 class UpdatedFactor:
-    """Cholesky factor of the normal equations of some of n unknowns, and of slightly other ones.
+    """Cholesky factor of normal equations, updated as a few unknowns become free or leave.
 
-    Unknowns that leave have an equation that keeps them at zero; each has a multiplier. The Schur
+    An unknown that leaves has an equation that keeps it at zero, with a multiplier. The Schur
     complement of the factorised part in the extended system is small and dense (Gill, Murray,
     Saunders and Wright, A Schur-complement method for sparse quadratic programming, in Reliable
     Numerical Computation, 1990).
@@ -355,8 +355,8 @@ class UpdatedFactor:
         self._place = np.cumsum(free) - 1
         self._slot = np.full(free.size, -1)
         self._count = 0
-        # Changed unknowns, over those factorised, up to which an update is quicker. Each costs a
-        # triangular solution; a third of them all cost as much as the factorisation
+        # Ratio of changed to factorised unknowns up to which an update is quicker. Each change
+        # costs a triangular solution; at a third, they cost as much as the factorisation
         self._half = np.empty((self._picked.size, int(0.25 * self._picked.size)), order="F")
 
     def solve(
@@ -364,7 +364,7 @@ class UpdatedFactor:
     ) -> FloatArray | None:
         """(n,) solution for the ``free`` unknowns, zero for others; None after too many changes.
 
-        ``right`` (n,) is zero for the others; ``block`` gives entries (k, m) of the normal
+        ``right`` (n,) is zero for the others; ``block`` returns entries (k, m) of the normal
         equations in rows (k,) and columns (m,).
         """
         changed = np.flatnonzero(free != self._free)
@@ -382,7 +382,7 @@ class UpdatedFactor:
         return out
 
     def _prepare(self, new: IntArray, block: Callable[[IntArray, IntArray], FloatArray]) -> bool:
-        """Keep half of the solutions for unknowns that change for the first time, if they fit."""
+        """Keep half-solutions for unknowns that change for the first time, if there is room."""
         count = self._count + new.size
         if count > self._half.shape[1]:
             return False
@@ -408,11 +408,11 @@ class Preconditioner:
     factor: FloatArray
 
     def unscaled(self, values: FloatArray) -> FloatArray:
-        """Free unknowns from scaled ones."""
+        """Free unknowns from scaled unknowns."""
         return self._solved(values, transposed=False)
 
     def scaled(self, gradient: FloatArray) -> FloatArray:
-        """Gradient in the scaled free unknowns from that in all unknowns."""
+        """Gradient in the scaled free unknowns from the gradient in all unknowns."""
         return self._solved(gradient[self.picked], transposed=True)
 
     def _solved(self, values: FloatArray, *, transposed: bool) -> FloatArray:
@@ -422,7 +422,7 @@ class Preconditioner:
 
 
 def refine(rows: Rows, z: FloatArray, scaling: Preconditioner) -> tuple[FloatArray, bool]:
-    """Minimise the sum of squares over the free unknowns; also says whether it has converged.
+    """Return unknowns of the least sum of squares over the free ones, and whether it converged.
 
     The iteration starts at ``z`` (n,), whose other unknowns stay unchanged.
     """

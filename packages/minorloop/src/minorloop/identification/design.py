@@ -1,8 +1,8 @@
-"""Optimal design: which input to measure next.
+"""Optimal design: the best input to measure next.
 
-The best next input reduces the variance of the outputs for future inputs most; random sequences
-represent these. The reduction depends on the prior and the measured inputs, but not on the measured
-outputs, except through the hyperparameters.
+The best next input gives the largest reduction of the variance of the outputs for future inputs,
+which random sequences represent. The reduction depends on the prior and the measured inputs, and
+on the measured outputs only through the hyperparameters.
 
 References
 ----------
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from minorloop.identification.plane_result import Identification
 
 CANDIDATES = 21
-"""Candidates for the next input, evenly over the allowed range."""
+"""Number of candidates for the next input, evenly over the allowed range."""
 _SEQUENCES, LENGTH = 40, 8
-"""Random sequences that represent future inputs, and the inputs of each."""
+"""Number of random sequences that represent future inputs, and number of inputs of each."""
 MOST_HOLDS = 1000
 """Largest budget; each hold takes the time of a fit."""
 
@@ -51,7 +51,7 @@ class NextInput:
     sd: float
     """Mean standard deviation of future outputs now."""
     sd_after: float
-    """The same after this hold."""
+    """Mean standard deviation of future outputs after this hold."""
 
     @property
     def gain(self) -> float:
@@ -86,7 +86,7 @@ def next_input(
     """
     if not hasattr(identification, "posterior"):
         raise ParameterError(
-            f"next_input needs what identify gives, and that is a {type(identification).__name__}"
+            f"identification is a {type(identification).__name__}; give a result of identify"
         )
     if not isinstance(memory, Memory):
         raise ParameterError(
@@ -140,13 +140,13 @@ def design(levels: npt.ArrayLike, holds: int, *, step: float = np.inf) -> FloatA
 def _allowed(levels: Levels, memory: Memory, step: float) -> FloatArray:
     """Candidates for the next input."""
     if isinstance(step, bool) or not isinstance(step, int | float | np.number) or not step > 0:
-        raise ParameterError(f"step is {step!r}; give the largest change allowed, above 0")
+        raise ParameterError(f"step is {step!r}; give the largest allowed change, above 0")
     least, most = max(float(levels[0]), memory.u - step), min(float(levels[-1]), memory.u + step)
     return np.linspace(least, most, CANDIDATES)
 
 
 def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextInput:
-    """First of the two inputs that reduce the variance most, by beam search."""
+    """First of the pair of inputs that reduces the variance most, by beam search."""
     h, unit = posterior.hyperparameters, posterior.unit
     own = (h.discrepancy**2 + h.noise**2) * unit**2
     aim = _future_rows(posterior)
@@ -154,7 +154,7 @@ def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextI
     first = _rows(posterior, memory, candidates) @ posterior.factor
     gains = _gains(aim, first, own)
     best, value = candidates[0], -np.inf
-    # First inputs for which the second one is optimised too
+    # Optimise the second input for the best six first inputs
     for k in np.argsort(gains)[::-1][:6]:
         spent = first[k] / np.sqrt(first[k] @ first[k] + own)
         after = Memory.after(
@@ -178,13 +178,13 @@ def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextI
 
 
 def _gains(aim: FloatArray, candidates: FloatArray, own: float) -> FloatArray:
-    """Reduction of the summed variance of the aims by measuring each candidate."""
+    """Reduction of the summed variance of the future outputs by measuring each candidate."""
     shared = np.einsum("sm,sm->m", *[aim @ candidates.T] * 2)
     return np.asarray(shared / (np.einsum("mk,mk->m", candidates, candidates) + own))
 
 
 def _future_rows(posterior: Posterior) -> FloatArray:
-    """Regressors of the random future sequences, always the same, times the posterior factor."""
+    """Regressors of the random future sequences (fixed seed), times the posterior factor."""
     spec = posterior.spec
     rng = np.random.default_rng(0)
     rows = []

@@ -1,8 +1,8 @@
 """The design matrix of identification: exact areas of cells, stored as a tree.
 
-Each output is linear in the cell weights: each weight is multiplied by the fraction of its cell
-that is switched on. The dense matrix has one number for each sample and cell. The tree of Everett
-differences (see `_kernels`) is equivalent, and has at most six numbers for each sample.
+An output is a sum of the cell weights, each times the fraction of its cell that is switched on. The
+dense matrix has one number for each sample and cell. The tree of Everett differences (see
+`_kernels`) is equivalent, and has at most six numbers for each sample.
 """
 
 from __future__ import annotations
@@ -22,19 +22,18 @@ from minorloop.operators.plane import Relay, off_output, swing
 from minorloop.operators.preisach import Diagonal, Preisach
 
 Packed = FloatArray
-"""(K,) numbers, one a cell, K = L (L + 1) / 2, row after row of the lower triangle."""
+"""(K,) numbers, one for each cell, K = L (L + 1) / 2, row after row of the lower triangle."""
 
 _Indices = npt.NDArray[np.int32]
 
 MOST_BANDS = 500
 """Largest number of bands."""
 MOST_DENSE = 250
-"""Largest number of bands with dense normal equations; those of a finer plane would take more than
-8 GB."""
+"""Largest number of bands with dense normal equations; a finer plane needs more than 8 GB."""
 _TOGETHER = 32
 """Rows of the Gram matrix that are finished at once."""
 _NEVER = 1e-14
-"""Share of the samples up to which a cell is never on."""
+"""Share of the samples on which a cell is on, up to which it counts as never on."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class PlaneSpec:
     """Structure of the model to be fitted, without its numbers.
 
     ``levels`` (L + 1,); ``relay`` and ``diagonal`` as in `Preisach`; ``offset``, ``slope``:
-    whether these are fitted.
+    whether to fit them.
 
     Raises a `ParameterError` if there are more than `MOST_BANDS` bands.
     """
@@ -83,13 +82,13 @@ class PlaneSpec:
         )
 
     def coarse(self, bands: int) -> PlaneSpec:
-        """Return the structure on some of the levels, at most so many bands."""
+        """Return the structure on a subset of the levels, with at most ``bands`` bands."""
         count = min(bands, self.bands)
         places = np.round(np.linspace(0, self.bands, count + 1)).astype(np.int64)
         return replace(self, levels=self.levels[places])
 
     def sums(self, coarse: PlaneSpec) -> IntArray:
-        """(n,) unknown of a plane on some of the levels that each unknown is a part of."""
+        """(n,) unknown of a coarser plane to which each unknown belongs."""
         within = np.searchsorted(coarse.levels, self.levels[:-1], side="right") - 1
         rows, columns = np.tril_indices(self.bands)
         i, j = within[rows], within[columns]
@@ -118,11 +117,11 @@ class DesignMatrix:
     u : (T,) array
         Inputs applied, in order.
     measured : (T,) array of bool
-        After which of them the output was measured; M of them.
+        Whether the output was measured after each input; M are true.
     start : {"negative", "positive", "demagnetised"} or Memory
         Memory before the first input.
     counts : (M,) array, optional
-        Number of samples that each of these stands for; one if not given.
+        Number of samples that each measured one replaces; one by default.
     """
 
     def __init__(
@@ -135,9 +134,9 @@ class DesignMatrix:
     ) -> None:
         self.counts = counts
         self.order: IntArray | None = None
-        """Order in which the unknowns of its `EverettSystem` are eliminated, once it is known."""
+        """Order in which its `EverettSystem` eliminates the unknowns, once it is known."""
         self.operations = 0.0
-        """Multiplications of a factorisation of that system, as far as they are known: at least."""
+        """Least number of multiplications of a factorisation of that system, as far as known."""
         self.spec, self.u, self.start = spec, u[measured], start
         self._record = (u, measured, start, counts)
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
@@ -151,7 +150,7 @@ class DesignMatrix:
         self._keep(_kernels.lead_to(self.measured.copy(), self.parent))
 
     def _keep(self, used: BoolArray) -> None:
-        """Leave the other inputs out of the tree."""
+        """Remove unused inputs from the tree."""
         if used.all():
             return
         number = np.append(np.cumsum(used, dtype=np.int32) - 1, np.int32(_kernels.ROOT))
@@ -166,7 +165,7 @@ class DesignMatrix:
 
     @property
     def measurements(self) -> int:
-        """Number of measured samples, which is greater than M where they were condensed."""
+        """Number of measured samples, greater than M if they were condensed."""
         return self.samples if self.counts is None else round(float(self.counts.sum()))
 
     @cached_property
@@ -209,7 +208,7 @@ class DesignMatrix:
 
         Raises a `ParameterError` if there are more than `MOST_DENSE` bands.
 
-        ``weight`` (M,): of each sample, one if not given.
+        ``weight`` (M,): weight of each sample, one by default.
         """
         if self.spec.bands > MOST_DENSE:
             raise ParameterError(
@@ -240,9 +239,9 @@ class DesignMatrix:
     def gram_rows(
         self, weight: FloatArray, scale: FloatArray, which: IntArray, columns: IntArray
     ) -> FloatArray:
-        """(k, m) entries of the Gram matrix of the columns times ``scale``, by their numbers.
+        """(k, m) entries of the Gram matrix of the columns times ``scale``.
 
-        Those are (k,) and (m,). ``weight`` (M,) is that of each sample.
+        ``which`` (k,) and ``columns`` (m,): rows and columns; ``weight`` (M,): of each sample.
         """
         cells, inside, total = self.spec.cells, which[which < self.spec.cells], weight.sum()
         rows, levels = np.zeros((inside.size, self.spec.unknowns)), self._level_rows(weight)
@@ -266,11 +265,11 @@ class DesignMatrix:
 
     @property
     def reversals(self) -> int:
-        """Number of samples at which others branch off."""
+        """Number of samples from which other samples branch off."""
         return int(np.count_nonzero(np.bincount(self.parent[self.parent >= 0])))
 
     def column_squares(self, weight: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Squared length of each column with cells either on or off, and which columns vary.
+        """Squared length of each column with cells either on or off, and whether it varies.
 
         A cell that never switches between weighted samples has a constant column, which an offset
         replaces.
@@ -294,7 +293,7 @@ class DesignMatrix:
         coarse = DesignMatrix(
             replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
         )
-        # Of nested dissection of a plane; samples do not link fewer of its unknowns
+        # Ratio for nested dissection of a plane; samples do not link fewer of its unknowns
         coarse.operations = self.operations / 8
         return coarse
 
@@ -311,7 +310,7 @@ class DesignMatrix:
         return part
 
     def at_most(self, bands: int) -> DesignMatrix:
-        """Design matrix of the same samples on a plane of at most so many bands."""
+        """Design matrix of the same samples on a plane of at most ``bands`` bands."""
         matrix = self
         while matrix.spec.bands > bands:
             matrix = matrix.coarser()
@@ -354,12 +353,12 @@ def everett_tree(
     index : (T, 6) array of int32
         Nodes of the plane, as `_kernels` describes them.
     coefficient : (T, 6) array
-        Their coefficients.
+        Coefficients of the nodes.
     parent : (T,) array of int32
         Sample at which the branch began; -1 for negative saturation.
     corner : (T,) array of int32
-        Cell in which the branch ends: where the sample looks at the Everett surface; -1 at negative
-        saturation.
+        Cell in which the branch ends: the sample evaluates the Everett function there; -1 at
+        negative saturation.
     """
     x, root = np.clip(u, levels[0], levels[-1]), np.int32(_kernels.ROOT)
     parent, newest = np.empty(u.size, dtype=np.int32), np.full(u.size + 1, root)
@@ -373,7 +372,7 @@ def everett_tree(
     high, low = np.where(rises, own, begin), np.where(rises, begin, own)
     i, s, j, f = band[high], fraction[high], band[low], fraction[low]
     node, same = i * (i + 1) // 2 + j, i == j
-    # The corners of the rectangle below and left of (i, j), and what bends within the bands.
+    # The corners of the rectangle below and left of (i, j), and the curved parts within the bands.
     nodes = [np.where(same, node, node - i), node, node - i + 1, node + 1]
     nodes += [i * (i + 3) // 2, j * (j + 3) // 2]
     index = np.stack(nodes, axis=1, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""How far the data determine the model."""
+"""Rank and condition of the design: whether the data determine the model."""
 
 import numpy as np
 from scipy import linalg
@@ -8,15 +8,15 @@ from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.threads import one_thread
 
 _MOST_WORK = 2e9
-"""Samples times the square of the unknowns up to which singular values are worked out directly:
-about a second."""
+"""Samples times squared unknowns up to which singular values are computed directly: it takes about
+a second."""
 
 
 def _singular_values(matrix: DesignMatrix) -> FloatArray:
     """Singular values of the design with unit columns, largest first.
 
-    Taken from the design itself where it is small. From its Gram matrix otherwise, and then
-    those below about 1e-8 of the largest are noise.
+    A small design gives them directly. A large one gives them through its Gram matrix; values
+    below about 1e-8 of the largest are then noise.
     """
     if _is_small(matrix):
         dense = matrix.dense()
@@ -44,5 +44,5 @@ def rank_and_condition(matrix: DesignMatrix) -> tuple[int, float]:
 
 
 def _is_small(matrix: DesignMatrix) -> bool:
-    """Return whether the singular values of the design itself are worked out."""
+    """Whether the singular values are computed from the design itself."""
     return matrix.samples * matrix.spec.unknowns**2 <= _MOST_WORK

@@ -19,15 +19,15 @@ from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
 _FEWEST = 100
-"""Measured outputs below which dynamics are not identified."""
+"""Least measured outputs from which dynamics are identified."""
 _FASTEST, _PLAUSIBLE = 0.3, 0.5
 """Shortest time constant of a search, and shortest plausible one, in sampling intervals."""
 _PIECE, _EVERY, _BLOCKS = 10, 5, 40
-"""Rows of a contiguous piece, which of the pieces are left out, and blocks of the record over whose
-pieces errors are averaged. Pieces are short, because the operator has to be measured on both sides
-of each; blocks are long, because neighbouring errors are alike."""
+"""Rows of a contiguous piece; one of this number of pieces is left out; and number of blocks of the
+record, over whose pieces errors are averaged. Pieces are short, because the operator has to be
+measured on both sides of each; blocks are long, because neighbouring errors are alike."""
 _VISITED = 0.9
-"""Share of the range between the least and greatest input so far above which the memory is known.
+"""Share of the range of the record that the input must have covered so that the memory is known.
 A threshold beyond the range of the record is passed once for all, so both ends count."""
 
 Logarithms: TypeAlias = tuple[float, ...]
@@ -35,7 +35,7 @@ Logarithms: TypeAlias = tuple[float, ...]
 
 @dataclass(frozen=True, eq=False)
 class DynamicRecord:
-    """A checked record; y is NaN where nothing was measured."""
+    """A checked record; y is NaN where no output was measured."""
 
     t: FloatArray
     u: FloatArray
@@ -47,9 +47,9 @@ class DynamicRecord:
     held_out: BoolArray
     """``fitted`` and ``held_out``: shape (T,). Samples that are fitted and scored."""
     start: Any
-    """Start state. Memory before the first sample."""
+    """Start state: memory before the first sample."""
     codes: tuple[Fault, ...]
-    """Readings that are no measurements."""
+    """Readings that are not measurements."""
     pieces: IntArray
     """Shape (T,). Number of the block of each sample in a left-out piece, by which structures are
     compared; -1 elsewhere."""
@@ -63,22 +63,22 @@ class DynamicRecord:
         fitted, held_out = checks.split(outputs, holdout, coded, skipped)
         if np.count_nonzero(fitted) < _FEWEST:
             raise SignalError(
-                f"{np.count_nonzero(fitted)} outputs are fitted, and dynamics need {_FEWEST}; "
-                "record the transients too, or identify without dynamics"
+                f"{np.count_nonzero(fitted)} outputs are fitted, and dynamics need {_FEWEST}; also "
+                "record the transients, or identify without dynamics"
             )
         even = interval * np.arange(inputs.size, dtype=np.float64)
         none = np.full(inputs.size, -1, dtype=np.int64)
         return cls(even, inputs, outputs, interval, fitted, held_out, record.start, coded, none)
 
     def part(self, rows: int) -> DynamicRecord:
-        """Return the rows up to so many fitted ones."""
+        """Return the first rows, of which at most ``rows`` are fitted."""
         used = np.flatnonzero(self.fitted)[:rows]
         size = int(used[-1]) + 1
         names = ("t", "u", "y", "fitted", "held_out", "pieces")
         return replace(self, **{name: getattr(self, name)[:size] for name in names})
 
     def with_pieces(self) -> DynamicRecord:
-        """Return the record with every fifth piece of ten fitted rows left out."""
+        """Return the record without every fifth piece of ten fitted rows."""
         rows = np.flatnonzero(self.fitted)
         place = np.arange(rows.size)
         left = place // _PIECE % _EVERY == _EVERY // 2
@@ -97,8 +97,8 @@ class DynamicRecord:
         above, below = np.maximum.accumulate(self.u), np.minimum.accumulate(self.u)
         known = above - below >= _VISITED * (high - low)
         rows = int(np.argmax(known))
-        # Largest share of the rows that may count as a start-up: a record that takes longer to its
-        # extremes is needed as it is
+        # Largest share of the fitted rows that counts as a start-up; a record that takes longer to
+        # reach its extremes is fitted as it is
         few = np.count_nonzero(self.fitted[:rows]) <= 0.25 * np.count_nonzero(self.fitted)
         return rows if few else 0
 
@@ -133,8 +133,8 @@ class DynamicParts:
     """Dead time in sampling intervals."""
     ahead: Logarithms = ()
     behind: Logarithms = ()
-    """``ahead`` and ``behind``: log a, log b and log c of the poles before and behind the operator,
-    as many as there are."""
+    """``ahead`` and ``behind``: log a, log b and log c of the poles before and behind the operator;
+    one number for each pole."""
     creep: Creep | None = None
     """Creep of the output."""
 
@@ -145,7 +145,7 @@ class DynamicParts:
 
     @property
     def first(self) -> First:
-        """What of operator and linear dynamics comes first."""
+        """The part that comes first: operator or linear dynamics."""
         return "linear" if self.ahead and not self.behind else "operator"
 
     @property
@@ -171,7 +171,7 @@ class DynamicParts:
 
     @property
     def linear(self) -> Linear:
-        """Continuous system with the dead time: behind the operator, or before if none is there."""
+        """Continuous system with the dead time: behind the operator, or before if ``first`` is."""
         side = self.ahead if self.first == "linear" else self.behind
         return _linear(side, self.delay * self.interval)
 
@@ -184,7 +184,7 @@ class DynamicParts:
     def filter_time(self) -> float:
         """Time constant of the filter of the inverse."""
         product = 1 / float(self.linear.denominator[-1])  # of the time constants
-        # No shorter than a sampling interval, and F / G amplifies noise by a factor of 10 at most
+        # At least a sampling interval, and such that F / G amplifies noise by at most 10
         usual = float((product / 10.0) ** (1 / max(self.linear.order, 1)))
         return max(usual, self.interval)
 
@@ -213,7 +213,7 @@ class DynamicParts:
         return self.crept(record, self.prompt(record, operator))
 
     def crept(self, record: DynamicRecord, y: FloatArray) -> FloatArray:
-        """Return the outputs, given those before creep."""
+        """Return the outputs with creep, from the outputs before creep."""
         return y if self.creep is None else self.creep.simulate(record.t, y, before=float(y[0]))
 
     @property
@@ -223,7 +223,7 @@ class DynamicParts:
         return np.array([*self.ahead, *self.behind, self.delay, *strengths])
 
     def at(self, vector: FloatArray) -> DynamicParts:
-        """Return the dynamics with other parameters; the last ones are kept where not given."""
+        """Return the dynamics with other parameters; a short vector keeps the last parameters."""
         known = np.append(vector, self.vector[vector.size :]).tolist()
         n = len(self.ahead)
         creep, strengths = self.creep, np.maximum(known[self.poles + 1 :], 0.0)
@@ -240,8 +240,8 @@ class DynamicParts:
     def with_another_pole(self, ahead: bool) -> tuple[DynamicParts, DynamicParts]:
         """Return two begins of a search with one pole more on a side.
 
-        The pole is faster than all others in the first, and all are equal in the second, which has
-        no dead time.
+        In the first, the pole is faster than all others. In the second, all poles are equal, and
+        there is no dead time.
         """
         if self.poles:
             # Time constant with which another pole is tried, over that of the fastest so far
@@ -258,7 +258,7 @@ class DynamicParts:
         return replace(faster, delay=delay), replace(equal, delay=0.0)
 
     def bounds(self, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """Return the least and greatest logarithms and dead time, for a record so long."""
+        """Return the least and greatest logarithms and dead time, for a record of ``seconds``."""
         each = [1.0, 2.0, 1.0]
         powers = np.array([*each[: len(self.ahead)], *each[: len(self.behind)]])
         low = np.append(powers * np.log(_FASTEST * self.interval), 0.0)
@@ -266,14 +266,14 @@ class DynamicParts:
 
 
 def _with_pole(side: Logarithms, time: float) -> Logarithms:
-    """Return the logarithms of poles with one more, which is the fastest."""
+    """Return the logarithms of the poles and of one more, the fastest."""
     a = np.exp(side).tolist()
     more = [[time], [sum(a[:1]) + time, sum(a[:1]) * time], [*a, time]][len(side)]
     return tuple(np.log(more).tolist())
 
 
 def _equal(time: float, poles: int) -> Logarithms:
-    """Return the logarithms of so many equal poles."""
+    """Return the logarithms of equal poles."""
     values = [time] if poles == 1 else [2 * time, time**2, time][:poles]
     return tuple(np.log(values).tolist())
 

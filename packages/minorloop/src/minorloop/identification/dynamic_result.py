@@ -31,21 +31,21 @@ _OF_OPERATOR = (
 
 @dataclass(frozen=True)
 class TriedDynamics:
-    """Dynamics that were compared, on a coarse plane."""
+    """Dynamics that were compared, on a coarse plane of the operator."""
 
     ahead: int
     behind: int
     """``ahead`` and ``behind``: number of poles before and behind the operator."""
     dead_time: float
-    """In seconds."""
+    """Dead time in seconds."""
     creep: bool
     """Whether there is creep."""
     error: float
     """Error on left-out pieces of the record, over the range of the output."""
     chosen: bool = False
-    """Whether these were chosen."""
+    """Whether these dynamics were chosen."""
     near: bool = False
-    """Whether their errors cannot be told from those of the chosen ones."""
+    """Whether the errors do not distinguish these dynamics from the chosen ones."""
 
     @property
     def structure(self) -> tuple[int, int, bool]:
@@ -71,13 +71,13 @@ def _times(fit: DynamicIdentification) -> Iterator[str]:
     if times.size and times[-1] < interval:
         yield (
             f"the fastest time constant is {times[-1]:.3g} s and the sampling interval "
-            f"{interval:.3g} s; sample faster to know it"
+            f"{interval:.3g} s; sample faster to determine it"
         )
-    # Time constants that a record must be long
+    # Least length of a record in time constants
     if times.size and 3.0 * times[0] > seconds:
         yield (
-            f"the slowest time constant is {times[0]:.3g} s and the record {seconds:.3g} s "
-            "long; record three time constants at least"
+            f"the slowest time constant is {times[0]:.3g} s and the record is {seconds:.3g} s "
+            "long; record at least three time constants"
         )
 
 
@@ -87,19 +87,19 @@ def _startup(fit: DynamicIdentification) -> Iterator[str]:
         yield (
             f"the first {fit.startup} rows are not fitted: with them the other rows fit "
             "worse, so the record seems to begin with another memory than the model assumes, "
-            "such as that of an actuator that rested for long; move it over its whole range "
-            "and back before the record, or give the start state that it has (--record start)"
+            "such as that of an actuator after a long rest; move it over its whole range "
+            "and back before the record, or give its start state (--record start)"
         )
 
 
 def _structure(fit: DynamicIdentification) -> Iterator[str]:
-    """Say whether the structure is sure, and needed."""
+    """Say whether the structure is uncertain, or no better than the operator alone."""
     near = [one for one in fit.tried if one.near]
     if near:
         yield (
-            f"the structure of the dynamics is too close to call: {near[0].what} and "
+            f"the structure of the dynamics is uncertain: {near[0].what} and "
             f"{fit.best.what} are equally good on left-out pieces of the record; record "
-            "faster or larger reversals, or give the order that the physics has, such as "
+            "faster or larger reversals, or give the order that follows from the physics, such as "
             'first="operator" (--law dynamics:first=operator)'
         )
     if not fit.dynamic:
@@ -111,7 +111,7 @@ def _chosen(one: TriedDynamics) -> str:
 
 
 def _of_static(score: ScoreRow) -> ScoreRow:
-    """Return a score of the operator as one of the whole fit."""
+    """Return a score of the operator as a score of the whole fit."""
     label = score.label if score.label in _OF_OPERATOR else ""
     name = "" if score.name in ("chosen", *(one.name for one in _ERRORS)) else score.name
     return replace(
@@ -170,12 +170,12 @@ class DynamicIdentification(Fit[Cascade]):
     t: FloatArray
     """Shape (T,). Time of each row in seconds."""
     static: Identification
-    """The operator, with what it alone would have given plus the residual of the model, and the
-    measured outputs, over whose range its errors are given."""
+    """The identification of the operator. Its outputs are those of the operator alone plus the
+    residual of the model; its errors are over the range of the measured outputs."""
     tried: tuple[TriedDynamics, ...]
     """Dynamics that were compared."""
     startup: int = 0
-    """Number of first rows that are not fitted, because they make the model of the others worse."""
+    """Number of first rows that are not fitted, because they make the model of other rows worse."""
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -201,12 +201,12 @@ class DynamicIdentification(Fit[Cascade]):
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """What was chosen and not given: columns of the record and options, one sentence each."""
+        """Choices of the identification: columns of the record and options, one sentence each."""
         return (*self.of_record.chosen, *self.static.chosen)
 
     @property
     def details(self) -> tuple[str, ...]:
-        """Lines that are printed behind the scores."""
+        """Lines to print after the scores."""
         return (*(f"tried {one}" for one in self.tried), *super().details)
 
     @property
@@ -222,7 +222,7 @@ class DynamicIdentification(Fit[Cascade]):
     def predict(self, t: npt.ArrayLike, u: npt.ArrayLike) -> FloatArray:
         """Predict the outputs for another input, as `Result.predict`.
 
-        u[k] is applied from the sample before; the first has been applied for long.
+        u[k] is applied from the previous sample; the first input has been applied for a long time.
         """
         return self.model.simulate(t, u, self.curves.start)
 
@@ -238,8 +238,8 @@ class DynamicIdentification(Fit[Cascade]):
     ) -> CascadeInversion:
         """Return the input, held between samples, with which the output follows a trajectory.
 
-        Parameters and errors are those of `Cascade.invert`; the start is that of the record if not
-        given.
+        Parameters and errors are those of `Cascade.invert`; the default start is that of the
+        record.
         """
         return self.model.invert(
             t,

@@ -1,8 +1,8 @@
 """Search for the structure of dynamics: poles before and behind an operator, dead time and creep.
 
-Structures are fitted to a part of the record and compared by their errors on left-out pieces of the
-rest. One is better than another if the mean difference of their squared errors on these pieces is
-larger than its standard error explains, so that noise hides no pole and invents none.
+Structures are fitted to a part of the record and compared by their errors on left-out pieces. A
+structure is better than another if the mean difference of their squared errors on these pieces is
+larger than its standard error explains. So noise neither hides a pole nor adds one.
 """
 
 from collections.abc import Sequence
@@ -14,10 +14,10 @@ from minorloop.identification.alternation import Found, Static, alternate, earli
 from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
 
 _KEPT = 2
-"""Structures with two poles from which those with three are tried."""
+"""Number of structures with two poles that are extended to three poles."""
 _BETTER, _BETTER_WITH_CREEP = 0.98, 0.8
-"""Ratio of the errors below which another parameter is worth it, and creep, which has several and
-follows other slow errors too."""
+"""Ratio of the errors below which another parameter is kept; and the same for creep, which has
+several parameters and also follows other slow errors."""
 
 
 def search(
@@ -25,12 +25,12 @@ def search(
 ) -> list[Found]:
     """Return fits of different structures, without creep.
 
-    Each begins from one with a pole less. With three poles only the neighbours of the best two are
-    tried, and none if two poles are no better than one.
+    Each begins from a structure with a pole less. Three poles are tried only if two poles are
+    better than one, and only as extensions of the best two structures.
 
-    ``record``: the record with left-out pieces; ``first`` {"operator", "linear"}: on which side of
-    the poles the operator is; on either if not given; ``poles``: number of poles; chosen if not
-    given; ``most``: most poles; ``static``: identification of a coarse operator.
+    ``record``: the record with left-out pieces; ``first`` {"operator", "linear"}: the part that
+    comes first; None tries both; ``poles``: number of poles; None tries 0 to ``most``; ``static``:
+    identification of a coarse operator.
     """
     begin = DynamicParts(record.interval, float(_delay(record, static)))
     levels = [[alternate(record, begin, static)]]
@@ -39,7 +39,7 @@ def search(
         parents = parents[:_KEPT] if count > _KEPT else parents
         found = _one_more(record, parents, first, static)
         levels.append(found)
-        # One pole may be no better than a dead time where two are.
+        # Two poles may be better than a dead time even if one pole is not.
         if (
             poles is None
             and count > 1
@@ -55,7 +55,7 @@ def search(
 def with_creep(
     record: DynamicRecord, tried: Sequence[Found], best: Found, static: Static, always: bool
 ) -> list[Found]:
-    """Return fits with creep; none if creep is not worth it, and not ``always`` wanted."""
+    """Return fits with creep; an empty list if creep gains too little, unless ``always``."""
     crept = _creeping(record, best, static)
     if crept is None or not (always or better(crept, best, _BETTER_WITH_CREEP)):
         return []
@@ -81,12 +81,12 @@ def simplest(tried: Sequence[Found]) -> Found:
 
 
 def better(one: Found, other: Found, ratio: float = 1.0) -> bool:
-    """Whether the left-out pieces say that one fit is better than another, by this ratio.
+    """Whether one fit is better than another by this ratio, on left-out pieces and fitted rows.
 
-    The error on the fitted rows has to be smaller too, and over the blocks of the record the mean
-    difference of the squared errors, or of their logarithms, has to be beyond chance (Student,
-    Biometrika 6, 1908). A few fast blocks may have most of the error, which logarithms level; where
-    both errors are smaller by three tenths, no test is needed.
+    Over the blocks of the record, the mean difference of the squared errors on left-out pieces, or
+    of their logarithms, must also be beyond chance (Student, Biometrika 6, 1908). Logarithms reduce
+    the effect of a few fast blocks with most of the error. If both errors are smaller by three
+    tenths, no test is needed.
     """
     from scipy.special import stdtrit
 
@@ -107,15 +107,15 @@ def better(one: Found, other: Found, ratio: float = 1.0) -> bool:
 
 
 def near(one: Found, chosen: Found) -> bool:
-    """Whether another structure cannot be told from the chosen one by the left-out pieces.
+    """Whether the left-out pieces do not distinguish another structure from the chosen one.
 
     A structure that contains the chosen one is always as good, and does not count, unless its poles
-    take the place of a dead time.
+    replace a dead time.
     """
     pairs = zip(one.dynamics.structure, chosen.dynamics.structure, strict=True)
     other, own = one.dynamics.delay, chosen.dynamics.delay
-    # Ratio of dead times, of which the longer one has more than a sample, below which poles take
-    # the place of dead time
+    # Poles replace a dead time of more than a sample if the other structure has less than half of
+    # it
     differs = any(a < b for a, b in pairs) or (own > 1 and other < 0.5 * own)
     return differs and not better(chosen, one)
 
@@ -130,7 +130,7 @@ def _one_more(
             if first is not None and ahead != (first == "linear"):
                 continue
             sides = len(parent.dynamics.ahead) + ahead, len(parent.dynamics.behind) + (not ahead)
-            # Most poles on one side of the operator, without others on the other side and with them
+            # Most poles on one side of the operator: three, or two with poles on the other side
             if max(sides) > (2 if min(sides) else 3):
                 continue
             for begin in parent.dynamics.with_another_pole(ahead):
@@ -142,14 +142,14 @@ def _one_more(
 
 
 def _creeping(record: DynamicRecord, found: Found, static: Static) -> Found | None:
-    """Return a fit with creep that begins from one without; None if there is no creep."""
+    """Return a fit with creep that begins from a fit without; None if it finds no creep."""
     crept = alternate(record, found.dynamics, static, found.operator, creeping=True)
     return crept if crept.dynamics.creep is not None and crept.dynamics.plausible else None
 
 
 def _delay(record: DynamicRecord, static: Static) -> int:
-    """Return the delay in samples with which the operator alone comes nearest to the outputs."""
-    # Delays that a search begins with, from 0 to a tenth of the record
+    """Return the delay in samples with which the operator alone fits the outputs best."""
+    # Delays to compare: from 0 to a tenth of the record
     delays = np.geomspace(1, max(record.u.size // 10, 1), 12).astype(int)
     y = np.where(record.fitted, record.y, np.nan)
     errors = {int(k): static(record.u, earlier(y, int(k))).nrmse for k in (0, *delays)}

@@ -30,28 +30,29 @@ from minorloop.threads import one_thread
 
 _MOST_POLES = 3
 _MOST_ROWS = 40_000
-"""Samples, the first ones, that dynamics are compared on."""
+"""Number of first samples on which dynamics are compared."""
 _BANDS, _FINER = 25, 50
 """Most bands with which dynamics are compared, and bands that are tried after that."""
 _MOST_NOISE = 0.5
 """Largest noise of a model, over the range, by trial. The inverse is filtered from the frequency at
-which the gain is as low as the noise; with the gain at rest, 1, nothing would pass."""
+which the gain is as low as the noise; a noise of 1, the gain at rest, would block all frequencies.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
     """The law of a plane with dead time, linear dynamics and creep.
 
-    What is ``"auto"`` is chosen by the error of the whole model on pieces of the record that are
-    left out, a fifth of it: another parameter must reduce it by 2 %, and by more than chance does.
-    Poles may be before the operator, behind it, or on both sides. Rows before the input has been
-    near both ends of its range are not compared, because the memory may be another one than
-    ``start="negative"`` says; they are fitted only if that makes the other rows no worse.
+    Options that are ``"auto"`` are chosen by the error of the whole model on left-out pieces, a
+    fifth of the record. Another parameter must reduce it by 2 %, and by more than chance. Poles may
+    be before the operator, behind it, or on both sides. Rows before the input has been near both
+    ends of its range are not compared, because their memory may differ from ``start="negative"``;
+    they are fitted only if that makes the other rows no worse.
 
-    The record needs times, and is resampled where these are not even. u[k] is applied from the
-    sample before. At the first time, the output is at rest, and the memory is that of ``start``:
-    move the actuator over its whole range and back before. Another start than ``"negative"`` is not
-    checked.
+    The record needs times, and is resampled if they are not even. u[k] is applied from the previous
+    sample. At the first time, the output is at rest, and the memory is that of ``start``: move the
+    actuator over its whole range and back before the record. A start other than ``"negative"`` is
+    not checked.
 
     References
     ----------
@@ -71,10 +72,9 @@ class Dynamics:
     plane: Plane = field(default_factory=Plane)
     """The operator; its lag is 0."""
     first: Literal["auto", "operator", "linear"] = "auto"
-    """Which of operator and linear dynamics receives the input; ``"auto"`` compares both, and poles
-    on both sides."""
+    """The part that receives the input; ``"auto"`` compares both, and poles on both sides."""
     poles: int | Literal["auto"] = "auto"
-    """Number of poles, 0 to 3. A dead time is fitted with any number."""
+    """Number of poles, 0 to 3. A dead time is always fitted."""
     creep: bool | Literal["auto"] = "auto"
     """Whether to fit creep of the output."""
 
@@ -97,7 +97,7 @@ class Dynamics:
             raise ParameterError(f"plane is {self.plane!r}; give a Plane")
         if self.plane.lag not in ("auto", 0):
             raise ParameterError(
-                "lag cannot be combined with dynamics, which find the dead time; leave it out"
+                "lag cannot be combined with dynamics, which find the dead time; omit lag"
             )
         moving = DynamicRecord.of(even, holdout)
         plane = replace(self.plane, lag=0)
@@ -118,7 +118,7 @@ class Dynamics:
                 best = simplest(crept) if crept else best
                 tried = [*tried, *crept]
             skipped = startup if startup and _spoils(short, best, static) else 0
-            say("fitting operator and dynamics in turns")
+            say("fitting operator and dynamics in turn")
             parts = moving.without(skipped), short.without(skipped)
             found, operator = _refined(*parts, best, plane, prior)
         cascade = found.dynamics.cascade(found.operator)
@@ -139,7 +139,7 @@ class Dynamics:
 
 
 def _summary(one: Found, best: Found) -> TriedDynamics:
-    """Return what is kept of a fit that was tried."""
+    """Return the summary of a fit."""
     ahead, behind, creep = one.dynamics.structure
     return TriedDynamics(
         ahead,
@@ -153,15 +153,15 @@ def _summary(one: Found, best: Found) -> TriedDynamics:
 
 
 def _spoils(record: DynamicRecord, best: Found, static: Static) -> bool:
-    """Whether the start-up spoils the model of the other rows.
+    """Whether the start-up makes the model of the other rows worse.
 
-    The start-up of a virgin actuator has a memory that no later row has. Where no later row is
-    like it, it spoils nothing, and nothing shows whether it is right.
+    The start-up of a virgin actuator has a memory that no later row has. If no later row is like
+    it, it makes nothing worse, and the record does not show whether it is right.
     """
     creeping = best.dynamics.creep is not None
     with_it = alternate(record, best.dynamics, static, best.operator, creeping=creeping)
     with_it = replace(with_it, record=best.record)  # scored on the same pieces
-    # Ratio of the errors on left-out pieces above which a start-up spoils the model
+    # Ratio of the errors on left-out pieces above which a start-up makes the model worse
     worse = with_it.left_out_error > 1.02 * best.left_out_error
     return worse and better(best, with_it)
 
@@ -169,7 +169,7 @@ def _spoils(record: DynamicRecord, best: Found, static: Static) -> bool:
 def _coarse(plane: Plane) -> Plane:
     """Return the law of a quick fit of the operator, with which dynamics are compared.
 
-    Where they are not given, the diagonal is reversible, which has the smallest errors.
+    A diagonal that is "auto" is reversible, which has the smallest errors.
     """
     levels = plane.levels
     bands = np.size(levels) - 1 if np.ndim(levels) else levels
@@ -183,12 +183,12 @@ def _coarse(plane: Plane) -> Plane:
 
 
 def _fitter(plane: Plane, prior: Prior, record: DynamicRecord) -> Static:
-    """Return the identification of an operator with the memory with which a record begins."""
+    """Return the function that identifies an operator, from the initial memory of a record."""
     return lambda u, y: plane.fit(Record(u, y, start=record.start), prior)
 
 
 def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tuple[Choice, ...]]:
-    """Return the law of the operator with diagonal, slope and levels chosen, and the choices.
+    """Return the law of the operator with chosen diagonal, slope and levels, and the choices.
 
     Each candidate is fitted without the left-out pieces of the record, and the whole model is
     scored on them.
@@ -213,7 +213,7 @@ def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tu
     if isinstance(levels, str):
         few, many = f"{_BANDS} bands", f"{_FINER} bands"
         bands = {few: errors[best_name], many: error(chosen | {"levels": _FINER})}
-        # Ratio of the errors below which more bands are worth their time
+        # Ratio of the errors below which more bands are kept, although they take more time
         choices.append(compared("levels", bands, few, 0.98))
         levels = _BANDS if choices[-1].chosen == few else _FINER
     return replace(plane, **chosen | {"levels": levels}), tuple(choices)
@@ -222,10 +222,10 @@ def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tu
 def _refined(
     record: DynamicRecord, pieces: DynamicRecord, best: Found, plane: Plane, prior: Prior
 ) -> tuple[Found, Identification]:
-    """Fit the whole record with the operator that the law asks for.
+    """Fit the whole record with the operator of the law.
 
     Options that are "auto" are chosen once, on the record with left-out pieces. Returns the fit,
-    and the operator with what it alone would have given plus the residual.
+    and the identification of the operator from its own outputs plus the residual.
     """
     plane, choices = _planes(pieces, best, plane)
     chosen = _fitter(plane, prior, record)(*without(best.dynamics, record, best.operator))

@@ -1,10 +1,10 @@
-"""Order in which the unknowns of a sparse symmetric system are eliminated with little fill.
+"""Order of elimination with little fill for the unknowns of a sparse symmetric system.
 
-Least degree (Liu, ACM Trans. Math. Softw. 11, 1985) looks one step ahead. Where steps are
-independent, samples link unknowns all over the plane, and it leaves a large dense rest. There,
-nested dissection (George, SIAM J. Numer. Anal. 10, 1973) takes a third of the multiplications: it
-cuts the plane in two, the halves again, and eliminates the unknowns that separate two halves after
-both.
+Least degree (Liu, ACM Trans. Math. Softw. 11, 1985) looks one step ahead. If the steps of the input
+are independent, samples link unknowns all over the plane, and least degree leaves a large dense
+rest. Nested dissection (George, SIAM J. Numer. Anal. 10, 1973) then takes a third of the
+multiplications. It cuts the plane into halves, again and again, and eliminates the unknowns that
+separate two halves after both.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
 _COSTLY = 5e7
-"""Multiplications after least degree from which dissection saves more than it costs."""
+"""Multiplications by least degree from which dissection saves more time than it takes."""
 _HUB = 50
-"""Links from which an unknown is eliminated after all parts."""
+"""Number of links from which an unknown is eliminated after all parts."""
 _LEAF, _WIDE = 800, 0.4
-"""Most unknowns of a part that is not cut, and the share of a part that is too much to cut it."""
+"""Most unknowns of a part that stays whole; and largest share of a part in a separator."""
 
 
 class Elimination(NamedTuple):
@@ -55,8 +55,8 @@ def quick_elimination(
 ) -> Elimination:
     """Elimination of a symmetric matrix (n, n) with few multiplications.
 
-    The ``last`` unknowns come last. ``places`` (n - last, 2) are coordinates of the others in the
-    plane, by which it may be cut.
+    ``last`` unknowns are eliminated last. ``places`` (n - last, 2) are coordinates of the other
+    unknowns in the plane, for dissection.
     """
     inner = pattern.shape[0] - last
     end, others = np.arange(inner, inner + last), pattern[:inner, :inner]
@@ -79,10 +79,10 @@ def _least_degree(pattern: csc_array[Any]) -> IntArray:
     from scipy.sparse.linalg import spilu
 
     count = pattern.shape[0]
-    # Added to the diagonal where only the order of elimination is wanted, so that no pivot is zero;
-    # its size does not matter
+    # The diagonal keeps pivots away from zero; only the order of elimination counts, so its size
+    # does not matter
     dominant = csc_array(pattern + diags_array(np.full(count, 1e3)))
-    incomplete = spilu(  # drops all entries, so that it costs little more than the order
+    incomplete = spilu(  # drops all entries, so it takes little longer than the order
         dominant,
         drop_tol=1.0,
         fill_factor=1,
@@ -94,11 +94,11 @@ def _least_degree(pattern: csc_array[Any]) -> IntArray:
 
 
 def _dissected(pattern: csc_array[Any], places: FloatArray) -> IntArray:
-    """Order by nested dissection: parts that are not cut, separators, unknowns with many links."""
+    """Order by nested dissection: uncut parts, then separators, then unknowns with many links."""
     degree = np.diff(pattern.indptr)
     near = np.flatnonzero(degree < _HUB)
     links = pattern[near][:, near]
-    # An unknown is better placed between its neighbours: long links become shorter.
+    # Move each unknown between its neighbours, which shortens long links.
     places = (links @ places[near]) / (links @ np.ones(near.size))[:, None]
     parts, leaves, separators = [np.arange(near.size)], [], [np.flatnonzero(degree >= _HUB)]
     while parts:
@@ -117,14 +117,14 @@ def _dissected(pattern: csc_array[Any], places: FloatArray) -> IntArray:
 def _cut(
     links: csc_array[Any], places: FloatArray, part: IntArray
 ) -> tuple[IntArray, IntArray, IntArray] | None:
-    """Two halves of a part, and the unknowns between them; None if it is better left whole."""
+    """Two halves of a part, and the unknowns between them; None if a cut does not help."""
     best = None
     for along in places[part].T if part.size > _LEAF else ():
         low = along < np.median(along)
         if not low.any():
             continue
         one, other = part[low], part[~low]
-        mine, theirs = _least_cover(links[:, other][one])  # columns first: they are contiguous
+        mine, theirs = _least_cover(links[:, other][one])  # columns first: contiguous in memory
         between = np.append(one[mine], other[theirs])
         if between.size < (_WIDE * part.size if best is None else best[2].size):
             best = one[~mine], other[~theirs], between

@@ -1,14 +1,14 @@
 """Newton system of the weights as a sparse system in Everett values and predictions.
 
 The normal equations of the weights are dense. They are sparse in the Everett values on the nodes of
-the plane together with the predicted outputs at reversals: a sample links at most six nodes to the
-prediction at its last reversal, which is a sample itself, and a weight is the mixed difference of
-four nodes. Predictions of other samples are eliminated at once. The links between reversals
-are equations, each with a multiplier.
+the plane together with the predicted outputs at reversals. A sample links at most six nodes to the
+prediction at its last reversal, which is also a sample, and a weight is the mixed difference of
+four nodes. Predictions of other samples are eliminated first. The links between reversals are
+equations, each with a multiplier.
 
 The sparse matrix is quasi-definite (Vanderbei, SIAM J. Optim. 5, 1995): its unknowns have signs,
-and it is positive definite on those of one sign and negative definite on the others. Then each
-order of elimination is possible. Columns with nearly the same rows are eliminated together (Ng and
+and it is positive definite on those of one sign and negative definite on the others. So any order
+of elimination is possible. Columns with nearly the same rows are eliminated together (Ng and
 Peyton, SIAM J. Sci. Comput. 14, 1993).
 """
 
@@ -26,17 +26,17 @@ from minorloop.identification.prior import FieldPrecision, Mesh
 _SOFT = 1e-8
 """Negative diagonal of the multipliers, over the mean weight of a sample."""
 _TINY = 1e-14
-"""Diagonal of unknowns that no sample determines, likewise."""
+"""Diagonal of unknowns that no sample determines, over the mean weight of a sample."""
 _TOGETHER = 64
-"""Outputs whose variances are computed at once."""
+"""Number of outputs whose variances are computed at once."""
 _ROUNDING = 1e-15
 """Size of a pivot, over that of its column before elimination, that counts as zero: a few times the
 precision of float64."""
 _FIRST_PART, _SEGMENTS = 2000, 10
-"""Samples of the first part of a record whose multiplications are counted, and contiguous segments
-that a part consists of."""
+"""Samples of the first part of a record whose multiplications are counted, and number of contiguous
+segments in a part."""
 _REVERSALS = 2
-"""Reversals for each cell up to which they are counted."""
+"""Most reversals for each cell; with more, the sparse system is not considered."""
 
 
 def quick_system(
@@ -46,12 +46,12 @@ def quick_system(
     most: float,
     mesh: Mesh | None = None,
 ) -> EverettSystem | None:
-    """Return the system if a factorisation takes at most so many multiplications.
+    """Return the system if a factorisation takes at most ``most`` multiplications, else None.
 
-    Parameters as of `EverettSystem`. Parts of the record are counted first, each twice as large as
-    the one before, as the order of elimination of a system with much fill takes seconds. With the
-    number of samples, multiplications grow at least as fast as from one part to the next, and at
-    most with its square.
+    Parameters are as of `EverettSystem`. The order of elimination of a system with much fill takes
+    seconds, so parts of the record are counted first, each twice as large as the previous one. The
+    multiplications grow with the samples at least as fast as from one part to the next, and at most
+    with the square of the samples.
     """
     if matrix.reversals > _REVERSALS * matrix.spec.cells:
         return None
@@ -90,10 +90,10 @@ class EverettSystem:
         self.matrix, self.weight, self.scale = matrix, weight, scale
         self.precision: FieldPrecision | None = None
         self.owner: object = None
-        """What the present factor belongs to, if it is to be used again."""
+        """Owner of the present factor, which may use it again."""
         self.cells = spec.cells
         self.centre = np.zeros(spec.unknowns)
-        """Subtracted from the columns, where an offset is fitted: it then is that of the means."""
+        """Means of the columns, if an offset is fitted; they are subtracted from the columns."""
         parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
         everywhere[matrix.measured] = weight
         inner = np.zeros(parent.size, dtype=np.bool_)
@@ -104,7 +104,7 @@ class EverettSystem:
         self._values_of_field = 0 if mesh is None else mesh.unknowns
         self._size = self._steep + spec.slope + self._values_of_field
         entries = _Entries(float(weight.mean()))
-        number = np.full(parent.size + 1, self._root)  # the last one is that of parent -1
+        number = np.full(parent.size + 1, self._root)  # the last is the number of parent -1
         number[:-1][inner] = spec.cells + np.arange(inner_count)
         multiplier = spec.cells + inner_count + np.arange(inner_count)
         before, own = number[parent][:, None], number[:-1][:, None]
@@ -123,7 +123,7 @@ class EverettSystem:
         factors = np.hstack([coefficient, ones, -ones])
         entries.equations(multiplier, links[inner], factors[inner])
         total = self._total
-        if spec.offset:  # the root is free, and its equation holds the offset
+        if spec.offset:  # the root is free; its equation contains the offset
             entries.add(self._root + 1, self._root + 1, -1.0)
         else:
             equation = np.array([[self._root, total]])
@@ -150,7 +150,7 @@ class EverettSystem:
         self._ridge = np.zeros(spec.unknowns)
 
     def _added_places(self, mesh: Mesh | None) -> IntArray:
-        """Rows and columns of what `factorise` adds: ridges, and the prior."""
+        """Rows and columns of the entries that `factorise` adds: ridges and the prior."""
         spec, root, total = self.matrix.spec, self._root, self._total
         *weights, self._ridge_cells, self._ridge_signs = _ridges(spec.bands)
         self._ridge_factors = np.where(weights[0] == weights[1], 1.0, 2.0) * self._ridge_signs
@@ -194,7 +194,7 @@ class EverettSystem:
         return np.asarray(self.scale * downhill)
 
     def unknowns(self, z: FloatArray) -> FloatArray:
-        """(n,) unknowns of the columns as they are, from those of the system."""
+        """(n,) unknowns of the original columns from those of the system."""
         x = self.scale * z
         if self.matrix.spec.offset:
             x[self.cells] -= self.centre @ x
@@ -227,8 +227,8 @@ class EverettSystem:
     ) -> FloatArray:
         """(n,) solution by conjugate gradients on G, with the factor as the preconditioner.
 
-        Unknowns that are not ``free`` are zero; their ridge must be high. There are at most so many
-        steps, to a residual of ``tolerance`` relative to ``r`` (n,).
+        Unknowns that are not ``free`` are zero; their ridge must be high. The iteration ends after
+        ``most`` steps, or at a residual of ``tolerance`` relative to ``r`` (n,).
         """
         left = np.where(free, r, 0.0)
         return conjugate_gradients(
@@ -266,19 +266,19 @@ class EverettSystem:
         return b
 
     def inverse(self, directions: FloatArray | None = None) -> FloatArray:
-        """(k, k) inverse of the factorised system, for columns that are not scaled.
+        """(k, k) inverse of the factorised system along directions (k, n), for unscaled columns.
 
-        Along directions (k, n); all of it without them.
+        Without directions, it is the whole inverse (n, n).
         """
         each = np.eye(self.scale.size) if directions is None else directions
         rows = np.stack([self._right(one) for one in each], axis=1)
         return self._factor.products(rows)
 
     def variances_apart(self, link_cells: IntArray) -> FloatArray:
-        """(K,) variances of the weights apart from what the field of the prior gives.
+        """(K,) variances of the weights without the part that the field of the prior explains.
 
-        That of a weight is the derivative of the logarithm of the determinant by its precision.
-        ``link_cells`` are the cells of the links of the prior.
+        The variance is the derivative of the logarithm of the determinant by the precision of the
+        weight. ``link_cells`` are the cells of the links of the prior.
         """
         assert self.precision is not None
         spec, precision = self.matrix.spec, self.precision
@@ -335,7 +335,7 @@ class _Entries:
         self.parts.append((row[kept], column[kept], value[kept].astype(np.float64)))
 
     def squares(self, links: IntArray, factors: FloatArray, weight: FloatArray) -> None:
-        """Add the squares of rows that have these factors at these unknowns."""
+        """Add the squares of rows with these factors at these unknowns."""
         for a in range(links.shape[1]):
             for b in range(a + 1):
                 one, other = links[:, a], links[:, b]
@@ -364,7 +364,7 @@ class _Entries:
 
 
 def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Where a ridge of each weight acts on the nodes: rows, columns, cells, signs."""
+    """Entries of the nodes on which the ridge of each weight acts: rows, columns, cells, signs."""
     cell = np.arange(bands * (bands + 1) // 2)
     found, parts = corners(bands), []
     for a, (row, one, there) in enumerate(found):
@@ -379,10 +379,10 @@ class SparseFactor:
     """Factor of a sparse symmetric matrix whose pattern does not change.
 
     ``rows`` and ``columns`` (E,) are the places of its entries, in one triangle; entries in the
-    same place are added. ``sign`` (n,) is 1 or -1 for each unknown. The ``last`` unknowns are
-    eliminated last, because they are linked to most others; ``places`` (n - last, 2) are those of
-    the others in the plane, and ``order`` (n - last,) the one in which they are eliminated, if it
-    is known.
+    same place are added. ``sign`` (n,) is 1 or -1 for each unknown. ``last`` unknowns are
+    eliminated last, because they are linked to most others. ``places`` (n - last, 2) are the places
+    of the other unknowns in the plane, and ``order`` (n - last,) is their order of elimination, if
+    it is known.
     """
 
     def __init__(
@@ -410,7 +410,7 @@ class SparseFactor:
         self._data: FloatArray | None = None
 
     def _lay_out(self) -> FloatArray:
-        """Find the panels and the places of the entries; many systems are only counted."""
+        """Find the panels and the places of the entries, which a system that only counts omits."""
         n = self._sign.size
         order, parent, _ = self.elimination
         self._order = order[_kernels.postorder(parent)]
@@ -420,7 +420,7 @@ class SparseFactor:
         width = np.diff(start)
         at, offset = np.append(0, np.cumsum(height)), np.append(0, np.cumsum(height * width))
         rows, self._panel_of = _kernels.panel_rows(first, below, start, at)
-        # Sorted here, because numba compiles a sort for longer than all these loops.
+        # Sorted here, because numba takes longer to compile a sort than all these loops.
         key = np.sort(np.repeat(np.arange(height.size), height) * n + rows)
         self._panels = start, at, key % n, offset
 

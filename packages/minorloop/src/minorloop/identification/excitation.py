@@ -1,4 +1,4 @@
-"""Inputs for identification, and what they determine about the plane.
+"""Inputs for identification, and the part of the plane that they determine.
 
 Inputs are in the order in which they are applied and measured.
 """
@@ -33,8 +33,8 @@ def major_loop(levels: npt.ArrayLike) -> FloatArray:
 def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
     """Return a staircase up and down, one level shorter at each turn: 1 + L (L + 1) / 2 inputs.
 
-    There are as many measurements as weights and offset. Each step adds one unknown, so that the
-    plane is determined exactly. The levels are as of `staircase`.
+    There are as many measurements as weights and offset. Each step adds one unknown, so the inputs
+    determine the plane exactly. The levels are as of `staircase`.
     """
     grid = as_levels(levels)
     low, high = 0, grid.size - 1
@@ -50,8 +50,8 @@ def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
 def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
     """Return first-order reversal curves: up to each level in turn, and down every level.
 
-    1 + L + L (L + 1) / 2 inputs, the returns to the lowest level included. The levels are as of
-    `staircase`.
+    They are 1 + L + L (L + 1) / 2 inputs, with the returns to the lowest level. The levels are as
+    of `staircase`.
     """
     grid = as_levels(levels)
     curves = [grid[top::-1] for top in range(1, grid.size)]
@@ -60,13 +60,13 @@ def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ExcitationReport(Drawn):
-    """What an input that is measured at every sample determines about the plane."""
+    """The part of the plane that an input determines if every sample is measured."""
 
     samples: int
     unknowns: int
     """``samples`` and ``unknowns``: number of measurements; number of weights and offset."""
     rank: int
-    """Number of independent unknowns that are determined."""
+    """Number of independent unknowns that the input determines."""
     condition: float
     """Condition number of the regressors with unit columns, within the rank."""
     excited: BoolArray
@@ -80,7 +80,7 @@ class ExcitationReport(Drawn):
 
     @property
     def sufficient(self) -> bool:
-        """Whether every unknown is determined."""
+        """Whether the input determines every unknown."""
         return self.rank == self.unknowns
 
     def __str__(self) -> str:

@@ -31,11 +31,11 @@ from minorloop.operators.preisach import Diagonal
 from minorloop.threads import one_thread
 
 Say: TypeAlias = Callable[[str], None]
-"""Takes what is done next, as text."""
+"""Function that receives the next step of an identification, as text."""
 
 
 def silent(stage: str) -> None:
-    """Say nothing."""
+    """Ignore the next step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,9 @@ class Plane:
     Constrained least squares on exact areas, partly covered cells included. Weights are not
     negative unless ``signed``, so that the model is monotone and can be inverted.
 
-    Options that are ``"auto"`` are compared by the error on left-out groups, or on contiguous parts
-    of a record without groups. The results are in ``choices``. The prior is not compared so: parts
-    within a record say little about inputs beyond it.
+    Options that are ``"auto"`` are chosen by the error on left-out groups, or on contiguous parts
+    of a record without groups. The results are in ``choices``. The prior is chosen otherwise,
+    because parts of a record show little about inputs beyond it.
 
     References
     ----------
@@ -63,9 +63,9 @@ class Plane:
 
     levels: int | npt.ArrayLike | Literal["auto"] = "auto"
     """Number of bands, over the range of the input, or the (L + 1,) thresholds themselves.
-    ``"auto"`` compares 25 and 50 bands, where there are samples for so many. Unless the prior is
-    `Gaussian`, a threshold at which the output jumps gets a narrow band of its own; thresholds that
-    are given are used as they are, with the jumps that are in narrow bands of them."""
+    ``"auto"`` compares 25 and 50 bands, if there are enough samples. Unless the prior is
+    `Gaussian`, a threshold at which the output jumps gets its own narrow band. Given thresholds do
+    not change; only jumps inside their narrow bands count."""
     relay: Relay = "bipolar"
     """As in `Preisach`."""
     diagonal: Diagonal | Literal["auto"] = "auto"
@@ -73,10 +73,10 @@ class Plane:
     slope: bool | Literal["auto"] = "auto"
     """Whether to fit a memoryless linear part."""
     lag: int | str = "auto"
-    """Whole samples by which the output follows the input; ``"auto"`` tries 0 to 20 on the fitted
-    samples, and keeps the best if it reduces the error on left-out parts by a fifth, and by a fifth
-    more than a delay by a travel of the input, or to a third; 0 otherwise. A record with times may
-    have a lag in seconds, such as ``"3 ms"``."""
+    """Whole samples by which the output follows the input. ``"auto"`` tries 0 to 20 on the fitted
+    samples. It keeps the best if that reduces the error on left-out parts to a third; or by a fifth
+    both against no lag and against a delay by a travel of the input. Otherwise the lag is 0. A
+    record with times may have a lag in seconds, such as ``"3 ms"``."""
     spacing: Literal["uniform", "adaptive"] = "uniform"
     """Even thresholds, or thresholds that are denser where the output is steep."""
     signed: bool = False
@@ -102,7 +102,7 @@ class Plane:
     def fit(
         self, record: Record, prior: Prior = "auto", holdout: float = 0.0, say: Say = silent
     ) -> Identification:
-        """Identify the weights from rows that are all used, evenly sampled where a lag counts.
+        """Identify the weights from a record whose rows are all used, and even if there is a lag.
 
         Parameters and errors are as of `identify`.
         """
@@ -190,7 +190,7 @@ class Plane:
 def _grids(
     record: FitRecord, levels: int | npt.ArrayLike | Literal["auto"], spacing: str
 ) -> list[Levels]:
-    """Thresholds, or those to compare."""
+    """Candidates of the thresholds; given thresholds are the only candidate."""
     known = np.where(record.fitted, record.y, np.nan)
     counts = [LEVELS, 2 * LEVELS] if isinstance(levels, str) and levels == "auto" else [levels]
     return [checks.grid(record.u, known, count, spacing) for count in counts]
@@ -199,7 +199,7 @@ def _grids(
 def _jumps(
     record: FitRecord, lag: int, levels: Levels, given: bool
 ) -> tuple[tuple[Jump, ...], Levels]:
-    """Jumps of the output, and levels with narrow bands around them; given levels stay."""
+    """Jumps of the output, and levels with narrow bands around them; given levels do not change."""
     if given and not narrow_bands(levels).size:
         return (), levels
     u, parts = record.curves.delayed(record.u, lag), record.curves

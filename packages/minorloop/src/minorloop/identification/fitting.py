@@ -22,21 +22,21 @@ from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, 
 from minorloop.lab.faults import FEWEST
 
 LONGEST_LAG = 20
-"""Samples up to which ``lag="auto"`` searches."""
+"""Longest lag, in samples, that ``lag="auto"`` tries."""
 _LAG_BANDS = 15
 _SAMPLES_EACH, _EXCITED = 3, 0.9
-"""Samples for each unknown, and share of excited cells, above which a record is smoothed where the
-prior takes many seconds. Where it does not, no number of samples is too large for it: on records of
-three plants that no plane reproduces, it was at most 1 % worse than smoothing with three to ten
-samples for each unknown, and up to a quarter better."""
+"""Samples for each unknown, and share of excited cells, from which smoothness replaces the prior if
+the prior takes many seconds. A quick prior is used with any number of samples: on records of three
+plants that no plane reproduces, with three to ten samples for each unknown, it was at most 1 %
+worse than smoothing, and up to a quarter better."""
 _NOISELESS = 1e-4
 """Error of a fit of many samples with the prior, in ranges, up to which a plane may reproduce them
-to rounding; the prior keeps the fit away from them by about its least discrepancy."""
+to rounding. The prior keeps the fit about its least discrepancy away from the samples."""
 _OUTLIER = 6.0
 """Standard deviations from which a sample is left out."""
 _SUSPICIOUS, _LEAST_SUSPICIOUS = 0.6, 2.2
-"""Share of the residual that such a sample has at least, and standard deviations, from which it is
-fitted without."""
+"""Suspects, to be checked by a fit without them: least deviation over that of an outlier, and in
+standard deviations."""
 _STEEP = 2.0
 """Slope of a steep branch, in ranges of the output over ranges of the input."""
 
@@ -55,23 +55,23 @@ class FitRecord:
     signed: bool
     """Whether weights and slope may be negative."""
     sd: FloatArray | None = None
-    """Shape (T,). Standard deviation of each output, greater than 0; outputs count alike if not
-    given."""
+    """Shape (T,). Standard deviation of each output, greater than 0; None if outputs count alike.
+    """
     model_error: float = 0.0
-    """Standard deviation by which the model itself is off; it is added to each ``sd``."""
+    """Standard deviation of the error of the model itself; it is added to each ``sd``."""
     noise: float | None = None
-    """Standard deviation of all outputs, where it is known and ``sd`` is not given."""
+    """Standard deviation of all outputs, if it is known and ``sd`` is None."""
     grouped: bool = False
     """Whether errors on left-out groups show how wide bands must be."""
 
     def without(self, sample: int) -> FitRecord:
-        """Return the record with one sample less to be fitted."""
+        """Return the record without fitting this sample."""
         fitted = self.fitted.copy()
         fitted[sample] = False
         return replace(self, fitted=fitted)
 
     def weight(self, rows: IntArray) -> FloatArray | None:
-        """Inverse variances of outputs (M,), with a mean of 1; None where outputs count alike."""
+        """Inverse variances of outputs (M,), with a mean of 1; None if outputs count alike."""
         if self.sd is None:
             return None
         weight = 1.0 / (self.sd[rows] ** 2 + self.model_error**2)
@@ -87,11 +87,11 @@ class FitRecord:
         return replace(self, model_error=float(np.sqrt(max(excess, 0.0))))
 
     def rows(self, lag: int) -> IntArray:
-        """(M,) samples that are fitted with a lag: none before the first delayed input."""
+        """(M,) samples that are fitted with a lag: those from the first delayed input on."""
         return np.flatnonzero(self.left_by(lag).fitted)
 
     def left_by(self, lag: int) -> FitRecord:
-        """Return the record with those samples to be fitted that a lag leaves."""
+        """Return the record without fitting the samples that a lag excludes."""
         if not lag:
             return self
         known = self.curves.positions(self.u.size) >= lag
@@ -129,7 +129,7 @@ class FitRecord:
             )
         matrix = DesignMatrix(spec, inputs, measured, self.curves.start, self.weight(rows))
         noise = self.noise
-        if self.sd is not None:  # of an output with a weight of 1
+        if self.sd is not None:  # noise of an output with a weight of 1
             noise = float(np.mean(self.sd[rows] ** -2.0) ** -0.5)
         return Regression(matrix, self.y[rows], rows, inputs, measured, noise=noise)
 
@@ -156,7 +156,7 @@ class FitRecord:
 
 @dataclass(frozen=True, eq=False)
 class FittedPlane:
-    """Unknowns, the samples that they were fitted to and how, and the outliers.
+    """Unknowns, with the samples and the options of the fit, and the outliers.
 
     ``learnt`` are the hyperparameters on the coarse plane; None without the prior.
     """
@@ -176,13 +176,13 @@ class FittedPlane:
     def without(self, left: BoolArray, record: FitRecord) -> FloatArray:
         """Unknowns fitted in the same way to samples of the record other than ``left`` (M,).
 
-        Smoothness or hyperparameters are chosen anew, so that they do not know what is left out.
+        Smoothness or hyperparameters are chosen again, because the first ones know ``left``.
         """
         matrix, y, kept = self.regression.matrix, self.regression.y, ~left
         if self.learnt is not None:
             return _with_prior(self.regression, record, self.learnt, kept=kept).x
         problem = Problem(matrix, y, record.signed)
-        # Not from the fit to all rows: cells that the others leave open would keep what it knows.
+        # Not from the fit to all rows: undetermined cells would keep its knowledge of ``left``.
         chosen = _strength(self.prior) == "auto"
         return problem.fit_part(kept, CANDIDATES if chosen else (self.smoothness,))
 
@@ -195,7 +195,7 @@ def fit_plane(
     labels: IntArray | None = None,
     say: Callable[[str], None] = lambda stage: None,
 ) -> FittedPlane:
-    """Fit with the prior or with smoothness, again where a model error adds to the noise."""
+    """Fit with the prior or with smoothness; fit again if a model error adds to the noise."""
     found = _fit_once(spec, record, lag, prior, labels, say)
     better = record.with_model_error(found)
     return found if better is record else _fit_once(spec, better, lag, prior, labels, say)
@@ -233,7 +233,7 @@ def _takes_prior(regression: Regression) -> bool:
 
 
 def _needs_prior(regression: Regression) -> bool:
-    """Whether the samples are few for the unknowns, or leave much of the plane open."""
+    """Whether the samples are few for the unknowns, or leave much of the plane undetermined."""
     matrix = regression.matrix
     excited = np.count_nonzero(matrix.excited) / matrix.spec.cells
     return bool(excited < _EXCITED) or are_few(matrix.spec, matrix.measurements)
@@ -279,7 +279,7 @@ def _fit_with_prior(
     if isinstance(prior, Gaussian) and prior.mean == "ridge":
         found, ridge = _with_ridge(found, regression, record)
     suspects = tuple[int, ...]()
-    if are_few(regression.matrix.spec, regression.rows.size):  # one of many has little weight
+    if are_few(regression.matrix.spec, regression.rows.size):  # among many, one has little weight
         suspects, record, regression, found = _without_outliers(record, regression, found, lag)
     return FittedPlane(
         found.x,
@@ -298,14 +298,14 @@ def _fit_with_prior(
 def _without_outliers(
     record: FitRecord, regression: Regression, found: PriorFit, lag: int
 ) -> tuple[tuple[int, ...], FitRecord, Regression, PriorFit]:
-    """Leave out one outlier after the other, but none if two of them are next to each other.
+    """Leave out one outlier after the other, but keep all samples if two outliers are neighbours.
 
-    Outliers stand alone; a plane cannot follow a branch on which neighbours within a band are off.
+    Outliers are isolated; neighbours with large errors mean that a plane cannot follow the branch.
     """
     whole, suspects = (record, regression, found), list[int]()
     spec, centre = regression.matrix.spec, found.posterior.centre
     inputs = record.curves.delayed(record.u, lag)
-    # Samples for each outlier: more outliers than that are no outliers
+    # One sample in eight may be an outlier; more are not outliers
     while len(suspects) < regression.rows.size // 8:
         worst = _suspect(found, on_steep_branch(record)[regression.rows])
         if worst is None:
@@ -324,18 +324,18 @@ def _without_outliers(
 
 
 def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool:
-    """Whether two samples are next to each other on a branch, less than a mean band apart."""
+    """Whether two samples are neighbours on a branch, less than a mean band apart."""
     first, last = min(one, other), max(one, other)
     steps = np.diff(u[first : last + 1])
     band = float(spec.levels[-1] - spec.levels[0]) / spec.bands
-    # Rows between outliers of one branch up to which both are none
+    # Two outliers on one branch that are this close are not outliers
     return last - first <= 2 and 0 < np.abs(steps.sum()) == np.abs(steps).sum() < band
 
 
 def _with_ridge(
     plain: PriorFit, regression: Regression, record: FitRecord
 ) -> tuple[PriorFit, Ridge | None]:
-    """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
+    """Return the best fit and its ridge, after comparing ridges as the mean of the prior, and none.
 
     Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978: each parameter of a
     ridge must raise the logarithm of the likelihood by half that of the number of samples.
@@ -371,12 +371,12 @@ def _with_prior(
 
 
 def _suspect(found: PriorFit, plausible: BoolArray) -> int | None:
-    """Number of the sample farthest from a fit without it; None if all are near."""
+    """Number of the sample farthest from a fit without it; None if no sample is far."""
     if found.leave_one_out is None:
         return None
     off = np.where(plausible, 0.0, np.abs(found.leave_one_out))
     worst = int(np.argmax(off))
-    # An outlier increases the standard deviation that is estimated with it.
+    # An outlier also increases the estimated standard deviation.
     least = _OUTLIER / np.sqrt(1 + _OUTLIER**2 / off.size)
     return worst if off[worst] >= max(_SUSPICIOUS * least, _LEAST_SUSPICIOUS) else None
 
@@ -384,10 +384,10 @@ def _suspect(found: PriorFit, plausible: BoolArray) -> int | None:
 def _is_outlier(without: PriorFit, regression: Regression, sample: int) -> bool:
     """Whether a sample lies far outside the band of a fit without it."""
     h, unit = without.posterior.hyperparameters, without.posterior.unit
-    wanted = np.zeros(regression.inputs.size, dtype=np.bool_)
-    wanted[np.flatnonzero(regression.measured)[sample]] = True
+    at_sample = np.zeros(regression.inputs.size, dtype=np.bool_)
+    at_sample[np.flatnonzero(regression.measured)[sample]] = True
     start = regression.matrix.start
-    deviation = without.posterior.deviation(regression.inputs, start, wanted)[0]
+    deviation = without.posterior.deviation(regression.inputs, start, at_sample)[0]
     off = float(regression.matrix.forward(without.x)[sample] - regression.y[sample])
     counts = regression.matrix.counts
     own = h.noise * unit / (1.0 if counts is None else np.sqrt(counts[sample]))
@@ -395,16 +395,16 @@ def _is_outlier(without: PriorFit, regression: Regression, sample: int) -> bool:
 
 
 def on_steep_branch(record: FitRecord) -> BoolArray:
-    """(T,) samples of steep branches, input and output between those of their neighbours.
+    """(T,) samples on steep branches whose input and output lie between those of their neighbours.
 
-    Such a sample may be far from the prediction, but it is no outlier.
+    Such a sample may be far from the prediction, but it is not an outlier.
     """
     y = np.where(record.fitted, record.y, np.nan)
     between = np.zeros(y.size, dtype=np.bool_)
     inputs, outputs = np.diff(record.u), np.diff(y)
     ratio = float(np.nanmax(y) - np.nanmin(y)) / (float(np.ptp(record.u)) or 1.0)
     steep = np.abs(outputs[1:] + outputs[:-1]) >= _STEEP * ratio * np.abs(inputs[1:] + inputs[:-1])
-    # Step of the output after a jump, or before it, over the jump, up to which it stays
+    # Ratio of the output step after or before a jump to the jump, up to which the output rests
     least = -0.1 * np.maximum(outputs[1:] ** 2, outputs[:-1] ** 2)
     between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= least) & steep
     begins = record.curves.begins
@@ -416,7 +416,7 @@ def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
     """Lag with the least error of a coarse fit, on the samples that all lags share."""
     coarse = coarser_spec(spec, _LAG_BANDS)
     lengths = np.diff([*record.curves.begins, record.u.size])
-    longest = min(LONGEST_LAG, int(np.median(lengths)) // 4)  # a lag leaves the first rows out
+    longest = min(LONGEST_LAG, int(np.median(lengths)) // 4)  # a lag excludes the first rows
     shared = record.fitted & (record.curves.positions(record.u.size) >= longest)
     if np.count_nonzero(shared) < FEWEST:
         return 0
@@ -431,7 +431,7 @@ def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
 
 
 def coarser_spec(spec: PlaneSpec, bands: int) -> PlaneSpec:
-    """Return the structure on at most so many bands, over the same range."""
+    """Return the structure on at most ``bands`` bands, over the same range."""
     if spec.bands <= bands:
         return spec
     places = np.linspace(0, spec.bands, bands + 1)

@@ -1,4 +1,4 @@
-"""Stretches of a record in which the output does not move: stuck, and clipped."""
+"""Stretches of a record in which the output does not move: a stuck or clipped output."""
 
 from collections.abc import Iterator
 
@@ -16,33 +16,33 @@ _EQUAL = 1e-9
 
 _WINDOWS, _SHORTEST, _FEWEST_SHARE = 12, 6, 25
 _MOST = 100_000
-"""Most readings among which windows are compared."""
+"""Most readings in the comparison of windows."""
 _MOVING_SD, _MOVING = 2.0, 0.03
 """Standard deviations of the residual, and share of the span, from which the output must move."""
 _BINS, _LEAST_CHANGE = 12, 0.12
-"""Bins of the input for the usual slopes, and the expected change, in spans, from which an output
+"""Bins of the input for the usual slopes; and least expected change, in spans, at which an output
 that does not move is stuck."""
 _LEAST_OF_NOISE = 6.0
-"""The same in standard deviations of the noise, for a noisy sensor that repeats itself exactly."""
+"""Least expected change in deviations of the noise, for a noisy sensor with exact repetitions."""
 
 _WIDTHS = np.array(
     [_EQUAL, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.012, 0.018, 0.025, 0.035, 0.05, 0.07, 0.1, 0.14]
 )
-"""Widths of a rail that are tried, in spans: up to six standard deviations of noise."""
+"""Widths of a rail to try, in spans: up to six standard deviations of noise."""
 _FEWEST, _LEAST_PATH = 4, 0.1
-"""Readings at a rail, of as many inputs where the record is not coarse, and the range of these
-inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
+"""Least readings at a rail (inputs, unless the record is coarse), and least range of these inputs
+over that of all: below its threshold an actuator also rests, at one or two inputs of a plan."""
 _BELOW, _MORE, _DENSER, _LIKELY = 0.06, 1.5, 2.0, -0.5
-"""Least width of each of the two bands below a rail, in spans; least readings at the rail over
-those in the lower band; most readings in the upper band over these; and least logarithm of how
-likely the depths in both are where an output is clipped over how likely where it saturates."""
+"""Least width of each of two bands below a rail, in spans; least ratio of the readings at the rail
+to those in the lower band; largest ratio of those in the upper to the lower band; and least
+logarithm of the likelihood ratio of a clipped to a saturating output, by the depths in both."""
 
 
 def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Fault]:
     """Find stretches without motion of the output, although such inputs move it elsewhere.
 
-    Those of a noisy sensor that repeats itself exactly may be short, and many. Of others, which
-    may have noise, the longest is found.
+    If a noisy sensor repeats its reading exactly, all stretches are found, also short ones. Of
+    other stretches, which may have noise, the longest is found.
     """
     values, repeated = record.values, frozen(record.values)
     exact = [
@@ -70,9 +70,9 @@ def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Fault]:
 
 
 def _before_it_moves(record: RoughRecord, begin: int, end: int) -> bool:
-    """Whether a stretch is the beginning, at an end of the outputs: small inputs move nothing.
+    """Whether a stretch is the beginning, at an end of the outputs, where small inputs do nothing.
 
-    Such is a cold wire below its transformation.
+    An example is a cold wire below its transformation.
     """
     level = np.median(record.values[begin:end])
     ends = record.values.min(), record.values.max()
@@ -95,7 +95,7 @@ def _longest_run(values: FloatArray) -> tuple[int, int]:
 
 
 def _least_moving(record: RoughRecord) -> tuple[int, int]:
-    """Begin and end of the stretch that moves least in comparison with the rough model."""
+    """Begin and end of the stretch with the least motion in comparison with the rough model."""
     some = one_of_each(record.places.size, _MOST)
     values, rough = record.values[some], record.rough[record.places[some]]
     width = max(values.size // _WINDOWS, _SHORTEST)
@@ -118,7 +118,7 @@ def _least_moving(record: RoughRecord) -> tuple[int, int]:
 
 
 def _usual_change(record: RoughRecord, begin: int, end: int) -> float:
-    """Change of the output over a stretch, at slopes that other stretches exceed mostly."""
+    """Change of the output over a stretch, with the 25th percentiles of the slopes elsewhere."""
     u, values = record.u[record.places], record.values
     du, dy = np.diff(u), np.diff(values)
     middle = (u[1:] + u[:-1]) / 2 - u.min()
@@ -148,11 +148,10 @@ def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tupl
 
 
 def clipped(record: RoughRecord) -> Iterator[Fault]:
-    """Find extremes where the output suddenly stays within its noise while the input goes on.
+    """Find extremes where the output suddenly stays within its noise while the input continues.
 
-    The density of the readings shows it where the noise is small or inputs are few, the shape of
-    the branches where it is larger. Where noisy readings are dense, the branches must not
-    contradict it.
+    With little noise or few inputs, the density of the readings shows this; with more noise, the
+    shape of the branches. If noisy readings are dense, the branches must not contradict it.
     """
     u, size, places = _landings(record)
     y, noise = record.y[places], noise_of(np.diff(record.values, 2), 2)
@@ -184,12 +183,12 @@ def _rail(
 
     ``u`` and ``y`` (N,): inputs and outputs; ``size`` (N,): changes that led to the inputs;
     ``span`` and ``noise``: range of the output, and standard deviation of its noise; ``live``:
-    whether the readings elsewhere have noise, so that equal ones are a rail.
+    whether the readings elsewhere have noise, so that equal readings are a rail.
     """
     up = size > 0
     step = float(np.median(size[up])) if up.any() else 1.0
-    # Inputs reached upwards below which hardly any lie just below a rail; and usual step, over the
-    # range of the input, from which the last one to a rail says nothing
+    # With fewer rising inputs, hardly any lie just below a rail; with longer usual steps, over the
+    # range of the input, the last step to a rail shows nothing
     coarse = np.count_nonzero(up) < 35 and step < 0.2 * np.ptp(u)
     weights = np.minimum(size / step, 1.0)
     depth = y.max() - y
@@ -199,20 +198,19 @@ def _rail(
         if count < _FEWEST:
             continue
         beyond = up & (u >= np.median(u[at]))
-        # Least share of readings at a rail among those after a rise to inputs that mostly lead
-        # there
+        # Inputs beyond the median of those at the rail must lead to the rail in half of the cases
         if np.count_nonzero(at & beyond) < 0.5 * np.count_nonzero(beyond):
             continue  # stuck: such inputs move the output elsewhere
         if width <= _EQUAL * span and live:
             return width
         if np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
             continue
-        # Scatter of the readings at a rail over the noise at most, and their rise over the width
+        # Largest scatter of the readings at a rail over the noise, and their rise over the width
         noisy = y[at].std() <= 1.35 * noise + _EQUAL * span
         if not noisy or _rise(u[at], y[at]) > 0.35 * width:
             continue
         if coarse:
-            # Least last step of a coarse record to a rail, in spans
+            # Least size of the last step to a rail in a coarse record, in spans
             found = _abrupt(u, depth, width) > 0.03 * span
         else:
             found = _sudden(depth[up], weights[up], width, span)
@@ -222,16 +220,16 @@ def _rail(
 
 
 def _rise(u: FloatArray, y: FloatArray) -> float:
-    """Rise of a straight line through readings along the range of their inputs."""
+    """Rise of a straight line through readings, over the range of their inputs."""
     centred = u - u.mean()
     return abs(float(centred @ y)) / float(centred @ centred) * float(np.ptp(u))
 
 
 def _sudden(depth: FloatArray, weights: FloatArray, width: float, span: float) -> bool:
-    """Whether many readings are at a rail, and those below it are not denser towards it.
+    """Whether many readings are at a rail, and readings below it are not denser towards it.
 
-    Where an output is clipped they are as dense everywhere, where it saturates exponentially by
-    itself their density is in inverse proportion to their depth.
+    The readings of a clipped output are evenly dense. If an output saturates exponentially, their
+    density is in inverse proportion to their depth.
     """
     band = max(_BELOW * span, 2 * width)
     edges = np.array([0.0, width, width + band, width + 2 * band])
@@ -244,6 +242,6 @@ def _sudden(depth: FloatArray, weights: FloatArray, width: float, span: float) -
 
 
 def _abrupt(u: FloatArray, depth: FloatArray, width: float) -> float:
-    """Mean rise of the last steps to a rail, 0 where none leads there."""
+    """Mean rise of the last steps to a rail, 0 if no step leads there."""
     entries = np.flatnonzero((depth[1:] <= width) & (depth[:-1] > width) & (np.diff(u) > 0))
     return float(np.mean(depth[entries])) - width if entries.size else 0.0

@@ -1,8 +1,8 @@
 """Frequency responses of plants with hysteresis, by their fundamental component.
 
-A plant with hysteresis answers a sine with harmonics, and its gain depends on the amplitude. If the
-plant is a rate-independent operator followed by linear dynamics, the gain from the output of the
-operator to the output of the plant does not depend on the amplitude.
+The response of a plant with hysteresis to a sine has harmonics, and its gain depends on the
+amplitude. If the plant is a rate-independent operator followed by linear dynamics, the gain from
+the output of the operator to the output of the plant does not depend on the amplitude.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ class SinePeriods:
     w: FloatArray | None = None
     """Shape (T,). Outputs of the operator; None without an operator."""
     held: bool = False
-    """Whether each input was held until its output was read; otherwise it is linear in between."""
+    """Whether inputs are held until their outputs are read; otherwise they change linearly."""
 
     @property
     def correction(self) -> complex:
@@ -102,7 +102,7 @@ class GainSpread:
 
     @property
     def ratio(self) -> float:
-        """``after`` over ``before``: the dependence on amplitude that remains."""
+        """``after`` over ``before``: the remaining dependence on amplitude."""
         return self.after / self.before if self.before else np.inf
 
     def __str__(self) -> str:
@@ -135,7 +135,7 @@ class FrequencyResponse(Drawn):
     names: tuple[str, str] = ("input", "output")
     """Names and units of input and output, such as ``voltage [V]``."""
     notes: tuple[str, ...] = ()
-    """What was left out, and what is wrong with the sines, one sentence each."""
+    """Notes on sines that were left out or have faults, one sentence each."""
 
     def gain_spread(self, low: float = 0.0, high: float = np.inf) -> GainSpread:
         """Largest difference between gains at frequencies from ``low`` to ``high``, in Hz.
@@ -213,7 +213,7 @@ class FrequencyResponse(Drawn):
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """Sentences about what is weak and what to do; empty if nothing is weak."""
+        """Sentences about weaknesses and remedies; empty if there are none."""
         worst = float(self.unsettled.max())
         # Relative change of the fundamental between periods above which it is not settled
         if worst <= 0.01:
@@ -273,7 +273,7 @@ class FrequencyResponse(Drawn):
         inside = (self.frequencies >= low) & (self.frequencies <= high)
         if not inside.any():
             raise ParameterError(
-                f"no frequency from {low:g} to {high:g} Hz; there are "
+                f"no frequency lies from {low:g} to {high:g} Hz; give a range within "
                 f"{self.frequencies.min():g} to {self.frequencies.max():g} Hz"
             )
         return np.asarray(inside)
@@ -288,9 +288,9 @@ def response_of(
 ) -> FrequencyResponse:
     """Return the gains of sines; `FrequencyResponse` has the other parameters.
 
-    Raises a `SignalError` if input, operator or output of one does not oscillate.
+    Raises a `SignalError` if the input, operator or output of a sine does not oscillate.
 
-    ``sines`` (A, F): one of each amplitude and frequency.
+    ``sines`` (A, F): one sine for each amplitude and frequency.
     """
     gains = np.array([[sine.gains() for sine in row] for row in sines])
     return FrequencyResponse(
@@ -308,8 +308,8 @@ def response_of(
 def describing_function(model: Operator, amplitude: float) -> complex:
     """Gain of the fundamental component of an operator for a periodic sine.
 
-    ``model``: any rate-independent operator; ``amplitude``: amplitude of the input, in its unit,
-    its mean is 0. Raises a `ParameterError` if the amplitude is not positive.
+    ``model``: any rate-independent operator; ``amplitude``: amplitude of the input, in its unit;
+    the mean of the input is 0. Raises a `ParameterError` if the amplitude is not positive.
 
     References
     ----------

@@ -1,8 +1,8 @@
-"""Jumps: thresholds at which many relays switch at once, as a record shows them.
+"""Find jumps in a record: thresholds at which many relays switch at once.
 
-In a band of the plane, relays are spread evenly, so that the output of relays that all switch at
-one threshold would be smeared. A jump of the output, seen several times between the same inputs,
-shows such a threshold; two levels around it make its band too narrow for a sample to lie in it.
+In a band of the plane, relays are spread evenly. The output of relays that all switch at one
+threshold would be smeared over the band. Several jumps of the output between the same inputs show
+such a threshold; two levels around it make its band too narrow for a sample to lie in it.
 """
 
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray, Levels, as_levels
 from minorloop.identification.curves import Curves
 
 _STEEP = 4.0
-"""Height of a jump over the largest change of the output in its neighbourhood that its slope does
-not explain, and over the resolution of the output where another jump is near."""
+"""Least height of a jump over the largest change of the output in its neighbourhood that the slope
+does not explain; and over the resolution of the output if another jump is near."""
 _NEAR = 5
-"""Steps before and after a jump that are its neighbourhood."""
+"""Number of steps before and after a jump in its neighbourhood."""
 _SEEN = 3
-"""Times that a jump must be seen between the same inputs."""
+"""Least number of jumps between the same inputs."""
 _CLEAR = 0.25
-"""Distance from a jump, in mean bands, within which it takes the place of other levels; and width
-of a given band up to which it is there for a jump."""
+"""Distance from a jump, in mean bands, within which the jump replaces other levels; and largest
+width of a given band for a jump."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Jump:
 
     low: float
     high: float
-    """``low`` and ``high``: inputs before and after it, the nearest that were applied."""
+    """``low`` and ``high``: nearest applied inputs before and after the threshold."""
     rising: bool
-    """Whether the input rises through it."""
+    """Whether the input rises through the threshold."""
     seen: int
-    """How often the output jumped there."""
+    """Number of jumps of the output there."""
 
     def __str__(self) -> str:
         way = "rising" if self.rising else "falling"
@@ -47,24 +47,23 @@ def find_jumps(
 ) -> tuple[Jump, ...]:
     """Find thresholds at which the output jumps.
 
-    An output jumps between two samples if it changes by at least 2 % of its range, and four times
-    more than the slope around leaves unexplained in the neighbouring steps. Of each constant input,
-    the last sample counts. A threshold is where it jumped at least three times. More than eight
-    thresholds count as none.
+    An output jumps between two samples if it changes by at least 2 % of its range, and by at least
+    four times the changes in the neighbouring steps, after the local slope is subtracted. Of each
+    constant input, the last sample counts. At a threshold the output jumps at least three times.
+    More than eight thresholds count as none.
 
     ``u`` and ``y`` (T,): inputs, delayed as the output is, and outputs; ``fitted`` (T,) of bool:
-    samples that are fitted; the others are not used; ``curves``: parts of the record; ``levels``
-    (L + 1,): thresholds without jumps; inputs that change by more than half of their mean distance
-    do not show where the output jumps.
+    samples to use; ``curves``: parts of the record; ``levels`` (L + 1,): thresholds without jumps;
+    a step of the input by more than half of their mean distance is too wide to locate a jump.
     """
     span = float(np.ptp(y[fitted]))
-    # Rows that are searched, the first ones
+    # Number of first rows to search
     rows = min(u.size, 200_000)
     last = np.flatnonzero(np.append(np.diff(u[:rows]) != 0, True))  # of each constant input
     inputs, outputs = u[last], np.where(fitted[last], y[last], np.nan)
     moved, changed = np.diff(inputs), np.diff(outputs)
     changed[np.diff(curves.first_rows(rows)[last]) != 0] = np.nan
-    # Widest step of the input at a jump, in mean bands: others do not show where the threshold is
+    # Widest step of the input, in mean bands, that locates the threshold
     narrow = np.abs(moved) <= 0.5 * _mean_band(levels)
     # Least height of a jump over the range of the output
     steps = np.flatnonzero(narrow & (np.abs(changed) >= 0.02 * span))
@@ -75,12 +74,12 @@ def find_jumps(
         low = np.minimum(inputs[here], inputs[here + 1])
         high = np.maximum(inputs[here], inputs[here + 1])
         found += [Jump(*ends, rising, seen) for ends, seen in _common(low, high)]
-    # Thresholds above which they are no exceptions: the sensor may have as few steps
+    # With more thresholds, jumps are not exceptions: the sensor may have so few steps
     return tuple(found) if len(found) <= 8 else ()
 
 
 def with_jumps(levels: Levels, jumps: Sequence[Jump]) -> Levels:
-    """Return levels (L + 1,) with narrow bands around jumps in the place of levels near to them."""
+    """Return levels (L + 1,) with narrow bands around jumps in place of the levels near them."""
     ends = [end for jump in jumps for end in (jump.low, jump.high)]
     near = _CLEAR * _mean_band(levels)
     free = np.ones(levels.size, dtype=np.bool_)
@@ -92,7 +91,7 @@ def with_jumps(levels: Levels, jumps: Sequence[Jump]) -> Levels:
 
 
 def narrow_bands(levels: Levels) -> IntArray:
-    """Return the numbers of the bands that are at most a quarter as wide as the mean one."""
+    """Return the numbers of the bands that are at most a quarter as wide as the mean band."""
     return np.flatnonzero(np.diff(levels) <= _CLEAR * _mean_band(levels))
 
 
@@ -108,7 +107,7 @@ def _mean_band(levels: Levels) -> float:
 
 
 def _stand_out(moved: FloatArray, changed: FloatArray, steps: IntArray) -> BoolArray:
-    """Whether the output changes much more in these steps than in those around."""
+    """Whether the output changes much more in these steps than in neighbouring steps."""
     offsets = np.concatenate([np.arange(-_NEAR, 0), np.arange(1, _NEAR + 1)])
     places = steps[:, None] + offsets
     inside = (places >= 0) & (places < moved.size)
@@ -119,7 +118,7 @@ def _stand_out(moved: FloatArray, changed: FloatArray, steps: IntArray) -> BoolA
     changes = np.abs(np.where(known, dy - slope[:, None] * du, 0.0))
     second, first = np.partition(changes, [-2, -1], axis=1)[:, -2:].T
     excess = np.abs(changed[steps] - slope * moved[steps])
-    # The first may be another jump, but not if the sensor has such steps.
+    # The largest change may be another jump, but not if the sensor has such steps.
     usual = np.where(np.abs(changed[steps]) > _STEEP * _resolution(changed), second, first)
     return np.asarray((known.sum(axis=1) >= _NEAR) & (excess >= _STEEP * usual))
 
@@ -137,7 +136,7 @@ def _median(values: FloatArray) -> FloatArray:
 
 
 def _common(low: FloatArray, high: FloatArray) -> list[tuple[tuple[float, float], int]]:
-    """Return what intervals have in common, one after the other, from that of most intervals."""
+    """Return intersections of intervals and their numbers; the intersection of most comes first."""
     found = []
     while low.size >= _SEEN:
         ends = np.sort(low)

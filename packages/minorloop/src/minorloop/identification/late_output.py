@@ -11,7 +11,7 @@ from minorloop.lab.faults import Fault
 
 LONGEST_LAG, _REVERSAL_WIDTH, _FEWEST_REVERSALS, _JUST_BEFORE = 10, 4, 4, 2
 _BETTER, _BETTER_BY = 0.72, 0.007
-"""A lag is found if a shift reduces the error to this share, and by this many spans."""
+"""A shift is a lag if it reduces the error to this share, and by this number of spans."""
 _OVERSHOOT = 0.007
 """Overshoot after reversals, in spans, that shows a lag."""
 
@@ -19,7 +19,7 @@ _OVERSHOOT = 0.007
 def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[Fault]:
     """Find a shift that makes the rough model much better, or an output that reverses late.
 
-    Where the lag was searched, what is left is no lag alone. Loops that run clockwise have none.
+    If the lag was ``searched``, the cause is more than a lag. Loops must not run clockwise.
     """
     rows = np.flatnonzero(sound)
     size = record.y.size
@@ -37,7 +37,7 @@ def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[F
     if better and shift:
         why = (
             f"the error of a rough model falls from {here / record.span:.1%} to "
-            f"{errors[best] / record.span:.1%} of range with it"
+            f"{errors[best] / record.span:.1%} of range with the lag"
         )
     elif overshoot > _OVERSHOOT and lateness(record.u, record.y, sound, record.curves) > 0:
         shift = late
@@ -49,8 +49,8 @@ def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[F
     todo = "it may help to shift one of the two columns"
     if searched and shift > 0:
         todo = (
-            "a filter of the sensor or a slow source does that: change the input more slowly, or "
-            "record settled outputs"
+            "a filter of the sensor or a slow source has this effect: change the input more slowly "
+            "or record settled outputs"
         )
     elif record.lag + shift > 0:
         todo = f'lag="auto" or lag={record.lag + shift} (--law lag=auto) takes it into account'
@@ -79,7 +79,7 @@ def _late(record: RoughRecord) -> tuple[int, float]:
     y = record.y
     before = np.sign(y[reversals] - y[reversals - _JUST_BEFORE])
     after = before * (y[reversals[None, :] + np.arange(1, width + 1)[:, None]] - y[reversals])
-    # Without the largest, so that a single unusual reversal is no lag.
+    # Without the largest, so that a single unusual reversal does not count as a lag.
     mean = np.sort(after, axis=1)[:, :-1].mean(axis=1) / record.span
     last = int(np.argmax(mean))
     return last + 1, float(mean[last])

@@ -5,8 +5,8 @@ The cost, with the outputs scaled to a range of one and w the cell weights on th
     mean over samples of (y - model)^2
     + smoothness * L^2 * sum over neighbouring cells of (w_k / a_k - w_m / a_m)^2
 
-a is 1 for a square cell and 1/2 for a triangle of the diagonal, whatever the spacing of the
-levels: levels that are dense where relays switch make the plane smooth in these terms.
+a is 1 for a square cell and 1/2 for a triangle of the diagonal, at any spacing of the levels: by
+this measure, the plane is smooth if the levels are dense where relays switch.
 """
 
 from __future__ import annotations
@@ -43,23 +43,22 @@ _SEGMENTS = 25
 _HELD_OUT_EVERY = 5
 """Contiguous segments for ``smoothness="auto"``; the middle one of every five is held out."""
 _PATIENCE = 2
-"""Stronger smoothnesses without improvement after which the search ends."""
+"""Number of stronger smoothnesses without improvement after which the search ends."""
 _ROUNDING = 1e-11
 _FLOOR = 1e-300
 _MANY = 50_000
-"""Samples from which the iteration uses the normal equations only: passes over all samples would
-take longer than the solution, and so many samples leave no accuracy to be gained."""
+"""Samples from which the iteration uses the normal equations only: passes over all samples take
+longer than the solution, and do not make it more accurate."""
 _LEAST_SPARSE = 800
 """Cells from which the sparse system is used."""
 _FILL, _LARGEST_FILL = 900.0, 20.0
-"""Multiplications of its factorisation, over the cells to the power of 3/2, up to which it is
-quicker than dense matrices; and over their square up to which it is used where these are too large.
-"""
+"""Most multiplications of its factorisation: over the cells to the power of 3/2, at which it is
+quicker than dense matrices; and over the squared cells, if dense matrices are too large."""
 _ENOUGH, _NOISELESS = 1e-10, 1e-7
-"""Violation up to which the sparse system is accurate enough, and residual from which it is."""
+"""Largest violation and least residual with which the sparse system is accurate enough."""
 _LARGE, _LARGE_OF_MANY = 2500, 1000
-"""Cells from which a problem is first solved on every other threshold; the second from which its
-strength is chosen there if it has many samples."""
+"""Cells from which a problem is first solved on every other threshold; and cells from which the
+strength for many samples is chosen there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +78,8 @@ class FittedUnknowns:
 class Problem:
     """Least-squares problem: ``matrix`` of M samples, and outputs ``y`` (M,).
 
-    ``signed`` allows negative weights and slope; ``say`` is called with what is done next. Where
-    ``rough``, as for options that are compared, the iteration uses the normal equations only.
+    ``signed`` allows negative weights and slope; ``say`` is called with the next step. If
+    ``rough``, as to compare options, the iteration uses the normal equations only.
     """
 
     matrix: DesignMatrix
@@ -90,12 +89,12 @@ class Problem:
     rough: bool = False
 
     def fit(self, smoothness: float | Literal["auto"]) -> FittedUnknowns:
-        """Fit with a given smoothness, or the one that predicts held-out segments best."""
+        """Fit with a given smoothness, or with the best to predict held-out segments."""
         bands = self.matrix.spec.bands
         if bands > MOST_DENSE and (self.signed or smoothness != 0):
             raise ParameterError(
                 f"levels are {bands} bands; weights of either sign or smoothness allow at most "
-                f"{MOST_DENSE}, beyond give smoothness 0"
+                f"{MOST_DENSE}; give fewer levels, or smoothness 0"
             )
         if smoothness == "auto":
             return self._fit_chosen()
@@ -131,10 +130,10 @@ class Problem:
     def _fit_chosen(self) -> FittedUnknowns:
         """Choose the strength on held-out segments, from weak to strong; then fit all samples.
 
-        The search ends after two strengths in a row that predict worse than the best; weak ones are
-        cheap, because most weights are then zero. Samples that determine a plane which reproduces
-        them to rounding have no noise to smooth. The best strength hardly depends on the number of
-        levels, so that large problems take it from a coarser one.
+        The search ends after two strengths in a row that predict worse than the best. Weak ones
+        take little time, because most weights are then zero. If the samples determine a plane that
+        reproduces them to rounding, they have no noise to smooth. The best strength hardly depends
+        on the number of levels, so a coarser problem chooses it for a large one.
         """
         whole = _System(self, np.ones(self.y.size))
         plain = None if self._is_large else whole.solve(0.0)
@@ -151,7 +150,7 @@ class Problem:
     def _best_strength(
         self, whole: _System, strengths: Sequence[float]
     ) -> tuple[float, FloatArray | None]:
-        """Strength that predicts held-out segments of the samples of a system best, and a guess."""
+        """Strength that predicts held-out samples of a system best, and a guess of its unknowns."""
         if self._is_large:
             coarse = self.coarser()
             return coarse._best_strength(_System(coarse, whole.share), strengths)[0], None
@@ -162,7 +161,7 @@ class Problem:
         share = whole.share.copy()
         share[held] = 0.0
         part = _System(self, share, whole)
-        # The first guess is none: cells that the others leave open would keep what it knows.
+        # No first guess: undetermined cells would keep its knowledge of the held-out segments.
         guess: FloatArray | None = None
         best, least, since = 0.0, np.inf, 0
         for strength in strengths:
@@ -179,7 +178,7 @@ class Problem:
 
 
 def reproduces(matrix: DesignMatrix, x: FloatArray, y: FloatArray) -> bool:
-    """Whether the samples determine the unknowns, and these reproduce them to rounding."""
+    """Whether the samples determine the unknowns, which reproduce the samples to rounding."""
     left = np.abs(matrix.forward(x) - y).max()
     return bool(y.size >= matrix.spec.unknowns and left <= _ROUNDING * (float(np.ptp(y)) or 1.0))
 
@@ -210,7 +209,7 @@ class _System:
 
     @property
     def scale(self) -> FloatArray:
-        """(n,) factors that give the columns about unit length."""
+        """(n,) factors that scale the columns to about unit length."""
         return self._normal[1]
 
     @cached_property
@@ -228,7 +227,7 @@ class _System:
         return GramRows.of(gram), scale
 
     def _unscaled_gram(self) -> FloatArray:
-        """Gram matrix; of many samples, that of all less that of the few left out."""
+        """Gram matrix; for many samples, the whole matrix less that of the few left-out samples."""
         matrix, whole = self.problem.matrix, self._whole
         self.problem.say(f"summing {counted(self.y.size, 'sample')} over pairs of weights")
         if whole is None or self.weight.size <= _MANY:
@@ -294,8 +293,8 @@ class _System:
         if system is None:
             if spec.bands > MOST_DENSE:
                 raise ParameterError(
-                    f"levels are {spec.bands} bands and the input reverses every few samples, so "
-                    f"that the fit needs more than 8 GB; give at most {MOST_DENSE} levels"
+                    f"levels are {spec.bands} bands and the input reverses every few samples: the "
+                    f"fit needs more than 8 GB; give at most {MOST_DENSE} levels"
                 )
             return unused
         if spec.offset:
@@ -315,13 +314,13 @@ class _System:
         return FittedUnknowns(x, found.kkt, 0.0, found.kkt <= active_set.ACCEPTABLE)
 
     def gradient(self, z: FloatArray, y: FloatArray | float | None = None) -> FloatArray:
-        """(n,) gradient of the cost without a penalty; of outputs ``y`` instead of its own."""
+        """(n,) gradient of the cost without a penalty, for outputs ``y`` or those of the system."""
         matrix, target = self.problem.matrix, self.y if y is None else y
         residual = (matrix.forward(self.scale * z) - target) * self.weight
         return np.asarray(self.scale * matrix.adjoint(residual))
 
     def _rows(self, apart: csr_array[Any] | None) -> Rows:
-        """Rows of the problem: samples, then differences of neighbours if they are penalised."""
+        """Rows of the problem: samples, then penalised differences of neighbours, if any."""
         matrix, scale, share = self.problem.matrix, self.scale, np.sqrt(self.weight)
         if apart is None:
             return Rows(
@@ -342,7 +341,7 @@ class _System:
     def _coarse_guess(self, strength: float) -> FloatArray:
         """Solve on every other threshold, and divide each weight among the cells that it covers.
 
-        Without smoothness, only those of them are used in which the gradient is below its mean.
+        Without smoothness, only the cells with a gradient below the mean get a share.
         """
         problem = self.problem.coarser()
         coarse = _System(problem, self.weight).solve(strength)
@@ -394,7 +393,7 @@ class _OnSamples(Quadratic):
 
 
 def _unit(squares: FloatArray) -> FloatArray:
-    """Factors that give columns of these squared lengths unit length."""
+    """Factors that scale columns of these squared lengths to unit length."""
     return np.asarray(1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0)))
 
 

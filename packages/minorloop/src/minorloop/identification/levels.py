@@ -1,8 +1,8 @@
-"""Thresholds when only their number is given.
+"""Choose thresholds if only their number is given.
 
 The density of adaptive thresholds is proportional to the cube root of the slope of the output. The
 optimal density of a piecewise approximation is a root of the local error (de Boor, Good
-approximation by splines with variable knots, 1973); a density proportional to the slope would leave
+approximation by splines with variable knots, 1973). A density proportional to the slope would leave
 too few thresholds on the flanks, where minor loops are.
 """
 
@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray, Levels, as_levels, uniform_levels
 _BINS = 4096
 _POWER = 1 / 3
 _ADAPTIVE_FLOOR = 0.4
-"""Share of the adaptive thresholds that is evenly distributed."""
+"""Share of the adaptive thresholds that are evenly distributed."""
 
 
 def levels_for(u: FloatArray, y: FloatArray, bands: int, spacing: str) -> Levels:
@@ -28,8 +28,8 @@ def adaptive_levels(
 ) -> Levels:
     """(L + 1,) thresholds that are denser where the output is steep.
 
-    ``u`` (T,): inputs; ``y`` (T,): outputs; NaN where nothing was measured; ``bands``: L;
-    ``floor``: share of the thresholds that is evenly distributed.
+    ``u`` (T,): inputs; ``y`` (T,): outputs; NaN if not measured; ``bands``: L; ``floor``: share of
+    the thresholds that are evenly distributed.
     """
     low, high = float(u.min()), float(u.max())
     before, after = u[:-1], u[1:]

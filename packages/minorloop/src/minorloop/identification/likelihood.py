@@ -1,9 +1,9 @@
 """Learn the hyperparameters of the prior from measurements.
 
-They are those of greatest marginal likelihood, times a weak prior of their own. No actuator is
-exactly a Preisach operator, so a model discrepancy is added to the noise. Among few samples it is
-correlated where the present inputs and the last extrema are similar, so that repeated measurements
-do not make the model overconfident.
+They maximise the marginal likelihood times a weak prior of their own. No actuator is exactly a
+Preisach operator, so a model discrepancy is added to the noise. With few samples, it is correlated
+between samples of similar present inputs and last extrema, so that repeated measurements do not
+make the model overconfident.
 
 References
 ----------
@@ -36,25 +36,25 @@ from minorloop.operators.preisach import Preisach
 _CORRELATED_SHARE = 0.8
 """Share of the variance of the discrepancy that is correlated; the rest is independent."""
 MOST_SEARCH_BANDS = 20
-"""Bands of the plane on which hyperparameters are searched; each search step costs their sixth
-power, as it factors a matrix of the cells."""
+"""Most bands of the plane on which hyperparameters are searched. The time of a search step grows
+with their sixth power, because it factors a matrix of the cells."""
 
 _NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "nugget")
 LEARNT = len(_NAMES)
-"""Number of hyperparameters that are learnt, without the noise."""
+"""Number of learnt hyperparameters, without the noise."""
 _CENTRES = np.log([getattr(Hyperparameters(), name) for name in (*_NAMES, "noise")])
 _SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0, 2.0, 1.0])
-"""Normal prior of the logarithms of the hyperparameters, the noise last. Wide: a spread of 1 is a
-factor of e."""
+"""Normal prior of the logarithms of the hyperparameters, the noise last. It is wide: a spread of 1
+is a factor of e."""
 _HEAVY = np.array([False] * LEARNT + [True])
-"""Which of them have the tail of a t distribution: the noise only."""
+"""Whether a hyperparameter has the tail of a t distribution: the noise only."""
 _DEGREES_OF_FREEDOM = 3.0
 _FURTHEST = 4.0
 _FURTHEST_HEAVY = 5.0
 """Bounds of the search, in spreads from the centre."""
 _STARTS, _STEEP = 3, 1.0
-"""Most searches one after the other, and slope of the cost, or distance from the bounds, from which
-another one begins where the last ended: after a poor first step a search may stop anywhere."""
+"""Most searches in a row; another search begins at the end of the last if the slope of the cost, or
+the distance from the bounds, is this large: after a poor first step a search may stop anywhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class FewOutputs(Evidence):
 
     @classmethod
     def of(cls, spec: PlaneSpec, y: FloatArray, dense: tuple[FloatArray, FloatArray]) -> FewOutputs:
-        """Evidence of outputs (M,) with the regressors and features that `regressors` gives."""
+        """Evidence of outputs (M,) with the regressors and features from `regressors`."""
         shares, axes = np.linalg.eigh(_correlated(dense[1]))
         shares = np.maximum(shares, 0.0) + 1 - _CORRELATED_SHARE
         return cls(spec, y.size, float(y @ y), axes.T @ dense[0], axes.T @ y, shares)
@@ -116,7 +116,7 @@ class ManyOutputs(Evidence):
     ) -> ManyOutputs:
         """Evidence of outputs (M,), each with a weight (M,).
 
-        ``within`` is the mean square of the samples about those that stand for them.
+        ``within`` is the mean square of the samples about the outputs that replace them.
         """
         gram, count = matrix.gram(weight), float(weight.sum())
         mirror(gram)
@@ -173,9 +173,9 @@ def search(
 ) -> Hyperparameters:
     """Find the hyperparameters of greatest posterior probability.
 
-    Correlated discrepancy and white noise may each explain the same errors, and either is a local
-    optimum. Where the first search ends with more discrepancy than noise, a second one begins with
-    all of it as noise, and the better of the two counts.
+    Correlated discrepancy and white noise may explain the same errors, and each is a local optimum.
+    If the first search ends with more discrepancy than noise, a second search begins with all of it
+    as noise. The better of the two counts.
     """
     from scipy.optimize import minimize
 
@@ -220,9 +220,9 @@ def _penalty(distance: FloatArray) -> tuple[float, FloatArray]:
 
     Distances are in spreads from the centres.
 
-    The noise has a t distribution: most sensors are good, but the data must be able to show that
-    one is fifty times worse. The discrepancy has a normal one: on rough planes a heavy tail would
-    let it explain what further holds can still determine.
+    The noise has a t distribution: most sensors are good, but the data must be able to show that a
+    sensor is fifty times worse. The discrepancy has a normal distribution: on rough planes a heavy
+    tail would let it explain errors that further holds can reduce.
     """
     heavy, more = _HEAVY[: distance.size], _DEGREES_OF_FREEDOM + 1
     squares = distance**2
@@ -241,7 +241,7 @@ def likelihood(
     References
     ----------
     Rasmussen and Williams 2006, eq. 5.9. With C the covariance of the outputs and W = C^-1 y y'
-    C^-1 - C^-1, a derivative is half the sum of W times that of C.
+    C^-1 - C^-1, a derivative is half the sum of W times the derivative of C.
     """
     if isinstance(evidence, FewOutputs) and len(evidence.rows) <= evidence.spec.unknowns:
         return _by_outputs(plane, evidence, h)
@@ -289,9 +289,9 @@ def _by_unknowns(
     """
     gram, slope, square, logarithm = evidence.information(h)
     root = cholesky(plane.covariance(h)) * plane.scale(h)[:, None]
-    seen = gram @ root
-    inner = _inner_factor(gram, root, seen)
-    half = triangular_solve(inner, seen.T)  # half' half is G P G
+    gram_root = gram @ root
+    inner = _inner_factor(gram, root, gram_root)
+    half = triangular_solve(inner, gram_root.T)  # half' half is G P G
     part = triangular_solve(inner, root.T @ slope)
     spent = 2 * float(np.log(inner.diagonal()).sum())
     value = -0.5 * (square - float(part @ part) + spent + logarithm)
@@ -313,12 +313,12 @@ def _by_unknowns(
     return value, 0.5 * slopes
 
 
-def _inner_factor(gram: FloatArray, root: FloatArray, seen: FloatArray) -> FloatArray:
-    """(n, n) Cholesky factor of the unit matrix plus root' gram root, where seen is gram root."""
+def _inner_factor(gram: FloatArray, root: FloatArray, gram_root: FloatArray) -> FloatArray:
+    """(n, n) Cholesky factor of the unit matrix plus root' gram root."""
     one = np.eye(root.shape[0])
     try:
-        return cholesky(one + root.T @ seen)
-    except np.linalg.LinAlgError:  # so little noise that the sum has lost the unit matrix
+        return cholesky(one + root.T @ gram_root)
+    except np.linalg.LinAlgError:  # with little noise, the unit matrix is lost to rounding
         values, axes = np.linalg.eigh(gram)
         values[values < np.finfo(float).eps * values.size * values[-1]] = 0.0
         half = np.sqrt(values)[:, None] * (axes.T @ root)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 
 _TOGETHER = 32
-"""Rows that are copied or scaled at once."""
+"""Number of rows that are copied or scaled at once."""
 
 
 def cholesky(matrix: FloatArray) -> FloatArray:
@@ -18,7 +18,7 @@ def cholesky(matrix: FloatArray) -> FloatArray:
 
 
 def cholesky_inverse(root: FloatArray) -> FloatArray:
-    """Inverse of the matrix that has this Cholesky factor."""
+    """Inverse of the matrix with this Cholesky factor."""
     from scipy.linalg import lapack
 
     # The lower triangle in C order is the upper one in Fortran order.
@@ -55,7 +55,7 @@ def upper_solve(upper: FloatArray, right: FloatArray, *, transposed: bool) -> Fl
 
 
 def mirror(matrix: FloatArray) -> None:
-    """Copy the lower triangle of a matrix (n, n) to the upper one, some rows at a time."""
+    """Copy the lower triangle of a matrix (n, n) to the upper triangle, some rows at a time."""
     for first in range(0, len(matrix), _TOGETHER):
         last = first + _TOGETHER
         corner = np.tril(matrix[first:last, first:last])
@@ -76,9 +76,10 @@ def conjugate_gradients(
     enough: float,
     most: int,
 ) -> FloatArray:
-    """(n,) solution of a positive definite system by at most so many conjugate gradients.
+    """(n,) solution of a positive definite system by conjugate gradients.
 
-    ``condition`` is the preconditioner; the residual ends below ``enough``.
+    ``condition`` is the preconditioner. The iteration ends at a residual below ``enough``, or after
+    ``most`` steps.
     """
     z, left, direction, before = np.zeros_like(right), right.copy(), None, 1.0
     for _ in range(most):

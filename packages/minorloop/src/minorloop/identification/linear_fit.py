@@ -29,8 +29,8 @@ class TriedEquation:
     coefficients: Coefficients
     """Fitted coefficients."""
     kind: Kind
-    """One of "plain", "oscillatory", "alternating". Whether all poles are real and positive, some
-    are complex, or some are negative."""
+    """Kind of the poles: "plain" if all are real and positive, "oscillatory" if some are complex,
+    "alternating" if some are negative."""
     bic: float
     """Bayesian information criterion of the simulation error."""
     nrmse: float
@@ -49,7 +49,7 @@ class LinearFit(Drawn):
     """Linear dynamics identified from a record."""
 
     model: Linear
-    """Sampled, with DC gain 1."""
+    """Sampled model, with DC gain 1."""
     gain: float
     """DC gain of the record."""
     candidate: TriedEquation
@@ -57,7 +57,7 @@ class LinearFit(Drawn):
     candidates: tuple[TriedEquation, ...]
     """All equations that were tried."""
     covariance: FloatArray
-    """Shape (na + nb, na + nb). Covariance of the coefficients of A and B, before the gain was
+    """Shape (na + nb, na + nb). Covariance of the coefficients of A and B, before the gain is
     scaled to 1."""
     stretches: tuple[Stretch, ...]
     second: tuple[Stretch, ...]
@@ -101,7 +101,7 @@ class LinearFit(Drawn):
     def step_deviation(self, t: npt.ArrayLike) -> FloatArray:
         """Standard deviation of the unit step response at times t (T,), in seconds from the step.
 
-        Computed to first order in the coefficients, with the DC gain fixed at 1.
+        It is computed to first order in the coefficients, with the DC gain fixed at 1.
 
         Raises a `SignalError` if the times do not increase.
         """
@@ -121,7 +121,7 @@ class LinearFit(Drawn):
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """Sentences about what is weak and what to do; empty if nothing is weak."""
+        """Sentences about weaknesses and remedies; empty if there are none."""
         texts = []
         if self.candidate.score > _COARSE:
             texts.append(
@@ -132,7 +132,7 @@ class LinearFit(Drawn):
             texts.append("a pole has no equivalent in continuous time; sample faster")
         if self.free_run_nrmse is None:
             texts.append(
-                "the order was chosen on the fitted record; give a second record to choose it by"
+                "the order was chosen on the fitted record; give a second record to choose it"
             )
         slowest = float(self.model.time_constants[0])
         longest = max(np.count_nonzero(one.u) for one in self.stretches) * self._interval
@@ -165,7 +165,7 @@ class LinearFit(Drawn):
         return self.model.interval or 1.0
 
     def _table(self) -> list[str]:
-        """Return the best candidates, one a line."""
+        """Return the best candidates, one per line."""
         lines = [f"{'tried: A, B, delay':<24} {'BIC':>10} {'record':>9} {'second':>9}"]
         for one in sorted(self.candidates, key=lambda each: each.score)[:_SHOWN]:
             structure = one.structure
@@ -187,7 +187,7 @@ class StepResponse(Drawn):
 
     @property
     def models(self) -> tuple[Linear, Linear]:
-        """Models for rising and falling outputs; the same one twice if one is missing."""
+        """Models for rising and falling outputs; the same model twice if one is missing."""
         up, down = self.rising or self.falling, self.falling or self.rising
         if up is None or down is None:
             raise ParameterError("there is no response; identify at least one direction")

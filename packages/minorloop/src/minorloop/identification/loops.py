@@ -9,17 +9,16 @@ from minorloop.identification.curves import Curves
 _TOLERANCE = 0.01
 """Distance from its beginning, over the width of the loop, at which a loop counts as closed."""
 _GAP = 0.1
-"""The same for the last sample of an input that passes the beginning between two samples."""
+"""Distance over the width of the last sample, if the input passes the beginning after it."""
 
 
 def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     """(C, 2) first and last samples of the closed loops of an input, in the order of closing.
 
-    A loop begins at a turning point of the input and closes where the input comes back to it.
-    Before a loop closes, smaller ones may close within it. The first sample of a curve is a turning
-    point only at the least or the greatest input of the curve. Loops of less than 2 % of the range
-    of the input or of fewer than 8 samples are left out, and so are those with samples that are not
-    scored.
+    A loop begins at a turning point of the input and closes where the input returns to it. Before a
+    loop closes, smaller loops may close within it. The first sample of a curve is a turning point
+    only at the least or the greatest input of the curve. Loops of less than 2 % of the range of the
+    input, of fewer than 8 samples, or with samples that are not scored are left out.
 
     ``u`` (T,): inputs; ``scored`` (T,) of bool: samples with an output; ``curves``: parts of the
     record, each with its own loops.
@@ -39,15 +38,15 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     before = np.concatenate([[0], np.cumsum(scored)])
     samples = loops[:, 1] + 1 - loops[:, 0]
     whole = before[loops[:, 1] + 1] - before[loops[:, 0]] == samples
-    # Samples below which the area of a loop is not known
+    # With fewer samples the area of a loop is not known
     return np.asarray(loops[whole & (samples >= 8)])
 
 
 def loop_areas(u: FloatArray, y: FloatArray, loops: IntArray) -> FloatArray:
-    """Return the areas (C,) of loops (C, 2) as of `closed_loops`, in units of input times output.
+    """Return the areas (C,) of loops (C, 2) from `closed_loops`, in units of input times output.
 
-    Each is that of the polygon through the samples of the loop, smaller loops within it included;
-    it is positive if the output is late.
+    The area of a loop is that of the polygon through its samples, also those of smaller loops
+    within it. It is positive if the output is late.
     """
     if not loops.size:
         return np.zeros(0)

@@ -1,12 +1,12 @@
-"""Error of a model beyond its posterior, learnt from parts of the record that were left out.
+"""Error of a model beyond its posterior, learnt from left-out parts of the record.
 
-No actuator is a Preisach operator, and the residual of a fit does not show how far from one it
-is on other inputs. Parts of the record are left out, groups where there are some, and predicted by
-fits to the others. The variance of their errors has three components: that of the posterior; one
+No actuator is a Preisach operator, and the residual of a fit does not show its error on other
+inputs. Parts of the record (its groups, if it has any) are left out and predicted by fits to the
+other parts. The variance of their errors has three components: the variance of the posterior; one
 that grows with the closed travel of the input, because loops of actuators creep a little whenever
-they are closed; and one that grows with the distance in the memory plane from what the other parts
-reached. Each begins at a value of its own, which counts as a few independent parts of a record, and
-stays there where the record shows nothing of it.
+they close; and one that grows with the distance in the memory plane from the cells that the other
+parts reach. Each begins at its own value, which counts as a few independent parts of a record, and
+keeps it if the record does not show it.
 
 References
 ----------
@@ -36,19 +36,19 @@ from minorloop.threads import one_thread
 PARTS, _SEGMENTS = 5, 3
 """Parts of a record without groups, and contiguous segments of each."""
 FEWEST = 50
-"""Samples of a record without groups below which nothing is left out."""
+"""Least samples of a record without groups of which parts are left out."""
 MOST_BANDS = 40
-"""Bands of the plane at most, so that the fits without a part take less than a second."""
+"""Most bands of the plane, so that the fits without a part take less than a second."""
 _CELLS = 25
 """Bands of the plane on which cells count as reached."""
 _NEAR, _FARTHEST = 0.25, 3.0
 """Distance, in ranges of the input, within which travel counts as closed, and its largest value."""
 _BEGIN = np.array([1.0, 0.2, 0.7])
-"""Standard deviations of the components to begin with: of the posterior in its own; of a closed
-travel and of a distance of one range in that scale."""
+"""First standard deviations of the components: of the posterior, over its own; of a closed travel
+and of a distance of one range, over the opening of the major loop."""
 _WEIGHT = np.array([20.0, 0.3, 1.0])
-"""Independent parts of a record that these count as: twice the inverse variances of the logarithms
-of their squares."""
+"""Number of independent parts of a record that each counts as: twice the inverse variances of the
+logarithms of their squares."""
 _STEPS, _ROUNDS = 40, 3
 _WIDTH = 0.06
 """Width of the average of squared errors along the input, in ranges."""
@@ -58,17 +58,17 @@ _TINY = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Distance in the memory plane from what a record reached."""
+    """Distance in the memory plane from the cells that a record reached."""
 
     spec: PlaneSpec
     """Plane of even cells."""
     distance: FloatArray
-    """Shape (K + 1,). Distance of each cell, in ranges of the input, from the nearest in which a
-    measured sample evaluates the Everett function. The last one, zero, stands for saturation."""
+    """Shape (K + 1,). Distance of each cell, in ranges of the input, from the nearest cell in which
+    a measured sample evaluates the Everett function. The last number, zero, is for saturation."""
 
     @classmethod
     def of(cls, spec: PlaneSpec, corner: IntArray) -> Reach:
-        """Return what samples reach that evaluate the Everett function in these cells."""
+        """Return the reach of samples that evaluate the Everett function in these cells."""
         places = np.stack(np.tril_indices(spec.bands), axis=1) / spec.bands
         reached = places[np.unique(corner[corner >= 0])]
         distance = np.zeros(len(places) + 1)
@@ -80,8 +80,8 @@ class Reach:
     def covariates(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M, 2) closed travel and squared distance of measured samples, in ranges of the input.
 
-        Closed travel is the length of the way of the input since it was last a quarter of its
-        range away, less that of the shortest way through the same inputs.
+        Closed travel is the travel of the input since it was last a quarter of its range away,
+        minus the shortest travel through the same inputs.
         """
         span = float(self.spec.levels[-1] - self.spec.levels[0])
         travel = np.zeros(u.size)
@@ -91,9 +91,9 @@ class Reach:
 
 
 def width(scores: FloatArray, probability: float, parts: int, least: float = 0.0) -> float:
-    """Factor of standard deviations whose normal bands contain that share of left-out samples.
+    """Factor of standard deviations for which normal bands contain this share of left-out samples.
 
-    Errors of one part are alike: the factor is that of Student's distribution with one degree of
+    Errors of one part are alike. So the factor is that of Student's distribution with one degree of
     freedom less than parts, and few parts weigh little against the normal distribution.
 
     ``scores`` (M,): errors of left-out samples over their standard deviations; ``probability``:
@@ -105,7 +105,7 @@ def width(scores: FloatArray, probability: float, parts: int, least: float = 0.0
     side = (1 + probability) / 2
     normal = float(ndtri(side))
     found = max(float(np.quantile(scores, probability)) / normal, least)
-    # Independent parts whose weight the normal distribution has against the errors found
+    # The normal distribution has the weight of eight independent parts
     share = parts / (parts + 8)
     student = float(stdtrit(max(parts - 1, 1), side)) / normal
     return student * (share * found + 1 - share)
@@ -116,8 +116,8 @@ class ModelError:
     """Variance of the outputs of a model in addition to that of its posterior."""
 
     parts: int
-    """Number of parts of the record whose errors are independent: groups, or visits to cells of the
-    plane over those within a quarter of the range, where errors are alike."""
+    """Number of independent parts of the record: groups, or visits to cells of the plane over the
+    number of cells within a quarter of the range, where errors are alike."""
     reach: Reach
     """Cells that the record reached."""
     factors: FloatArray
@@ -130,8 +130,7 @@ class ModelError:
     """``inputs`` and ``variance``: shape (B,). Variance of other groups, by input; zero without
     groups."""
     shown: FloatArray = field(default_factory=lambda: np.full(2, np.inf))
-    """Shape (2,). Largest covariates of left-out samples; infinite where a file does not keep them.
-    """
+    """Shape (2,). Largest covariates of left-out samples; infinite if a file does not keep them."""
 
     def deviation(
         self,
@@ -143,13 +142,13 @@ class ModelError:
     ) -> tuple[FloatArray, BoolArray]:
         """Standard deviations (M,) of readings after some inputs.
 
-        Also says which are farther off than any left-out sample, so that theirs are assumed. Half a
-        normal band of this probability is as wide as the errors on left-out parts were,
-        and wider for few parts.
+        Also returns (M,) whether a reading is farther off than all left-out samples, so that its
+        deviation is assumed. Half a normal band of this probability is as wide as the errors on
+        left-out parts, and wider for few parts.
 
-        ``u`` (T,): inputs, delayed as the output is; ``measured`` (T,) of bool: after which of
-        them; ``start``: memory before the first; ``known`` (M,): standard deviation by the
-        posterior, noise included; ``probability``: probability of the band.
+        ``u`` (T,): inputs, delayed as the output is; ``measured`` (T,) of bool: whether to predict
+        a reading after an input; ``start``: memory before the first input; ``known`` (M,): standard
+        deviation by the posterior, with noise; ``probability``: probability of the band.
         """
         own = known**2 + np.interp(u[measured], self.inputs, self.variance)
         off = self.reach.covariates(u, measured, start)
@@ -171,7 +170,7 @@ def learn(
     Parameters
     ----------
     regression : Regression
-        What the model was fitted to, of M outputs.
+        Regression of the M fitted outputs.
     posterior : Posterior
         Posterior distribution of its unknowns.
     model : Preisach
@@ -179,10 +178,11 @@ def learn(
     part : (M,) array of int
         Number of the part of each output.
     errors : (M,) array, optional
-        Errors of outputs that were predicted without their group. Those of contiguous parts are
-        predicted here, with the prior and its hyperparameters.
+        Errors of outputs that were predicted without their group. Without these, contiguous parts
+        are predicted here, with the prior and its hyperparameters.
     groups : int, optional
-        Number of groups; without them, outputs of one visit to a cell of the plane count as one.
+        Number of groups; without groups, the outputs of a visit to a cell of the plane count as
+        one.
     """
     matrix, h, weight = regression.matrix, posterior.hyperparameters, regression.weight
     if errors is None:
@@ -206,7 +206,7 @@ def learn(
         parts = max(round(visits / (_NEAR * _CELLS)), 1)
     weight = weight * min(parts / weight.sum(), 1.0)
     scale = _scale(model, float(np.ptp(regression.y)))
-    known = np.maximum(known, (_TINY * scale) ** 2)  # of a record without noise
+    known = np.maximum(known, (_TINY * scale) ** 2)  # a record may have no noise
     components = np.column_stack([known, scale**2 * covariates])
     inputs, variance = matrix.u[[0]], np.zeros(1)
     factors = _BEGIN**2
@@ -231,7 +231,7 @@ def contiguous_parts(samples: int) -> IntArray:
 def _left_out(
     regression: Regression, posterior: Posterior, part: IntArray, signed: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """(M,) squared errors and variances of the outputs of each part by the others."""
+    """(M,) squared errors and variances of the outputs of each part, predicted by the others."""
     matrix = regression.matrix.at_most(MOST_BANDS)
     spec, weight = matrix.spec, regression.weight
     scaled, unit, _ = scale_outputs(spec, regression.y)
@@ -246,10 +246,10 @@ def _left_out(
             system = DenseSystem(evidence, plane, h, signed)
             x, _ = system.bounded()
             square[left] = unit**2 * ((matrix.forward(x) - scaled)[left] ** 2)
-            wanted = np.zeros(regression.inputs.size, dtype=np.bool_)
-            wanted[places[left]] = True
+            at_left = np.zeros(regression.inputs.size, dtype=np.bool_)
+            at_left[places[left]] = True
             one = system.posterior(unit, part.size, 0.0)
-            known[left] = one.variances(regression.inputs, wanted, matrix.start)
+            known[left] = one.variances(regression.inputs, at_left, matrix.start)
     return square + regression.within, known
 
 
@@ -265,8 +265,8 @@ def _scale(model: Preisach, span: float) -> float:
 def _factors(components: FloatArray, square: FloatArray, weight: FloatArray) -> FloatArray:
     """(3,) factors of the components (M, 3) of greatest posterior density of squared errors (M,).
 
-    The logarithm of each is normal about that of its beginning: a record without such errors makes
-    it small, however large it began.
+    The logarithm of a factor is normal about its first value. So a factor becomes small if a record
+    shows no such errors, even if its first value is large.
     """
     factors = _BEGIN**2
     for _ in range(_STEPS):
@@ -279,9 +279,9 @@ def _factors(components: FloatArray, square: FloatArray, weight: FloatArray) -> 
 
 
 def by_input(u: FloatArray, squares: FloatArray, least: float) -> tuple[FloatArray, FloatArray]:
-    """Inputs (B,), and average squared errors (M,) about them, at least a hundredth of ``least``.
+    """Inputs (B,), and the average of ``squares`` (M,) near each, at least ``least`` / 100.
 
-    A mean of few rows is drawn towards that of all.
+    A mean of few rows is shifted towards the mean of all.
     """
     low, high = float(u.min()), float(u.max())
     edges = np.linspace(low, high, _BINS + 1)

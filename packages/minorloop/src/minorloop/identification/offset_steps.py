@@ -1,8 +1,8 @@
-"""Find a shift of the outputs from a row on, or a drift, of which a fit has absorbed a part.
+"""Find a shift of the outputs from a row on, or a drift, which a fit has partly absorbed.
 
-The outputs are regressed on a flexible basis along the input and on the prediction of the fit. What
-a shift from each row on would leave of this regression, and how much of the residual it explains,
-follow from cumulative sums of the orthonormal basis (partial regression: Frisch and Waugh,
+The outputs are regressed on a flexible basis along the input and on the prediction of the fit.
+Cumulative sums of the orthonormal basis give, for a shift from each row on, its part outside the
+regressors and the share of the residual that it explains (partial regression: Frisch and Waugh,
 Econometrica 1, 1933).
 """
 
@@ -12,26 +12,27 @@ from scipy.linalg import qr
 from minorloop.arrays import FloatArray
 
 MOST_ROWS = 5000
-"""Rows up to which a regression on about forty columns takes hundredths of a second."""
+"""Most rows: a regression on about forty columns then takes hundredths of a second."""
 _LEAST_SIDE = 8
-"""Rows before and behind a step at least."""
+"""Least number of rows before and behind a step."""
 _SHARE, _OVER_DRIFT = 0.4, 1.3
-"""Share of the variance that a step explains, and over that of a straight line."""
+"""Least share of the variance that a step explains, and least ratio to that of a straight line."""
 _SINGULAR, _ROUNDING = 1e-9, 1e-24
 _DRIFT, _SURE = 0.4, 8.0
-"""Share of the variance beside the basis that a drift explains, and its standard errors."""
+"""Least share of the variance outside the basis that a drift explains, and least ratio of a drift
+to its standard error."""
 _BLOCKS = 40
-"""Blocks of rows whose errors are independent, however alike neighbours are."""
+"""Blocks of rows with independent errors, although neighbouring errors are alike."""
 
 
 def find_offset_step(
     basis: FloatArray, prediction: FloatArray, y: FloatArray
 ) -> tuple[int, float] | None:
-    """Return the first row behind a step and its size, in the unit of the outputs; None without.
+    """Return the first row behind a step and the size in the unit of the outputs; None if no step.
 
     ``basis`` (M, Q): regressors of each row: a constant and functions of the memory; ``prediction``
-    (M,): outputs of the fit, another regressor. It may contain a part of the step, so that the size
-    is estimated without it. ``y`` (M,): outputs.
+    (M,): outputs of the fit, another regressor. It may contain a part of the step, so the size is
+    estimated without it. ``y`` (M,): outputs.
     """
     size, columns = basis.shape
     if size < 2 * columns or size < 4 * _LEAST_SIDE:
@@ -47,7 +48,7 @@ def find_offset_step(
     count = np.arange(size, 0, -1)
     own = count - np.einsum("kq,kq->k", absorbed, absorbed)
     sides = np.minimum(count, size - count)
-    # Share of a step that the basis cannot take its place of, at least: below, the input decides
+    # Least share of a step outside the regressors: below, the input determines the result
     usable = (sides >= _LEAST_SIDE) & (own > 0.05 * count * (size - count) / size)
     shares = np.where(usable, sums**2 / np.where(usable, own, 1.0) / squares, 0.0)
     place = int(np.argmax(shares))
@@ -63,7 +64,7 @@ def find_offset_step(
 
 
 def find_drift(basis: FloatArray, y: FloatArray) -> float:
-    """Return the change of the outputs along the rows in proportion to their number; 0 without.
+    """Return the linear change of the outputs over the rows; 0 if there is no drift.
 
     ``basis``, ``y`` are as for `find_offset_step`.
     """

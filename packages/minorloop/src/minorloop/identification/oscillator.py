@@ -1,7 +1,7 @@
-"""From a record of force and displacement to an oscillator with hysteresis.
+"""Identify an oscillator with hysteresis from a record of force and displacement.
 
-Either the law of the hysteresis is known, and its parameters are found from a rough start; or it is
-not, and any slopes of the hysteretic force are found from the record alone.
+If the law of the hysteresis is known, its parameters are found from a rough start. If it is
+unknown, the slopes of the hysteretic force are found from the record alone.
 """
 
 from collections.abc import Sequence
@@ -33,20 +33,20 @@ from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.threads import one_thread
 
 _LEVELS = (2, 4, 6, 8, 12, 16, 24, 32)
-"""Numbers of levels of an unknown law that are tried, coarse ones first. All are even, so that none
-of the levels is at the middle, where many laws have a corner."""
+"""Numbers of levels of an unknown law to try, the smallest first. All are even, so that no level is
+at the middle, where many laws have a corner."""
 _FEWEST_EACH = 5
-"""Samples for each parameter: with fewer the errors of parameters are as large as themselves."""
+"""Least samples for each parameter: with fewer, its error is as large as the parameter."""
 _WHERE_IT_IS = 0.5
-"""Share of the levels that lie where the force is most often; the others are evenly spaced."""
+"""Share of the levels placed by how often the force is there; the others are evenly spaced."""
 
 
 @dataclass(frozen=True, eq=False)
 class Vibration:
     """The law of a vibrating structure with a hysteretic force: forces in N, displacements in m.
 
-    The record has even times in seconds, displacements from rest, and NaN where nothing was
-    measured. The first ``skip`` samples are simulated, but their error does not count.
+    The record has even times in seconds, and displacements from rest; NaN if not measured. The
+    first ``skip`` samples are simulated, but their error does not count.
 
     References
     ----------
@@ -65,18 +65,18 @@ class Vibration:
     """
 
     rough: Oscillator | Literal["unknown"] = "unknown"
-    """Structure of the model, and rough values of its parameters; 50 % off is near enough. Its
-    operator is of differential type or `PrandtlIshlinskii`. Or ``"unknown"``: a mass on a linear
-    spring with a hysteretic force whose slopes are any functions of this force, one for each
-    direction (`Duhem`), with as many levels as the record supports. Nothing else is assumed."""
+    """Structure of the model, with its parameters to within 50 %. Its operator is of differential
+    type or `PrandtlIshlinskii`. Or ``"unknown"``: a mass on a linear spring with a hysteretic force
+    whose slopes are any functions of this force, one for each direction (`Duhem`), with as many
+    levels as the record supports."""
     period: int | None = None
-    """Samples after which force and displacement repeat, if the record is one of whole periods of
-    the settled response; periods are averaged, without first ones that differ from the others as an
-    unsettled motion does. If not given, the record begins at rest."""
+    """Samples after which force and displacement repeat, if the record has whole periods of the
+    settled response. Periods are averaged without the first periods of unsettled motion. None: the
+    record begins at rest."""
     between: Interpolation = "band"
     """Force between samples, as in `Oscillator.simulate`."""
     substeps: int = 5
-    """Steps of the integration in an interval."""
+    """Steps of the integration in a sampling interval."""
     stages: Sequence[Stage] = ()
     """Filters of the converter, as in `Oscillator.simulate`."""
     fixed: Sequence[str] = ()
@@ -88,14 +88,12 @@ class Vibration:
         """Identify mass, damping, stiffness and hysteretic force by the error of the simulation.
 
         Raises a `SignalError` if the record is too short, not even, or without motion, or the start
-        is unstable; a `RecordError` if a unit is not of the SI: mass and damping would not be
-        either; a `ParameterError` if an option is out of its range, or a name of ``fixed`` is
+        is unstable; a `RecordError` if a unit is not SI, because mass and damping would then not be
+        SI either; a `ParameterError` if an option is out of its range, or a name of ``fixed`` is
         unknown.
         """
         if prior != "auto" or holdout:
-            raise ParameterError(
-                "a vibrating structure has neither prior nor holdout; leave them out"
-            )
+            raise ParameterError("a vibrating structure has neither prior nor holdout; omit both")
         for quantity, unit in ((record.input, "N"), (record.output, "m")):
             if quantity.unit not in ("", unit):
                 raise RecordError(
@@ -130,7 +128,7 @@ def _record(law: Vibration, record: Record) -> OscillatorRecord:
     scored = np.isfinite(outputs)
     if not scored.any():
         raise SignalError(
-            f"no displacement of {outputs.size} is measured, all are NaN; give numbers where one is"
+            f"all {outputs.size} displacements are NaN; give numbers where they are measured"
         )
     last = int(np.flatnonzero(scored)[-1])
     scored[: as_whole("skip", record.skip, 0)] = False
@@ -173,8 +171,8 @@ def _from_start(
     found = None if tied is None else fit(record, tied, free)
     if found is None:
         raise SignalError(
-            "the simulation from this start grows without bound, even tied to the record; give a "
-            "start with a positive damping and stiffness, or check the units"
+            "the simulation from this start grows without bound, even if a spring ties it to the "
+            "record; give a start with a positive damping and stiffness, or check the units"
         )
     return _result(record, *found, free)
 
@@ -183,7 +181,7 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
     """Find the slopes of an unknown law, on finer and finer levels."""
     linear = _linear_start(record)
     reach = float(np.abs(record.filled).max())
-    # Half of the stiffness is given to the hysteretic force; the fit divides it anew.
+    # The hysteretic force gets half of the stiffness; the fit divides it again.
     half = linear.stiffness / 2
     slopes = np.repeat(half[0], 2)
     law = Duhem(half[0] * reach * np.array([-1, 1]), slopes, slopes)
@@ -200,7 +198,7 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
         model = _with_levels(model, record, count)
         # Levels up to which longer steps of the integration are accurate enough
         near = record.coarse() if count <= 4 else record
-        # Steps of a fit with a number of levels that may not be the last one
+        # Fewer steps: this number of levels may not be the last
         found = fit(near, model, _all_free(model), steps=20, gain=1e-4)
         if found is None:
             break
@@ -209,7 +207,7 @@ def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
         if best is None or tried[-1].criterion <= min(one.criterion for one in tried):
             best = found
         least = min(range(len(tried)), key=lambda k: tried[k].criterion)
-        # Numbers of levels in a row that must be no better before the search ends
+        # The search ends after two numbers of levels in a row that are no better
         if len(tried) - 1 - least >= 2:
             break
     final = None if best is None else fit(record, best[0], _all_free(best[0]))
@@ -242,20 +240,20 @@ def _check_samples(record: OscillatorRecord, parameters: int) -> None:
 def _linear_start(record: OscillatorRecord) -> Oscillator:
     """Return the linear oscillator nearest to the spectra of force and displacement.
 
-    By least squares of ``(-w^2 m + i w c + k) Y = U`` where the force is large. Its hysteresis is
-    zero.
+    It is found by least squares of ``(-w^2 m + i w c + k) Y = U`` at frequencies of large force.
+    Its hysteresis is zero.
     """
     y = record.filled
     window = np.ones(y.size) if record.periodic else np.hanning(y.size)
     force, motion = np.fft.rfft(window * record.u), np.fft.rfft(window * y)
     w = 2 * np.pi * np.fft.rfftfreq(y.size, record.interval)
-    # Share of its largest spectral line from which a force counts, for the linear start
-    heard = np.abs(force) > 0.1 * np.abs(force[1:]).max()
-    columns = np.column_stack([-(w**2) * motion, 1j * w * motion, motion])[heard]
+    # Least share of its largest spectral line at which a force counts, for the linear start
+    large = np.abs(force) > 0.1 * np.abs(force[1:]).max()
+    columns = np.column_stack([-(w**2) * motion, 1j * w * motion, motion])[large]
     scale = np.linalg.norm(columns, axis=0)
     rows = np.vstack([columns.real, columns.imag]) / scale
-    wanted = np.concatenate([force[heard].real, force[heard].imag])
-    mass, damping, stiffness = np.linalg.lstsq(rows, wanted, rcond=None)[0] / scale
+    right = np.concatenate([force[large].real, force[large].imag])
+    mass, damping, stiffness = np.linalg.lstsq(rows, right, rcond=None)[0] / scale
     if mass <= 0 or stiffness <= 0:
         raise SignalError(
             f"the record looks like a mass of {mass:.3g} kg on a spring of {stiffness:.3g} N/m, "
@@ -266,7 +264,7 @@ def _linear_start(record: OscillatorRecord) -> Oscillator:
 
 
 def _with_levels(model: Oscillator, record: OscillatorRecord, count: int) -> Oscillator:
-    """Return the model with other levels, between which its force lies equally often."""
+    """Return the model with other levels; its force is equally often between two levels."""
     law = model.operator
     if law.levels.size == count:
         return model

@@ -23,10 +23,11 @@ from minorloop.identification.simulation_error import (
 )
 
 _SMALL = 1e-3
-"""Error over the standard deviation of the displacement below which its course is no matter: an
-initial motion would leave more."""
+"""Error over the standard deviation of the displacement below which the beginning is not checked:
+an initial motion would cause a larger error."""
 _INTEGRATED = 1e-5
-"""The same below which it may be the error of the integration, about 4e-6 with five steps."""
+"""The same ratio below which the error may be that of the integration, about 4e-6 with five steps.
+"""
 
 
 @dataclass(frozen=True)
@@ -58,39 +59,39 @@ def _search(fit: OscillatorIdentification) -> Iterator[str]:
 
 
 def _beginning(fit: OscillatorIdentification) -> Iterator[str]:
-    """Say what to know about a record that does not begin as it goes on."""
+    """Report a beginning of the record that differs from the rest."""
     ratio = larger_beginning(fit.minimum.residuals)
     if left := fit.motion.unsettled:
         first = "first period differs" if left == 1 else f"first {left} periods differ"
         yield (
-            f"the {first} from the later ones more than these from each other, as a motion "
-            f"does that has not settled; {'it is' if left == 1 else 'they are'} not fitted"
+            f"the {first} from the later ones more than these from each other, as if the motion "
+            f"had not settled; {'it is' if left == 1 else 'they are'} not fitted"
         )
     elif not fit.motion.periodic and ratio and fit.share >= _SMALL:
         yield (
             f"the error is {ratio:.2g} times as large at the beginning of the record as later, as "
-            "where the structure moved before; begin at rest, give a period if the record "
-            "repeats, or leave the beginning out of the error with skip (--record skip=N)"
+            "if the structure moved before; begin at rest, give a period if the record "
+            "repeats, or exclude the beginning from the error with skip (--record skip=N)"
         )
 
 
 def _accuracy(fit: OscillatorIdentification) -> Iterator[str]:
-    """Say what the law lacks, and which parameters the record does not determine."""
+    """Report errors of the law, and parameters that the record does not determine."""
     beyond = fit.error / fit.noise if fit.noise and fit.share > _INTEGRATED else 0.0
-    # Error over noise from which the model misses something: for 100 samples and more, an error
-    # that is only noise is as large with a probability below 1 %
+    # Ratio of error to noise from which the model is incomplete: with 100 samples or more, noise
+    # alone exceeds it with a probability below 1 %
     if beyond > 1.1:
         yield (
             f"the error is {beyond:.2g} times the noise of the record, so the "
-            "model lacks something; try start='unknown', or a stiffness of higher degree"
+            'model is incomplete; try rough="unknown", or a stiffness of higher degree'
         )
     share = fit.sd / np.maximum(np.abs(fit.parameters), np.finfo(float).tiny)
-    # Standard deviation over the value of a parameter from which it counts as not determined
-    loose = [name for name, one in zip(fit.names, share, strict=True) if one > 0.5]
-    if loose and not fit.tried:
+    # Ratio of standard deviation to value from which a parameter counts as not determined
+    undetermined = [name for name, one in zip(fit.names, share, strict=True) if one > 0.5]
+    if undetermined and not fit.tried:
         yield (
-            f"the record does not determine {', '.join(loose)}; excite larger amplitudes and "
-            "more frequencies, or fix them"
+            f"the record does not determine {', '.join(undetermined)}; excite larger amplitudes "
+            "and more frequencies, or fix them"
         )
 
 
@@ -101,13 +102,13 @@ def _by_name(attribute: str) -> Callable[[Any], dict[str, float]]:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class OscillatorIdentification(Fit[Oscillator]):
-    """An oscillator with hysteresis, identified from a record; of a periodic one its mean period.
+    """An oscillator with hysteresis, identified from a record or, if it is periodic, a mean period.
 
     Times begin at 0, and displacements are in m.
     """
 
     HEADLINE: ClassVar[str] = "{output} of an oscillator with hysteresis, driven by {input}"
-    CAPTION: ClassVar[str] = "Displacement, what the model misses, and its loops."
+    CAPTION: ClassVar[str] = "Displacement, error of the model, and its loops."
     SCORES: ClassVar[tuple[ScoreRow, ...]] = (
         ScoreRow("rms_error", "error", "simulation error, rms", "{:.3g} m", kept=True),
         ScoreRow("nrmse", "nrmse", "the same over the range", of_range, kept=True),
@@ -123,9 +124,9 @@ class OscillatorIdentification(Fit[Oscillator]):
     REMARKS: ClassVar[tuple[Rule, ...]] = (_beginning, _accuracy)
 
     motion: OscillatorRecord
-    """What was fitted."""
+    """The fitted record."""
     minimum: Minimum
-    """How the search ended."""
+    """End of the search: parameters and error."""
     free: BoolArray
     """Shape (P,). Parameters that were fitted."""
     tried: tuple[TriedLevels, ...] = ()
@@ -138,7 +139,7 @@ class OscillatorIdentification(Fit[Oscillator]):
 
     @property
     def prediction(self) -> FloatArray:
-        """(T,) displacements of the model; NaN where none counts."""
+        """(T,) displacements of the model; NaN where they do not count."""
         y = np.full(self.y.size, np.nan)
         y[self.fitted] = self.y[self.fitted] + self.minimum.residuals
         return y
@@ -161,7 +162,7 @@ class OscillatorIdentification(Fit[Oscillator]):
     def covariance(self) -> FloatArray:
         """(P, P) covariance of the parameters; zero for those that were fixed.
 
-        The variance of the error counts as often as its samples are correlated.
+        The variance of the error is multiplied by the correlation time of its samples.
         """
         jacobian, residuals = self.minimum.jacobian, self.minimum.residuals
         scale = np.linalg.norm(jacobian, axis=0)
@@ -185,12 +186,12 @@ class OscillatorIdentification(Fit[Oscillator]):
 
     @property
     def nrmse(self) -> float:
-        """The same over the range of the displacements."""
+        """Root-mean-square error over the range of the displacements."""
         return self.error / self.span(self.fitted)
 
     @property
     def share(self) -> float:
-        """The same over the standard deviation of the displacements."""
+        """Root-mean-square error over the standard deviation of the displacements."""
         return self.error / float(np.std(self.y[self.fitted]))
 
     @property

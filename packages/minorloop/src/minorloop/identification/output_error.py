@@ -2,8 +2,8 @@
 
 A difference equation A(q) y = B(q) u, with a = (a_1, ..., a_na) after the leading 1 of A and
 b = (b_1, ..., b_nb) from the ``delay``-th sample on, is fitted to records that begin at rest.
-Least squares on the equation (ARX) is one linear solve, but noise on the output biases it. The
-error of the simulated output has no such bias; it is minimised from there.
+Least squares on the equation (ARX) is one linear solve, but noise on the output biases it. Then the
+error of the simulated output, which has no such bias, is minimised.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ class Stretch:
     """One record of deviations from rest, evenly sampled."""
 
     u: FloatArray
-    """Shape (T,). Input less that at rest; u[k] is on from sample k to the next."""
+    """Shape (T,). Input minus the input at rest; u[k] lasts from sample k to the next."""
     y: FloatArray
-    """Shape (T,). Output less that at rest; y[k] is measured at sample k."""
+    """Shape (T,). Output minus the output at rest; y[k] is measured at sample k."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +111,10 @@ def equation_error(stretches: Sequence[Stretch], structure: Structure) -> Coeffi
 
 
 def output_error(stretches: Sequence[Stretch], structure: Structure) -> Coefficients | None:
-    """Find the stable coefficients whose simulated output comes nearest to the measured one.
+    """Find the stable coefficients whose simulated output is nearest to the measured output.
 
-    A trust region method, from the equation error on; None if that is unstable. A constant is
-    fitted to each stretch too, so that an error of its rest has no effect.
+    A trust region method begins at the minimum of the equation error; None if that is unstable. A
+    constant is also fitted to each stretch, so that an error of its rest has no effect.
     """
     from scipy.optimize import least_squares
 
@@ -127,7 +127,7 @@ def output_error(stretches: Sequence[Stretch], structure: Structure) -> Coeffici
 
     def errors(x: FloatArray) -> FloatArray:
         if not at(x).stable:
-            return np.full(samples, np.inf)  # then the solver takes a shorter step
+            return np.full(samples, np.inf)  # makes the solver take a shorter step
         return np.concatenate(residuals(stretches, at(x)))
 
     def slopes(x: FloatArray) -> FloatArray:
@@ -184,7 +184,7 @@ def covariance(stretches: Sequence[Stretch], found: Coefficients) -> FloatArray:
 def correlation_time(errors: Sequence[FloatArray]) -> float:
     """Samples for each independent error: 1 + 2 times the sum of autocorrelations.
 
-    The sum ends at the first negative one (Sokal, Monte Carlo methods, 1997, section 3).
+    The sum ends before the first negative term (Sokal, Monte Carlo methods, 1997, section 3).
     """
     power = sum(float(error @ error) for error in errors)
     total = 1.0
@@ -204,7 +204,7 @@ def _solve(rows: FloatArray, wanted: FloatArray) -> FloatArray:
 
 
 def _shifted(x: FloatArray, samples: int) -> FloatArray:
-    """Delay a signal by that many samples, from rest."""
+    """Delay a signal by ``samples``, from rest."""
     if samples == 0:
         return x
     return np.concatenate([np.zeros(min(samples, x.size)), x[:-samples]])

@@ -1,4 +1,4 @@
-"""From a record to a model: one function for all laws, fronts and records."""
+"""Identify a model from a record: one function for all laws, front ends and records."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -16,7 +16,7 @@ Found = TypeVar("Found", covariant=True)
 
 
 class Law(Protocol[Found]):
-    """What the output of an actuator depends on: a value with the options of its kind."""
+    """The quantities that the output of an actuator depends on, with the options of the law."""
 
     def identify(
         self, record: Record, prior: Prior = "auto", holdout: float = 0.0, say: Say = silent
@@ -30,7 +30,7 @@ class Law(Protocol[Found]):
         prior, holdout
             As of `minorloop.identify`.
         say : callable
-            Called with what is done next, as text.
+            Called with the next step, as text.
         """
 
 
@@ -81,7 +81,7 @@ def identify(
     """Identify a model from a record.
 
     ``identify(record)`` and ``identify(u, y)`` identify a Preisach plane with good defaults;
-    ``identify(record, law)`` and ``identify(u, y, law)`` what another law says.
+    ``identify(record, law)`` and ``identify(u, y, law)`` identify the model of another law.
 
     Raises a `SignalError` if lengths differ, fewer than three outputs are finite, or the input or
     the output never changes; a `ParameterError` if an option is out of its range.
@@ -91,23 +91,23 @@ def identify(
     u : Record or (T,) array_like
         The record, as `minorloop.read` returns it; or inputs applied, in order.
     y : (T,) array_like
-        Outputs, not with a record; NaN where an input was applied and nothing was measured.
+        Outputs, not with a record; NaN where an input was applied and no output was measured.
         Overload codes and sentinels such as 9.9e37 and -9999, far from all other outputs, count as
         not measured; they are listed in ``codes`` and in the advice.
     law : Plane, Dynamics, Viscosity or Vibration
-        What the output depends on; `Plane` if not given.
+        Law of the output; `Plane` by default.
     prior : "auto", Gaussian or Smooth
-        What is assumed of the plane before the record: see `Prior`.
+        Assumption about the plane before the record: see `Prior`.
     holdout : float
-        Share of the measured samples, at the end of the record, that is not fitted but scored;
-        from 0 to 0.9.
+        Share of the measured samples, at the end of the record, to score and not to fit; from 0 to
+        0.9.
     progress : callable, optional
-        Called with what is done next, as text.
+        Called with the next step, as text.
 
     Returns
     -------
     Fit
-        The model with its scores and advice, and what else the law gives.
+        The model with its scores and advice, and further results of the law.
 
     Examples
     --------
@@ -148,14 +148,14 @@ def _short(value: object) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """What a front end was asked for, sorted by what it belongs to."""
+    """Options of a front end, sorted by the objects to which they belong."""
 
     law: Plane
     """The operator."""
     prior: Prior
-    """What is assumed of the plane."""
+    """Assumption about the plane before the record."""
     holdout: float
-    """Share that is scored."""
+    """Share of the measured samples to score."""
     of_record: Mapping[str, Any]
     """Parameters of `Record`."""
 

@@ -106,7 +106,7 @@ class Identification(Fit[Preisach]):
         ScoreRow("", "residual.autocorrelation", "residual autocorrelation", if_finite),
         ScoreRow("band_sd", "band_sd", "standard deviation predicted", "{:.3g}", slow=True),
         ScoreRow("", "_coverage", "within 90 % bands", "{0[0]:.0%} of {0[1]} readings", slow=True),
-        ScoreRow("", "_coverage", "half width of these, mean", "{0[2]:.4g}", slow=True),
+        ScoreRow("", "_coverage", "mean half width of these", "{0[2]:.4g}", slow=True),
         ScoreRow("curves", lambda fit: [asdict(one) for one in fit.curve_accuracy]),
         ScoreRow("choices", lambda fit: [asdict(one) for one in fit.choices]),
         ScoreRow("chosen", lambda fit: list(fit.chosen)),
@@ -137,7 +137,7 @@ class Identification(Fit[Preisach]):
     groups: IntArray | None = None
     """Shape (T,). Number of the group of each row; None without groups."""
     interval: float | None = None
-    """Sampling interval in seconds, where it is known."""
+    """Sampling interval in seconds, if it is known."""
     skipped: int = 0
     """Rows that set the memory and were not fitted."""
     choices: tuple[Choice, ...] = ()
@@ -147,9 +147,9 @@ class Identification(Fit[Preisach]):
     ridge: Ridge | None = None
     """Mean of the prior; None if it is zero."""
     delay: float | None = None
-    """Seconds by which the outputs were moved before the fit, where the lag was given so."""
+    """Seconds by which the outputs were moved before the fit, if the lag was given in seconds."""
     told: RecordAdvice | None = None
-    """What was found in the record as it was read; None for arrays."""
+    """Findings about the record as it was read; None for arrays."""
 
     @property
     def matrix(self) -> DesignMatrix:
@@ -158,7 +158,7 @@ class Identification(Fit[Preisach]):
 
     @cached_property
     def uncertainty(self) -> Posterior:
-        """Distribution of the unknowns that the bands are from; `plain_posterior` without prior."""
+        """Distribution of the unknowns for the bands; `plain_posterior` without prior."""
         if self.posterior is not None:
             return self.posterior
         determined = 0.0 if self.smoothness else float(self.free_parameters)
@@ -200,7 +200,7 @@ class Identification(Fit[Preisach]):
 
     @cached_property
     def of_record(self) -> RecordAdvice:
-        """What was found in the record, also where it was given as arrays."""
+        """Findings about the record, also of a record that was given as arrays."""
         if self.told is not None:
             return self.told
         raw = looks_like_raw_log(None, self.u, self.y)
@@ -208,7 +208,7 @@ class Identification(Fit[Preisach]):
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """What was chosen and not given: columns of the record and options, one sentence each."""
+        """Choices of the identification: columns of the record and options, one sentence each."""
         return (*self.of_record.chosen, *map(str, self.choices))
 
     @cached_property
@@ -243,17 +243,17 @@ class Identification(Fit[Preisach]):
 
     @cached_property
     def baseline_nrmse(self) -> float:
-        """Error of the best delayed polynomial, on the held-out samples where there are any."""
+        """Error of the best delayed polynomial, on the held-out samples if there are any."""
         scored = self.held_out if self.held_out.any() else self.fitted
         return polynomial_nrmse(self.u, self.y, self.fitted, scored, self.curves)
 
     @property
     def free_parameters(self) -> int:
-        """Weights that are not zero, and offset and slope where fitted.
+        """Number of weights that are not zero, and of offset and slope if fitted.
 
-        Without prior and smoothness, they are as many as the data determine (Meyer and Woodroofe,
-        On the degrees of freedom in shape-restricted regression, Annals of Statistics 28, 2000);
-        otherwise the data determine fewer: `effective_parameters`.
+        Without prior and smoothness, the data determine all of them (Meyer and Woodroofe, On the
+        degrees of freedom in shape-restricted regression, Annals of Statistics 28, 2000); otherwise
+        the data determine fewer: `effective_parameters`.
         """
         spec = self.matrix.spec
         return int(np.count_nonzero(self.model.weights)) + spec.offset + spec.slope
@@ -271,12 +271,12 @@ class Identification(Fit[Preisach]):
 
     @property
     def unknowns(self) -> int:
-        """Weights, and offset and slope where fitted."""
+        """Number of weights, and of offset and slope if fitted."""
         return self.matrix.spec.unknowns
 
     @property
     def samples(self) -> int:
-        """Samples that the model was fitted to."""
+        """Number of fitted samples."""
         return self.matrix.measurements
 
     @property
@@ -296,7 +296,7 @@ class Identification(Fit[Preisach]):
 
     @property
     def excited_fraction(self) -> float:
-        """Share of the cells that are excited."""
+        """Share of excited cells."""
         return float(np.count_nonzero(self.excited)) / self.matrix.spec.cells
 
     @cached_property
@@ -310,7 +310,7 @@ class Identification(Fit[Preisach]):
 
     @cached_property
     def residual(self) -> ResidualSummary:
-        """What the residual on the fitted samples shows."""
+        """Summary of the residual on the fitted samples."""
         used = self.fitted.copy()
         for fault in self.findings:
             if fault.kind == "outlier":
@@ -336,10 +336,10 @@ class Identification(Fit[Preisach]):
     def predict(
         self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
     ) -> Samples | Prediction:
-        """Predict the outputs, lag included, for an input sampled as the record was.
+        """Predict the outputs, with the lag, for an input with the sampling of the record.
 
-        Parameters and errors are those of `Result.predict`. Where the record has three groups or
-        more, the bands are of another group.
+        Parameters and errors are those of `Result.predict`. If the record has three groups or more,
+        the bands are those of another group.
         """
         if bands is None and curves is None:
             return Curves.whole(self.start).delayed(self.model.simulate(u, self.start), self.lag)
@@ -365,15 +365,15 @@ class Identification(Fit[Preisach]):
         return replace(found, sd=sd)
 
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
-        """(M,) standard deviations of predicted readings along the record, sensor noise included.
+        """(M,) standard deviations of predicted readings along the record, with sensor noise.
 
-        ``samples`` (M,) of int: which samples, in increasing order.
+        ``samples`` (M,) of int: the samples, in increasing order.
         """
         return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))[0]
 
     @property
     def _noise(self) -> float:
-        """Standard deviation of the sensor, as far as it is told from other errors."""
+        """Standard deviation of the sensor, as far as it is distinguished from other errors."""
         if self.grouped:
             return 0.0
         return self.uncertainty.hyperparameters.noise * self.uncertainty.unit
@@ -386,13 +386,13 @@ class Identification(Fit[Preisach]):
         probability: float = BAND,
         lag: int | None = None,
     ) -> tuple[FloatArray, BoolArray]:
-        """As of `BandModel.deviation`, with the lag of the model if none is given."""
+        """As of `BandModel.deviation`; the default lag is that of the model."""
         late = self.lag if lag is None else lag
         return self.band_model.deviation(self.model, u, curves, samples, probability, late)
 
     @cached_property
     def band_model(self) -> BandModel:
-        """What the bands follow from, beside the model."""
+        """Uncertainty of the model, which gives its bands."""
         inputs, places = self.curves.driven(self.u, self.model.levels, self.lag)
         within = within_cells(self.model, inputs, self.curves.start)[places[self.fitted]]
         shown = float(within.mean())
@@ -416,8 +416,8 @@ class Identification(Fit[Preisach]):
     @property
     def _known_rank(self) -> int | None:
         """The rank, if it is known or quickly computed."""
-        # Unknowns up to which the rank is computed unasked. 3000 take 40 s, and the time grows with
-        # their cube.
+        # Unknowns up to which the rank is computed without a request. 3000 take 40 s, and the time
+        # grows with their cube.
         known = "_rank_and_condition" in self.__dict__ or self.unknowns <= 3000
         return self.rank if known else None
 
@@ -427,10 +427,10 @@ class Identification(Fit[Preisach]):
 
     @cached_property
     def _coverage(self) -> tuple[float, str, float]:
-        """Share of readings within their 90 % bands, of which they are, and the mean half width."""
+        """Share of readings within their 90 % bands, kind of readings, and mean half width."""
         held = self.held_out.any()
         scored = np.flatnonzero(self.held_out if held else self.fitted)
-        # Readings whose bands are computed: the share of 90 % within them is then known to 0.7 %
+        # With 2000 bands, the share of 90 % within them is known to 0.7 %
         scored = scored[one_of_each(scored.size, 2000)]
         reach = PER_DEVIATION * self.deviation(scored)
         inside = float(np.mean(np.abs((self.prediction - self.y)[scored]) <= reach))
@@ -443,7 +443,7 @@ class Identification(Fit[Preisach]):
             score = f"{percent(held, 2)} of range on held-out data"
         return (
             f"A Preisach model of {self.model.bands} bands, identified from {source}: "
-            f"{percent(self.nrmse, 2)} of range on the {self.samples} samples it was fitted to, "
+            f"{percent(self.nrmse, 2)} of range on the {self.samples} fitted samples, "
             f"{score}; the best polynomial of the delayed input reaches "
             f"{percent(self.baseline_nrmse, 2)}."
         )

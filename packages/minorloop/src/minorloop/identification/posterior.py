@@ -1,6 +1,6 @@
 """Posterior of the unknowns of a plane under the Gaussian prior, and of its outputs.
 
-The normal equations are solved on dense matrices, or on the sparse system of `everett_system` where
+The normal equations are solved on dense matrices, or on the sparse system of `everett_system` if
 that is quicker.
 """
 
@@ -32,17 +32,17 @@ from minorloop.operators.memory import Start
 MOST_DENSE_CELLS = 2100
 """Cells up to which dense matrices are quick."""
 _MOST_CHEAP_CELLS = 1300
-"""Cells, those of 50 bands, up to which a fit on dense matrices takes at most two seconds."""
+"""Cells (50 bands) up to which a fit on dense matrices takes at most two seconds."""
 _MOST_CELLS = 5050
-"""Cells up to which they are used where the sparse system has too much fill."""
+"""Cells up to which dense matrices are used if the sparse system has too much fill."""
 _LEAST_SPARSE = 300
 """Cells from which the sparse system is used."""
 _FILL = 0.3
 """Multiplications of its factorisation, over the cube of the cells, up to which it is quicker."""
 _PROBES = 400
-"""Random inputs on which a coarse plane is compared with the plane."""
+"""Number of random inputs on which a coarse plane is compared with the plane."""
 _TOGETHER = 8192
-"""Outputs whose dense regressors are in memory at once."""
+"""Number of outputs whose dense regressors are in memory at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +56,15 @@ class Posterior(ABC):
     unit: float
     """Range of the measured outputs."""
     samples: int
-    """Measurements that the hyperparameters were learnt from. Variances are multiplied by samples /
-    (samples - 7), at most by 2, because seven hyperparameters were learnt."""
+    """Measurements from which the hyperparameters were learnt. Variances are multiplied by samples
+    / (samples - 7), at most by 2, because seven hyperparameters were learnt."""
     determined: float
-    """Trace of the hat matrix without sign constraints: number of unknowns that they determined."""
+    """Trace of the hat matrix without sign constraints: number of unknowns that they determine."""
     centre: FloatArray | None = field(default=None, kw_only=True)
     """Shape (n,). Mean of the prior; zero if None."""
     apart: FloatArray | None = field(default=None, kw_only=True)
-    """Shape (n,). Estimate less the one that the covariance is of; the square of its output is
-    added to variances. None if they are the same."""
+    """Shape (n,). Estimate minus the estimate with this covariance; the square of its output is
+    added to variances. None if both are the same."""
 
     @property
     @abstractmethod
@@ -80,11 +80,11 @@ class Posterior(ABC):
         """F (k, m), where F F' is the covariance of sums of the unknowns; ``into`` as `sums`."""
 
     def coarse(self, bands: int) -> DensePosterior:
-        """Return the distribution of the unknowns of a plane of at most so many bands.
+        """Return the distribution of the unknowns of a plane of at most ``bands`` bands.
 
-        Its factor is lower triangular. The density counts as constant in each of the larger cells;
-        a factor makes up for what varies within them, so that outputs for random inputs have the
-        same variance on average.
+        Its factor is lower triangular. The density counts as constant in each of the larger cells.
+        A scale factor corrects for variations within them, so that outputs for random inputs have
+        the same variance on average.
         """
         spec = self.spec.coarse(bands)
         into = self.spec.sums(spec)
@@ -102,22 +102,22 @@ class Posterior(ABC):
         mean, other = (one._known(probe, every, "negative").mean() for one in (self, found))
         return replace(found, dense=np.sqrt(mean / other) * square)
 
-    def _known(self, u: FloatArray, wanted: BoolArray, start: Start) -> FloatArray:
+    def _known(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M,) variances of outputs from the uncertainty of the unknowns, and from `apart`."""
-        known = self.variances(u, wanted, start)
+        known = self.variances(u, measured, start)
         if self.apart is not None:
-            known += DesignMatrix(self.spec, u, wanted, start).forward(self.apart) ** 2
+            known += DesignMatrix(self.spec, u, measured, start).forward(self.apart) ** 2
         return known
 
     def deviation(
         self, u: FloatArray, start: Start, measured: BoolArray | None = None
     ) -> FloatArray:
-        """Standard deviation of the true outputs for inputs (T,), or after some of them.
+        """Standard deviation of the true outputs after all inputs (T,), or after ``measured`` ones.
 
         It includes the uncertainty of the weights and the model discrepancy, but no sensor noise.
         """
-        wanted = np.ones(u.size, dtype=np.bool_) if measured is None else measured
-        return self._whole(self._known(u, wanted, start))
+        chosen = np.ones(u.size, dtype=np.bool_) if measured is None else measured
+        return self._whole(self._known(u, chosen, start))
 
     def _whole(self, variances: FloatArray) -> FloatArray:
         total = variances + (self.hyperparameters.discrepancy * self.unit) ** 2
@@ -180,7 +180,7 @@ class SparsePosterior(Posterior):
 
 @dataclass(frozen=True, eq=False)
 class _SparseEvidence:
-    """Scaled measurements (M,), less the outputs of the mean of the prior, and their system."""
+    """Scaled measurements (M,) minus the outputs of the mean of the prior, and their system."""
 
     system: EverettSystem
     y: FloatArray
@@ -206,10 +206,10 @@ class _IndependentPart:
         loose: FloatArray,
         likelihood: float,
     ) -> _IndependentPart:
-        """Posterior from prior variances and precisions given the field, of weights.
+        """Posterior from the prior variances of weights and their precisions ``given`` the field.
 
-        ``mean`` (K,) and ``loose`` (K,) are the mean and the variance of the weights apart from
-        what the field gives.
+        ``mean`` (K,) and ``loose`` (K,) are the mean and the variance of the weights without the
+        part that the field explains.
         """
         share = variances * given
         determined = np.clip(share * (1 - given * loose), 0.0, 1.0)
@@ -222,7 +222,7 @@ class PriorSystem(ABC):
     """Normal equations of the unknowns (n,), as deviations from the mean of the prior."""
 
     evidence: Any
-    """Scaled measurements, less the outputs of the mean of the prior."""
+    """Scaled measurements minus the outputs of the mean of the prior."""
     plane: PlanePrior
     """Prior."""
     h: Hyperparameters
@@ -356,7 +356,7 @@ class DenseSystem(PriorSystem):
         loose = inverse.diagonal()[:cells] + np.einsum("mk,mk->k", half, half)
         logarithms = np.log(root.diagonal()).sum() + np.log(of_field.diagonal()).sum()
         spent += 2 * float(logarithms) - precision.logarithm
-        apart = mean[:cells] - factors @ values  # A' C^-1 y would be rounding
+        apart = mean[:cells] - factors @ values  # A' C^-1 y would be lost to rounding
         likelihood = -0.5 * (square - float(slope @ mean) + spent)
         variances = self.plane.nugget_variances(self.h)
         return _IndependentPart.of(variances, given, apart, loose, likelihood)
@@ -369,7 +369,7 @@ class DenseSystem(PriorSystem):
 
 @dataclass(frozen=True, eq=False)
 class SparseSystem(PriorSystem):
-    """Normal equations as a sparse system, which those of other hyperparameters use too."""
+    """Normal equations as a sparse system, which other hyperparameters use too."""
 
     evidence: _SparseEvidence
 
@@ -393,7 +393,7 @@ class SparseSystem(PriorSystem):
         """Posterior mean, and the logarithm of the determinant over that of the prior."""
         system, precision = self._factorise(self.h.variance)
         begin = system.gradient(np.zeros(system.scale.size), self.evidence.y)
-        # Relative residual of the posterior mean, and most steps to reach it
+        # Relative residual of the posterior mean 1e-10, within 50 steps
         z = system.solve(-begin, True, 1e-10, 50)
         return system.scale * z, system.logarithm() - precision.logarithm
 
@@ -404,8 +404,8 @@ class SparseSystem(PriorSystem):
 
     @property
     def determined(self) -> float:
-        """Derivative of the logarithm of that ratio by that of the variance, negative."""
-        # Relative change of a variance for a derivative
+        """Negative derivative of the logarithm of the determinant ratio by that of the variance."""
+        # Relative change of the variance for the derivative
         here, step = self._mean_and_logarithm[1], 1 + 0.02
         system, precision = self._factorise(self.h.variance * step)
         return (here - system.logarithm() + precision.logarithm) / float(np.log(step))
@@ -458,11 +458,11 @@ def system_of_many(
     signed: bool,
     centre: FloatArray | float = 0.0,
 ) -> PriorSystem:
-    """Normal equations of many samples, sparse where that is quicker.
+    """Normal equations of many samples, sparse if that is quicker.
 
-    ``y`` (M,) are scaled outputs less those of the mean of the prior, ``weight`` (M,) how many
-    samples each stands for. Raises a `ParameterError` if the plane is too fine for dense matrices
-    and the record does not suit sparse ones.
+    ``y`` (M,) are scaled outputs minus those of the mean of the prior, ``weight`` (M,) the number
+    of samples that each replaces. Raises a `ParameterError` if the plane is too fine for dense
+    matrices and the record does not suit sparse matrices.
     """
     plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
     system = None
@@ -474,7 +474,7 @@ def system_of_many(
     if cells > _MOST_CELLS:
         raise ParameterError(
             f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "
-            'bands, so that the prior needs too large matrices; give at most 100 levels, or "auto" '
+            'bands: the matrices of the prior are too large; give at most 100 levels, or "auto" '
             "for smoothness instead"
         )
     return DenseSystem(ManyOutputs.of(matrix, y, weight), plane, h, signed, centre)

@@ -1,7 +1,7 @@
-"""Prepare a record, as it was read, for an identification, and say what was found in it.
+"""Prepare a record for an identification, and report findings about it.
 
-Command line, Python, lab page and fleet identify through these functions, so that one record gives
-one model.
+Command line, Python, lab page and fleet all identify through these functions, so that a record
+always gives the same model.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,25 +18,25 @@ from minorloop.lab.timebase import parse_lag
 
 @dataclass(frozen=True)
 class RecordAdvice:
-    """What was found in a record and chosen for it, one sentence each."""
+    """Findings about a record and choices for it, one sentence each."""
 
     chosen: tuple[str, ...] = ()
     """Columns that were chosen."""
     notes: tuple[str, ...] = ()
-    """What was found in the file and its times."""
+    """Findings about the file and its times."""
     warnings: tuple[str, ...] = ()
-    """Why a model of the record is not to be trusted."""
+    """Reasons not to trust a model of the record."""
     first: int = 0
     """Row of the record that is sample 0."""
     sd: str | None = None
-    """Column of the standard deviations by which the samples count; None if they are alike."""
+    """Column of the standard deviations that weight the samples; None if samples count alike."""
     not_fitted: tuple[int, ...] = ()
-    """Points of a run that chose its own inputs that are not fitted."""
+    """Points of an adaptive run that are not fitted."""
 
     def with_model(
         self, warnings: Sequence[str], advice: Sequence[str], *, samples: bool = False
     ) -> tuple[str, ...]:
-        """Return all advice: warnings, what was found in the record, then the rest.
+        """Return all advice: warnings, findings about the record, then the rest.
 
         ``warnings``, ``advice``: those about the record and the model, and all advice about the
         model; ``samples``: whether these sentences name samples.
@@ -51,15 +51,15 @@ class RecordAdvice:
 
 
 NOTHING = RecordAdvice()
-"""Of a record that was given as arrays."""
+"""Advice about a record that was given as arrays: none."""
 
 
 def fit_prepared(record: Record, lag: int | str, fit: Callable[[Record, Any], Any]) -> Any:
-    """Prepare a record, fit it, and say what was found in it.
+    """Prepare a record, fit it, and report findings about it.
 
-    A lag in rows needs even times: where it is searched or given, a record with uneven ones is
-    resampled, and used as it is if the best lag is 0. The memory is unknown after gaps, unless each
-    curve has one of its own.
+    A lag in rows needs even times. If a lag is searched or given, a record with uneven times is
+    resampled; if the best lag is 0, it is used as it is. The memory is unknown after gaps, unless
+    each curve has its own.
 
     Raises a `ParameterError` if there is a lag in seconds without times.
 
@@ -92,7 +92,7 @@ def fit_prepared(record: Record, lag: int | str, fit: Callable[[Record, Any], An
 
 
 def moving_samples(record: Record) -> tuple[Record, RecordAdvice]:
-    """Return a record with times from 0 at even intervals for dynamics, and what was found.
+    """Return a record with times from 0 at even intervals for dynamics, and findings about it.
 
     Raises a `ParameterError` if the record has no times, has curves or groups, or is of settled
     points.
@@ -115,7 +115,7 @@ def moving_samples(record: Record) -> tuple[Record, RecordAdvice]:
 
 
 def samples_in_time(record: Record) -> tuple[Record, RecordAdvice]:
-    """Return a record with times as it was recorded, and what was found.
+    """Return a record with its original times, and findings about it.
 
     Raises a `ParameterError` if the record has no times; a `RecordError` if the clock was set back.
     """
@@ -135,7 +135,7 @@ def samples_in_time(record: Record) -> tuple[Record, RecordAdvice]:
 
 
 def _advice(record: Record, *, uneven: bool, dynamics: bool = False) -> RecordAdvice:
-    """Return what was found in the file and its times.
+    """Return findings about the file and its times.
 
     ``record``: the record; ``uneven``: whether the model depends on even times; ``dynamics``:
     whether dynamics are identified.

@@ -1,15 +1,15 @@
-"""Priors of an identification: what is assumed of a plane before the record.
+"""Priors of an identification: assumptions about a plane before the record.
 
 Under the Gaussian prior, weights of neighbouring cells are correlated and decay with the distance
-from the diagonal. How strongly they do is learnt from the measurements (`likelihood`). The sum of
-all weights is about the range of the output, whatever the number of cells. All quantities are
-scaled: inputs from 0 to 1 over the levels, outputs to a range of 1.
+from the diagonal. The measurements determine how strongly (`likelihood`). The sum of all weights is
+about the range of the output, for any number of cells. All quantities are scaled: inputs from 0 to
+1 over the levels, outputs to a range of 1.
 
-The covariance is dense. Its precision is made sparse by a field on the vertices of a coarse mesh,
-which has the covariance of the correlated part there, and from which that part is interpolated. The
-variance that interpolation loses is added to the independent part, so that the variance of each
-weight is the same. Given the field, the weights are independent: the precision of weights and field
-together is sparse but for the small block of the field.
+The covariance is dense. A field on the vertices of a coarse mesh makes the precision sparse. It has
+the covariance of the correlated part there, and this part is interpolated from it. The variance
+that interpolation loses is added to the independent part, so that the variance of each weight does
+not change. Given the field, the weights are independent: the precision of weights and field
+together is sparse except for the small block of the field.
 
 References
 ----------
@@ -57,9 +57,9 @@ class Gaussian:
     """
 
     mean: Mean = "zero"
-    """Mean of the prior. ``"ridge"``: a parametric ridge fitted to the record, of the kind of
-    greatest marginal likelihood, or zero if none is more likely; about it the weights vary. It
-    helps where the record leaves much of the plane open, such as one major loop."""
+    """Mean of the prior, about which the weights vary. ``"ridge"``: a parametric ridge fitted to
+    the record, of the kind of greatest marginal likelihood, or zero if zero is more likely. A ridge
+    helps if the record leaves much of the plane undetermined, such as one major loop."""
 
     def __post_init__(self) -> None:
         check_option("mean", self.mean, get_args(Mean))
@@ -77,33 +77,33 @@ class Smooth:
     """
 
     strength: float | Literal["auto"] = "auto"
-    """Defined in `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` chooses by
-    prediction of contiguous segments held out of the fitted samples."""
+    """Strength of the penalty as in `minorloop.identification.least_squares`; 0.0 for none.
+    ``"auto"`` chooses by prediction of contiguous held-out segments of the fitted samples."""
 
 
 Prior: TypeAlias = Literal["auto"] | Gaussian | Smooth
-"""``"auto"``: `Gaussian`, except where the output jumps, where the samples determine a plane that
-reproduces them to rounding, for more than 300 bands, or where the input reverses so often that a
-plane of more than 64 levels would need large dense matrices; for 51 to 64 levels and such an input,
-only for fewer than three samples per unknown or where more than a tenth of the cells is not
-excited."""
+"""``"auto"``: `Gaussian`, except in four cases: the output jumps; the samples determine a plane
+that reproduces them to rounding; there are more than 300 bands; or the input reverses so often that
+a plane of more than 64 levels would need large dense matrices. With such an input and 51 to 64
+levels, it is `Gaussian` only if there are fewer than three samples per unknown or more than a tenth
+of the cells is not excited."""
 
 
 def prior_of(
     prior: str = "auto", smoothness: float | Literal["auto"] = "auto", mean: Mean = "zero"
 ) -> Prior:
-    """Return the prior that options of front ends say: "auto", "gaussian" or "none", and a mean.
+    """Return the prior for options of front ends: "auto", "gaussian" or "none", and a mean.
 
-    ``smoothness`` is the strength of `Smooth`. Raises a `ParameterError` if there is no such prior,
-    or options contradict each other.
+    ``smoothness`` is the strength of `Smooth`. Raises a `ParameterError` if there is no prior of
+    this name, or options contradict each other.
     """
     check_option("prior", prior, ("auto", "gaussian", "none"))
     plain = prior == "none" or smoothness != "auto"
     if mean != "zero" and plain:
         other = 'prior "none"' if prior == "none" else f"smoothness {smoothness!r}"
         raise ParameterError(
-            f"mean is {mean!r}, the mean of a prior, and there is none with {other}; "
-            "leave one of them out"
+            f"mean is {mean!r}, the mean of a prior, and cannot be combined with {other}; "
+            "omit one of them"
         )
     if prior == "gaussian" and smoothness != "auto":
         raise ParameterError(
@@ -130,14 +130,14 @@ class Hyperparameters:
     discrepancy: float = 0.006
     """Standard deviation of the model discrepancy, which no weights can reproduce."""
     nugget: float = 0.3
-    """Independent over correlated variance of a weight: near 0 on smooth planes, above 1 where
+    """Ratio of independent to correlated variance of a weight: near 0 on smooth planes, above 1 if
     neighbouring weights are unrelated."""
     noise: float = 0.003
     """Standard deviation of a measured output."""
 
     @property
     def variance(self) -> float:
-        """Variance of a measured output, where the discrepancy is independent."""
+        """Variance of a measured output if the discrepancy is independent."""
         return self.noise**2 + self.discrepancy**2
 
 
@@ -146,7 +146,7 @@ class PlanePrior:
 
     ``least`` (K,) are the least standard deviations of the irreversible weights, in ranges of the
     output, or None. ``independent`` (K,) are the variances of the independent parts of the weights,
-    over those of the nugget. The ``mesh`` has at most so many ``bands``.
+    over those of the nugget. The ``mesh`` has at most ``bands`` bands.
     """
 
     def __init__(self, spec: PlaneSpec, bands: int = _MESH_BANDS) -> None:
@@ -181,7 +181,7 @@ class PlanePrior:
         return Mesh(self, self._bands)
 
     def deviations(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray]:
-        """(K,) standard deviations of the irreversible weights, and (L,) of the reversible ones."""
+        """(K,) standard deviations of the irreversible, and (L,) of the reversible weights."""
         decay = np.exp(-self.across / h.decay) * self.area
         bulk = np.asarray(self._unit * np.asarray(h.bulk * decay / decay.sum()))
         if self.least is not None:
@@ -197,7 +197,7 @@ class PlanePrior:
 
     @property
     def level_deviations(self) -> FloatArray:
-        """Standard deviations of offset and slope, where fitted."""
+        """Standard deviations of offset and slope, if fitted."""
         span = float(self.spec.levels[-1] - self.spec.levels[0])
         units = [1.0] * self.spec.offset + [1.0 / span] * self.spec.slope
         # Prior variance of offset and slope, in squared ranges of the output: twice the range
@@ -261,8 +261,8 @@ class PlanePrior:
         bulk, reversible = self.deviations(h)
         loose = self.nugget_variances(h) + bulk**2 * (1.0 - field.bulk_kept)
         loose[self.diagonal] += reversible**2 * (1.0 - field.reversible_kept)
-        # Least prior standard deviation of a weight, in ranges of the output: below it, pivots of
-        # the sparse factor are lost in rounding
+        # Least prior standard deviation of a weight, in ranges of the output: below it, rounding
+        # makes pivots of the sparse factor useless
         given = variance / np.maximum(loose, 1e-6**2)
         factor = np.append(bulk[:, None] * mesh.share, reversible[:, None] * mesh.part)
         shape = self.spec.cells, mesh.unknowns
@@ -282,7 +282,7 @@ class PlanePrior:
         return _matern(self.middle, self._none, h.along, 1.0)
 
     def _correlation(self, along: float, across: float) -> FloatArray:
-        """Return the (K, K) Matern correlation, kept while other hyperparameters change."""
+        """Return the (K, K) Matern correlation, cached for other hyperparameters."""
         if (along, across) not in self._correlations:
             if len(self._correlations) > 1:
                 del self._correlations[next(iter(self._correlations))]
@@ -320,7 +320,7 @@ class FieldPrecision:
     own: FloatArray
     """Shape (n,). Diagonal of the unknowns, given the field."""
     factors: csr_array[Any]
-    """(K, m) sparse array. Weights that the field gives."""
+    """(K, m) sparse array. Weights as functions of the field."""
     field: FloatArray
     """Shape (m, m). Block of the field."""
     links: FloatArray
@@ -337,7 +337,7 @@ class FieldPrecision:
         return out
 
     def apart(self, x: FloatArray) -> FloatArray:
-        """(K,) weights of unknowns ``x`` less those of the field that is most likely with them."""
+        """(K,) weights of unknowns ``x`` minus those of the most likely field for them."""
         from scipy.linalg import cho_solve
 
         cells = self.factors.shape[0]
@@ -353,10 +353,10 @@ class FieldPrecision:
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """What depends on the correlation lengths alone.
+    """The part of the prior that depends only on the correlation lengths.
 
-    ``precision`` (m, m) of the field, the logarithm of its determinant, and the variances ``kept``
-    by the interpolation to each link of a cell.
+    ``precision`` (m, m) of the field, the logarithm of its determinant, and the variances that the
+    interpolation to each cell keeps.
     """
 
     lengths: tuple[float, float]
@@ -369,10 +369,10 @@ class _Field:
 class Mesh:
     """Coarse mesh over a plane, on which the field (m,) has its values.
 
-    One is at each vertex, for the irreversible weights, and one at each threshold of the mesh, for
-    the reversible ones. ``places`` (2, E) are rows and columns of the entries of the precision that
-    concern the field: Everett nodes are numbered from 0, values of the field from K. ``link_cells``
-    are the cells of the entries between the two.
+    The field has a value at each vertex, for the irreversible weights, and at each threshold of the
+    mesh, for the reversible weights. ``places`` (2, E) are rows and columns of the entries of the
+    precision that contain the field: Everett nodes are numbered from 0, values of the field from K.
+    ``link_cells`` are the cells of the entries between nodes and field.
     """
 
     def __init__(self, plane: PlanePrior, bands: int) -> None:
@@ -400,7 +400,7 @@ class Mesh:
         self._field: _Field | None = None
 
     def field(self, h: Hyperparameters) -> _Field:
-        """Return the field for the correlation lengths, kept while others change."""
+        """Return the field for the correlation lengths, cached for other hyperparameters."""
         lengths = h.along, h.across
         if self._field is None or self._field.lengths != lengths:
             vertices = self.along.size

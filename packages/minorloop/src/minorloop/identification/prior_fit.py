@@ -4,11 +4,11 @@ The cost is (y - A x)' R^-1 (y - A x) + (x - m)' S^-1 (x - m), with weights x th
 regressors A, prior mean m (zero, or a ridge) and covariance S, and covariance R of discrepancy plus
 noise. Few samples have a correlated discrepancy, and are fitted on dense matrices.
 
-With a normal distribution of the independent part of the weights, single large weights are drawn
-towards zero, and the small ones take over what is missing. With a t distribution of one degree of
-freedom they are not. It is a normal distribution whose variance is drawn anew for each weight; the
-variances are found by variational Bayes, in which the posterior stays normal. Which of the two
-distributions is used, the marginal likelihood decides.
+A normal distribution of the independent part of the weights shrinks single large weights towards
+zero, and small weights compensate for it. A t distribution of one degree of freedom does not. It is
+a normal distribution with a random variance for each weight; variational Bayes, in which the
+posterior stays normal, finds the variances. The marginal likelihood chooses between the two
+distributions.
 
 References
 ----------
@@ -50,23 +50,23 @@ from minorloop.threads import one_thread
 
 MOST_CORRELATED = 100
 """Samples up to which the discrepancy is correlated. Along the branches of a longer record, a
-correlated discrepancy would explain what the weights can."""
+correlated discrepancy would explain outputs that the weights can explain."""
 _MOST_SCREENED = 400
 """Samples up to which leave-one-out residuals are computed."""
 _MANY = 10**9
-"""Number of samples that stands for hyperparameters that are given, not learnt."""
+"""Number of samples that means that hyperparameters are given, not learnt."""
 _LEAST_NOISE = 1e-6
 _ALIKE, _MOST_ALIKE, _SURE = 1.5, 10, 3.0
-"""Correlation time from which errors are not independent, its largest lag as a share of the
-samples, one in so many, and standard deviations of an autocorrelation that is no noise."""
+"""Correlation time from which errors are not independent; samples for each lag of its sum; and
+standard deviations from which an autocorrelation is not noise."""
 _REFINEMENTS = 2
 _SQUARES, _REACHED = 8, 0.1
-"""Squares across the plane over which densities are averaged, so that single rough cells do not
-count; and share of a square that the record must have switched."""
+"""Number of squares across the plane over which densities are averaged, so that single rough cells
+do not count; and least share of a square that the record switches."""
 _LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 6, 0.5
 """Least nugget, most steps of the search for it, and tolerance of its logarithm."""
 _ROUNDS = 8
-"""Rounds of the variances; later ones change outputs by less than their error."""
+"""Rounds of the variances; later rounds change outputs by less than their error."""
 _LEAST_FREE = 1.0
 """Samples beyond the determined unknowns from which an exact fit shows that there is no noise."""
 
@@ -77,11 +77,11 @@ _Tried = TypeVar("_Tried")
 class Regression:
     """Outputs ``y`` (M,) of the samples ``rows`` (M,), and their regressors.
 
-    In a condensed record, each output stands for several samples, one of which is in ``rows``.
+    In a condensed record, each output replaces several samples, one of which is in ``rows``.
 
-    ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
-    the outputs about the condensed ones. ``noise`` is the standard deviation of a sample, where it
-    is known.
+    ``inputs`` and ``measured`` are those of the matrix; ``within`` is the mean square of the
+    outputs about the condensed outputs. ``noise`` is the standard deviation of a sample, if it is
+    known.
     """
 
     matrix: DesignMatrix
@@ -93,12 +93,12 @@ class Regression:
     noise: float | None = None
 
     def squared_error(self, x: FloatArray) -> float:
-        """Sum of squared errors, without that within condensed samples."""
+        """Sum of squared errors, without the part within condensed samples."""
         return float(self.weight @ (self.matrix.forward(x) - self.y) ** 2)
 
     @property
     def weight(self) -> FloatArray:
-        """(M,) number of samples that each output stands for, or weight."""
+        """(M,) number of samples that each output replaces, or its weight."""
         counts = self.matrix.counts
         return np.ones(self.y.size) if counts is None else counts
 
@@ -141,7 +141,7 @@ class PriorFit:
 
 @dataclass(frozen=True, eq=False)
 class _Scaled:
-    """Outputs (M,) of range 1 about their middle, less those of the mean of the prior."""
+    """Outputs (M,) of range 1 about their middle, minus those of the mean of the prior."""
 
     spec: PlaneSpec
     y: FloatArray
@@ -150,7 +150,7 @@ class _Scaled:
     centre: FloatArray
     """Shape (n,). Mean of the prior of scaled outputs."""
     noise: float | None
-    """Their noise, where it is known."""
+    """Noise of the scaled outputs, if it is known."""
     given: FloatArray | None
     """Mean of the prior in the unit of the output; None if zero."""
 
@@ -164,7 +164,7 @@ class _Scaled:
         centre: FloatArray | None,
         noise: float | None,
     ) -> _Scaled:
-        """Scale outputs, those ``kept`` to a range of 1; ``forward`` gives outputs of unknowns."""
+        """Scale outputs to a range of 1 of those ``kept``; ``forward`` maps unknowns to outputs."""
         _, unit, shift = scale_outputs(spec, y[kept])
         scaled, mean = (y - shift) / unit, np.zeros(spec.unknowns)
         if centre is not None:
@@ -185,12 +185,11 @@ class _Scaled:
         leave_one_out: FloatArray | None,
         learnt: Hyperparameters,
     ) -> PriorFit:
-        """Fit under the sign constraints, and raise the discrepancy to the residuals that are left.
+        """Fit under the sign constraints, and raise the discrepancy to the size of the residuals.
 
-        ``mean_square`` is that of the residuals at deviations (n,). ``switched`` (K,) cells switch
-        between the samples. The likelihood is that of the hyperparameters that are given: it
-        ignores the sign constraints, explains a falling output by negative weights, and then
-        underestimates the discrepancy.
+        The likelihood of ``system`` ignores the sign constraints: negative weights explain a
+        falling output, and the discrepancy is underestimated. ``mean_square`` maps deviations (n,)
+        to the mean squared residual. ``switched`` (K,) cells switch between the samples.
         """
         likelihood = system.likelihood
         x, kkt = system.bounded()
@@ -227,24 +226,23 @@ def fit_prior(
     regression : Regression
         M measurements.
     signed : bool
-        Let weights and slope be negative.
+        Whether weights and slope may be negative.
     noise : float, optional
-        Standard deviation of a measured output, in its unit; learnt if not given.
+        Standard deviation of a measured output, in its unit; learnt by default.
     guess : Hyperparameters, optional
         Start of the search.
     centre : (n,) array, optional
-        Mean of the prior; zero if not given.
+        Mean of the prior; zero by default.
     kept : (M,) array of bool, optional
-        Measurements that are fitted, and that the hyperparameters are learnt from; all if not
-        given.
+        Measurements to fit, and to learn the hyperparameters from; all by default.
     independent : bool
-        Take the errors of neighbouring samples for independent.
+        Whether the errors of neighbouring samples count as independent.
 
     Notes
     -----
-    Where neighbouring errors of many samples are alike, the bands are those of a fit to fewer
-    independent samples. The unknowns are not: most such errors of real records are hysteresis that
-    the model lacks, and more of the prior would only add to them.
+    If neighbouring errors of many samples are alike, the bands are those of a fit to fewer
+    independent samples. The unknowns are those of the fit to all samples: most such errors of real
+    records are hysteresis that the model cannot describe, and a stronger prior would increase them.
     """
     used = np.ones(regression.y.size, dtype=np.bool_) if kept is None else kept
     with one_thread():
@@ -316,7 +314,7 @@ def _fit_many(
     small = matrix.at_most(MOST_SEARCH_BANDS)
     learnt = search(ManyOutputs.of(small, y, weight, within), scaled.noise, guess)
     h = on_finer_plane(learnt, small.spec, spec)
-    if noise is None:  # where both are independent, one is not told from the other
+    if noise is None:  # independent discrepancy and independent noise are not distinguishable
         h = replace(h, discrepancy=float(np.hypot(h.discrepancy, h.noise)), noise=0.0)
     system = system_of_many(matrix, y, weight, h, signed, scaled.centre)
 
@@ -333,7 +331,7 @@ def _fit_many(
             _of_best_nugget(begun.h, lambda h: replace(begun, h=h), lambda one: one.likelihood)
         )
     normal = None
-    # Nugget from which the distribution of the independent part matters
+    # Least nugget at which the distribution of the independent part matters
     if system.h.nugget >= 0.1 and spec.cells <= MOST_DENSE_CELLS:
         independent, rise = _independent_variances(system)
         if independent is not None:
@@ -355,9 +353,9 @@ def _fit_many(
 def _independent_variances(system: PriorSystem) -> tuple[FloatArray | None, float]:
     """Variances of the independent parts of the weights, if their distribution has heavy tails.
 
-    Gives (K,) variances over those of the nugget, or None if the normal distribution is as likely;
-    and how much the logarithm of the marginal likelihood rises. ``system`` has many samples and the
-    normal prior.
+    Returns (K,) variances over those of the nugget, or None if the normal distribution is as
+    likely; and the rise of the logarithm of the marginal likelihood. ``system`` has many samples
+    and the normal prior.
     """
     usual = system.plane.nugget_variances(system.h)
     share, scale, rise = np.ones(usual.size), 1.0, -np.inf
@@ -369,11 +367,11 @@ def _independent_variances(system: PriorSystem) -> tuple[FloatArray | None, floa
         found = replace(system, plane=system.plane.varied(independent=share)).independent_part()
         ratio, before = scale / share, rise
         spent = np.sum(1 - ratio / 2 + np.log(ratio / (2 * np.pi)) / 2)
-        # For a weight that no measurement determines, the bound is too low by so much.
+        # Corrects the bound, which is too low for weights that no measurement determines.
         spent += (np.log(2 * np.pi) - 1) / 2 * np.sum(1 - found.determined)
         rise = found.likelihood + float(spent) - normal.likelihood
         if before > -np.inf and rise + left * max(rise - before, 0.0) <= 0:
-            return None, 0.0  # the bound rises less and less from round to round
+            return None, 0.0  # the bound rises less in each round, so it stays too low
     return (share, rise) if rise > 0 else (None, 0.0)
 
 
@@ -382,7 +380,7 @@ def posterior_after(
 ) -> Posterior:
     """Posterior after measurements with these regressors and features; output range 1.
 
-    Its mean is not used: the covariance does not depend on the outputs.
+    Only its covariance is used, which does not depend on the outputs.
     """
     system = DenseSystem(
         FewOutputs.of(spec, np.zeros(dense[0].shape[0]), dense), PlanePrior(spec), h
@@ -394,15 +392,14 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
     """Posterior of unknowns (n,) that were fitted without the prior, with their residuals.
 
     The bands have the widths of the prior on a plane of at most 50 bands, with the variance of an
-    output from the residuals of the fit. Where so many unknowns, at least ``determined``, reproduce
-    the readings that the residuals say nothing, it is that of the known noise, or else what the
+    output from the residuals of the fit. If too many unknowns (at least ``determined``) are fitted
+    for reliable residuals, it is the variance of the known noise, or else the variance that the
     prior has learnt. The squared difference between the fit and the mean of the prior's posterior
-    is added to the variance: where the record leaves the plane open, both are guesses.
+    is added to the variance: where the record does not determine the plane, both are guesses.
     """
     matrix = regression.matrix
     scaled, unit, middle = scale_outputs(matrix.spec, regression.y)
-    # Bands of the plane at most, for bands without the prior; the outputs hardly depend on what is
-    # finer
+    # Most bands of the plane, for bands without the prior; finer bands hardly change the outputs
     small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(50)
     # Neighbours whose errors are alike count as one sample.
     weight = regression.weight / _correlation_time(regression, x)
@@ -416,7 +413,7 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
         h = _with_residual_variance(h, left, count, None)
         determined = max(determined, DenseSystem(evidence, plane, h).determined)
         free, noise = count - determined, None
-        # Share of the samples from which so many determined unknowns leave no reliable residuals
+        # Share of the samples above which the determined unknowns leave no reliable residuals
         if determined > 0.5 * count:
             known, reproduced = regression.noise, reproduces(matrix, x, regression.y)
             if reproduced and known:
@@ -433,9 +430,9 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
 
 
 def on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hyperparameters:
-    """Hyperparameters of a plane from those of a coarser one.
+    """Hyperparameters of a plane from those of a coarser plane.
 
-    The independent part of a coarse cell is the mean of those of its fine cells.
+    The independent part of a coarse cell is the mean of the parts of its fine cells.
     """
     return replace(h, nugget=h.nugget * fine.cells / coarse.cells)
 
@@ -444,8 +441,8 @@ def _correlation_time(regression: Regression, x: FloatArray) -> float:
     """Number of neighbouring samples whose errors count as one; 1 for independent errors.
 
     It is the sum of products of the autocorrelations of residual and output, up to the first that
-    is noise: correlated errors matter where the regressors are alike too. Long records are
-    condensed, so that their neighbours are not known; their errors count as independent.
+    is noise: correlated errors matter only if the regressors are also alike. Long records are
+    condensed, so their neighbours are not known, and their errors count as independent.
 
     References
     ----------
@@ -466,22 +463,22 @@ def _correlation_time(regression: Regression, x: FloatArray) -> float:
 
 
 def _with_open_cells(system: PriorSystem, x: FloatArray, switched: BoolArray) -> PriorSystem:
-    """System for the bands, whose prior knows little of cells that never switched.
+    """System for the bands, with a wide prior for cells that never switched.
 
-    The hyperparameters are learnt where the record reaches, often near the diagonal. Beyond, any
-    weight up to the greatest density that the record shows is as likely, whatever their decay.
-    ``x`` (n,) are the fitted unknowns, with an output range of 1; ``switched`` (K,) are the cells
-    that switch between measured samples.
+    The hyperparameters are learnt from the cells that the record reaches, often near the diagonal.
+    In other cells, weights up to the greatest density in the record are likely, even if the
+    hyperparameters say that weights decay. ``x`` (n,) are the fitted unknowns, with an output range
+    of 1; ``switched`` (K,) are the cells that switch between measured samples.
     """
     plane = system.plane
     i, j = np.tril_indices(plane.spec.bands)
-    seen = switched & (i != j)  # the diagonal has reversible weights too
-    if switched.all() or not seen.any():
+    inner = switched & (i != j)  # the diagonal also has reversible weights
+    if switched.all() or not inner.any():
         return system
     square = np.minimum((_SQUARES * plane.middle).astype(int), _SQUARES - 1)
     place = _SQUARES * square[i] + square[j]
-    weight = np.bincount(place[seen], np.abs(x[: plane.spec.cells][seen]), _SQUARES**2)
-    area = np.bincount(place[seen], plane.area[seen], _SQUARES**2)
+    weight = np.bincount(place[inner], np.abs(x[: plane.spec.cells][inner]), _SQUARES**2)
+    area = np.bincount(place[inner], plane.area[inner], _SQUARES**2)
     reached = area > _REACHED / _SQUARES**2
     densest = float(np.max(weight[reached] / area[reached], initial=0.0))
     least = np.where(switched, 0.0, densest * plane.area)
@@ -521,10 +518,10 @@ def _of_best_nugget(
     at: Callable[[Hyperparameters], _Tried],
     likelihood: Callable[[_Tried], float],
 ) -> _Tried:
-    """Of all that were tried on the fine plane, what has the greatest marginal likelihood.
+    """Return the fit on the fine plane with the nugget of greatest marginal likelihood.
 
-    ``at`` takes hyperparameters that differ in the nugget. A coarse plane cannot tell independent
-    weights from what it does not resolve.
+    ``at`` returns the fit for hyperparameters that differ in the nugget. A coarse plane cannot
+    distinguish independent weights from details that it does not resolve.
     """
     from scipy.optimize import minimize_scalar
 
@@ -549,7 +546,7 @@ def _with_residual_variance(
     """Replace discrepancy and noise by the residual variance on the fine plane.
 
     MacKay, Bayesian interpolation, Neural Computation 4, 1992, section 4: sum of squared residuals
-    over the number of samples less the number of well-determined unknowns.
+    over the number of samples minus the number of well-determined unknowns.
     """
     own = 0.0 if noise is None else noise
     rest = max(left / max(freedom, 1.0) - own**2, _LEAST_NOISE**2)
@@ -557,7 +554,7 @@ def _with_residual_variance(
 
 
 def scale_outputs(spec: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
-    """(M,) outputs with a range of 1, about their mean where an offset is fitted; unit and mean."""
+    """(M,) outputs with a range of 1, about their mean if an offset is fitted; unit and mean."""
     unit = float(np.ptp(y)) or 1.0
     shift = float(y.mean()) if spec.offset else 0.0
     return (y - shift) / unit, unit, shift

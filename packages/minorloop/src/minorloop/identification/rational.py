@@ -15,15 +15,15 @@ from minorloop.figures import Drawn
 ComplexArray = npt.NDArray[np.complex128]
 
 HIGHEST_ORDER = 4
-"""Poles, at most."""
+"""Most poles."""
 _ITERATIONS = 20
 _CONVERGED = 1e-9
 """Relative change of the error at which the iteration ends."""
 _LOWEST, _HIGHEST = 1e-15, 1e15
-"""Frequencies whose powers fit into a number."""
+"""Least and greatest frequency whose powers do not overflow."""
 _LEAST_ITERATED_DAMPING = 1e-3
 _REFINED = 3
-"""Best results of the iteration that are refined."""
+"""Number of best results of the iteration that are refined."""
 _BEYOND = 10.0
 """Factor by which poles may lie beyond the frequencies."""
 
@@ -74,9 +74,9 @@ def fit_response(
         Number of poles, 1 to 4. ``"auto"`` minimises the Bayesian information criterion (Schwarz,
         Estimating the dimension of a model, 1978).
     zeros : int, optional
-        Number of zeros, at most ``order``. If not given, the criterion chooses up to one less
-        than poles. Weakly damped poles and zeros in the right half plane must then halve the
-        error, because they often fit noise.
+        Number of zeros, at most ``order``. By default, the criterion chooses up to one less than
+        poles. Weakly damped poles and zeros in the right half plane must then halve the error,
+        because they often fit noise.
 
     Notes
     -----
@@ -130,7 +130,7 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
     """Fit from several initial poles, and return the best; None if a pole was lost."""
     scale = float(2 * np.pi * np.exp(np.mean(np.log(hertz))))
     s = np.asarray(2j * np.pi * hertz / scale, dtype=np.complex128)
-    # Frequencies from which the initial poles are taken
+    # Frequencies of the initial poles
     corners = np.geomspace(np.abs(s).min(), np.abs(s).max(), 4)
     starts = [np.ones(1)]
     for chosen in itertools.combinations_with_replacement(corners, poles):
@@ -140,7 +140,7 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
     found += [_refined(s, gains, bottom, zeros) for _, bottom in found[:_REFINED] if bottom[0]]
     top, bottom = min(found, key=lambda pair: _distance(s, gains, *pair))
     powers = scale ** -np.arange(poles, -1, -1.0)
-    if bottom[0] == 0:  # one pole less, which is another candidate
+    if bottom[0] == 0:  # a pole was lost; fewer poles are another candidate
         return None
     return Linear(
         (top * powers[-top.size :]) / powers[0], (bottom * powers) / powers[0]
@@ -150,7 +150,7 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
 def _iterated(
     s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int, poles: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Iterate from a denominator; gives the best numerator and denominator."""
+    """Iterate from a denominator; return the best numerator and denominator."""
     best, least, before = None, np.inf, np.inf
     for _ in range(_ITERATIONS):
         weight = 1 / np.abs(gains * np.polyval(bottom, s))
@@ -169,10 +169,10 @@ def _iterated(
 def _refined(
     s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Minimise the relative error near a denominator; gives numerator and denominator.
+    """Minimise the relative error near a denominator; return numerator and denominator.
 
-    The iteration takes its weights from the previous one. Where no rational function has these
-    gains, for example those of several amplitudes, it does not reach the minimum.
+    `_iterated` takes its weights from its previous step, so it does not reach the minimum if no
+    rational function has these gains, for example those of several amplitudes.
     """
     from scipy.optimize import least_squares
 
@@ -271,10 +271,10 @@ def _as_response(
     if not (low > 0 and _LOWEST <= low <= high <= _HIGHEST):
         found = low if low < _LOWEST else high
         raise SignalError(
-            f"a frequency is {found:g} Hz; give positive ones, from {_LOWEST:g} to {_HIGHEST:g} Hz"
+            f"a frequency is {found:g} Hz; give frequencies from {_LOWEST:g} to {_HIGHEST:g} Hz"
         )
     if not np.isfinite(gains).all() or (gains == 0).any():
-        raise SignalError("a gain is zero or not finite; leave its frequency out")
+        raise SignalError("a gain is zero or not finite; remove its frequency")
     check_scale("gain", np.abs(gains))
     return np.tile(hertz, gains.shape[0]), gains.ravel()
 

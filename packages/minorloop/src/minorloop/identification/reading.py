@@ -1,4 +1,4 @@
-"""Read what is identified: a table, or the settled points of an experiment store."""
+"""Read a record to identify: a table, or the settled points of an experiment store."""
 
 import os
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def read(
     sd: Named = AUTO,
     progress: Callable[[str], None] | None = None,
 ) -> Record:
-    """Read a record to be identified, with what each row has beside input and output.
+    """Read a record to identify, with further columns such as time and labels.
 
     Raises a `RecordError` if the file, a column or the times cannot be used; a `ParameterError` if
     a column is missing, is given twice or belongs to no table.
@@ -46,14 +46,14 @@ def read(
         output may have empty cells.
     time : str, optional
         Column of time, in s unless its header says ms, us, min or h, or date and time. ``"auto"``:
-        the one with the name or the unit of a time, if there is one. None: no time.
+        the column with the name or the unit of a time, if there is one. None: no time.
     curves, groups : str, optional
         Columns of labels, as the options of `identify` of these names.
     sd : str, optional
         Column of the standard deviation of the output. ``"auto"``: the column ``sd`` in the unit of
         the output, if there is one, or those of a store. None: outputs count alike.
     progress : callable, optional
-        Called with the share that has been read, as text.
+        Called with the share of the file that has been read, as text.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def read(
 
 
 def _is_adaptive(store: Store) -> bool:
-    """Whether a run chose its inputs to identify; a drive has a design of its own.
+    """Whether a run chose its inputs to identify; a drive has another design.
 
     Raises a `ParameterError` if it has sines and no settled points.
     """
@@ -101,14 +101,14 @@ def _is_adaptive(store: Store) -> bool:
 
 
 def chooser_of(setup: Setup, points: list[Point]) -> Adaptive:
-    """Return what chose the levels of a store, with the noise that its points show."""
+    """Return the `Adaptive` that chose the levels of a store, with the noise from its points."""
     chooser = Adaptive(**(setup.design or {}), seed=setup.seed)
     chooser.learn_noise([point.sd for point in points])
     return chooser
 
 
 def _points(path: PathLike, *, weighted: bool) -> Record:
-    """Return the points of a store, and what chose them."""
+    """Return the points of a store; those of an adaptive run are identified with its settings."""
     with Store.open(path) as store:
         points = store.points()
         chooser = chooser_of(store.setup, points) if _is_adaptive(store) else None
@@ -117,7 +117,7 @@ def _points(path: PathLike, *, weighted: bool) -> Record:
         if weighted and np.isfinite(sd[np.isfinite(log.y)]).any():
             log = log.replace(sd=sd).with_origin(sd_column="sd")
         if store.running:
-            note = f"the run goes on, and has {len(store)} of {len(store.plan)} points so far"
+            note = f"the run continues, and has {len(store)} of {len(store.plan)} points so far"
             log = log.with_origin(notes=(note,))
     if chooser is None:
         return log
@@ -127,10 +127,10 @@ def _points(path: PathLike, *, weighted: bool) -> Record:
 def _identify_run(
     chooser: Adaptive, record: Record, law: Plane, prior: Prior, holdout: float
 ) -> Identification:
-    """Return the model of an adaptive run, with the settings of the run; validation held out."""
+    """Return the model of an adaptive run, by its settings, with its validation held out."""
     if not record.whole or holdout != 0 or record.skip != 0:
         raise ParameterError(
-            "an adaptive run holds out its own validation; leave rows, skip and holdout out"
+            "an adaptive run holds out its own validation; omit rows, skip and holdout"
         )
     u, y = record.u.tolist(), record.y.tolist()
     result = chooser.identification(u, y, law, prior, record.start)

@@ -15,7 +15,7 @@ from minorloop.lab.faults import FEWEST, Fault
 def split(
     y: FloatArray, holdout: float, coded: Sequence[Fault], skipped: BoolArray | None = None
 ) -> tuple[BoolArray, BoolArray]:
-    """Samples to be fitted, and samples held out at the end; none of those that are skipped."""
+    """Samples to be fitted, and samples held out at the end, both without skipped samples."""
     number = isinstance(holdout, float | int | np.floating | np.integer)
     if not number or isinstance(holdout, bool) or not 0 <= holdout <= 0.9:
         raise ParameterError(f"holdout is {holdout!r}; give a share from 0 to 0.9")
@@ -44,7 +44,7 @@ def split(
 
 
 def as_skip(skip: int, positions: IntArray) -> BoolArray:
-    """(T,) rows that drive the memory and are not fitted: the first ones of each curve."""
+    """(T,) rows that drive the memory and are not fitted: the first rows of each curve."""
     whole = isinstance(skip, int | np.integer) and not isinstance(skip, bool)
     if not whole or not 0 <= int(skip) < positions.size:
         raise ParameterError(f"skip is {skip!r}; give whole rows from 0 to {positions.size - 1}")
@@ -52,7 +52,7 @@ def as_skip(skip: int, positions: IntArray) -> BoolArray:
 
 
 def grid(u: FloatArray, y: FloatArray, levels: int | npt.ArrayLike, spacing: str) -> Levels:
-    """Thresholds that are given, or as many bands as are wanted."""
+    """Given thresholds, or thresholds of a given number of bands."""
     if not np.isscalar(levels):
         return as_levels(levels)
     count = levels
@@ -65,14 +65,14 @@ def grid(u: FloatArray, y: FloatArray, levels: int | npt.ArrayLike, spacing: str
     # Least width of a band, in distances of neighbouring numbers: areas are shares of bands
     if np.ptp(u) < 4 * int(count) * np.spacing(largest):
         raise SignalError(
-            f"the input changes by {np.ptp(u):g} only, about {largest:g}, where rounding leaves no "
-            f"room for {count} bands; give fewer, or subtract a constant before it is rounded"
+            f"the input changes only by {np.ptp(u):g}, at about {largest:g}, where rounding leaves "
+            f"no room for {count} bands; give fewer, or subtract a constant before rounding"
         )
     return levels_for(u, y, int(count), spacing)
 
 
 def as_lag(lag: int | str, samples: int) -> int:
-    """Check a number of samples by which the output is late."""
+    """Return a number of samples by which the output is late, after a check."""
     whole = isinstance(lag, int | np.integer) and not isinstance(lag, bool)
     if not whole or not 0 <= int(lag) < samples:
         raise ParameterError(
@@ -84,7 +84,7 @@ def as_lag(lag: int | str, samples: int) -> int:
 def as_noise(
     noise: float | npt.ArrayLike | None, fitted: BoolArray
 ) -> tuple[float | None, FloatArray | None]:
-    """Check standard deviations of measured outputs; return the one of all, or that of each."""
+    """Check standard deviations of measured outputs; return one for all, or one for each."""
     if noise is None:
         return None, None
     if np.ndim(noise):
@@ -109,11 +109,11 @@ def _each(sd: FloatArray, fitted: BoolArray) -> FloatArray | None:
         row = int(np.argmax(fitted & ~((sd >= 0) & (sd <= LARGEST))))
         raise SignalError(
             f"noise is {sd[row]} at index {row}; give standard deviations >= 0 and up to "
-            f"{LARGEST:g}, NaN where one is not known"
+            f"{LARGEST:g}, or NaN if not known"
         )
     if not known.any():
         return None
-    # Standard deviations below this share of their median count as so much
+    # Smaller standard deviations count as this share of their median
     least = 0.1 * float(np.median(known[known > 0]))
     return np.maximum(np.where(np.isnan(sd), known.max(), sd), least)
 

@@ -1,10 +1,10 @@
 """Recursive identification: one settled sample at a time, for actuators that drift.
 
 Least squares with forgetting, in information form: the state is the normal matrix R and vector b
-instead of a covariance. A leak towards the present weights keeps R invertible where the input does
-not excite the plane. The weights are updated by coordinate descent with bounds at zero. Clipping
-the weights of a covariance recursion is no projection in its metric, and diverges on inputs that do
-not excite all weights.
+instead of a covariance. A leak towards the present weights keeps R invertible if the input does not
+excite the whole plane. The weights are updated by coordinate descent with bounds at zero. Clipping
+the weights of a covariance recursion is not a projection in its metric, and diverges on inputs that
+do not excite all weights.
 """
 
 from dataclasses import dataclass, replace
@@ -39,13 +39,13 @@ class RecursiveState:
     theta: FloatArray
     """Shape (n,). Packed weights and offset, in the unit of the output."""
     information: FloatArray
-    """Shape (n, n). Weighted sum of the outer products of the regressors, leak included."""
+    """Shape (n, n). Weighted sum of the outer products of the regressors, with the leak."""
     vector: FloatArray
-    """Shape (n,). Weighted sum of regressors times outputs, leak included."""
+    """Shape (n,). Weighted sum of regressors times outputs, with the leak."""
     updates: int = 0
     """Number of samples used."""
     frozen: str = ""
-    """Why the last sample was not used; empty if it was."""
+    """Reason why the last sample was not used; empty if it was used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,8 @@ class Recursive:
     levels: Levels
     """Shape (L + 1,). Thresholds."""
     forgetting: float = 0.995
-    """Factor on the weight of a sample per update, above 0 and up to 1; 0.995 keeps about 200
-    samples."""
+    """Factor by which an update reduces the weight of old samples, above 0 and up to 1; 0.995 keeps
+    about 200 samples."""
     prior: float = 0.1
     """Strength of the leak towards the present weights, in samples; positive."""
     relay: Relay = "bipolar"
@@ -88,8 +88,8 @@ class Recursive:
     def begin(self, start: Start = "negative", model: Preisach | None = None) -> RecursiveState:
         """Return the state before the first sample.
 
-        ``start``: memory of the actuator; ``model``: initial model on the same levels, all weights
-        are zero if not given. Raises a `ParameterError` if the model has other levels, relays or
+        ``start``: memory of the actuator; ``model``: initial model on the same levels; by default
+        all weights are zero. Raises a `ParameterError` if the model has other levels, relays or
         diagonal, or a slope.
         """
         theta = np.zeros(self.spec.unknowns)
@@ -102,7 +102,7 @@ class Recursive:
             if not same:
                 raise ParameterError(
                     f"{model!r} has other levels, relays or diagonal than this recursion, or a "
-                    "slope; give one with the same"
+                    "slope; give a model with the same, without a slope"
                 )
             theta[:-1], theta[-1] = pack(model.weights), model.offset
         blank = self.model(RecursiveState(Memory.negative(0.0), theta, theta, theta))
@@ -119,8 +119,8 @@ class Recursive:
 
         Raises a `ParameterError` if the input is not finite, or the output is infinite.
 
-        ``state``: before the sample; ``u``: input that was applied; ``y``: output that was
-        measured; NaN if it was not; ``settled``: whether the output has settled.
+        ``state``: state before the sample; ``u``: applied input; ``y``: measured output; NaN if not
+        measured; ``settled``: whether the output has settled.
         """
         value, output = as_finite("u", u), float(y)
         if np.isinf(output):
@@ -133,14 +133,14 @@ class Recursive:
         elif not low <= value <= high:
             reason = "beyond the levels"
         elif memory == state.memory and state.updates:
-            reason = "nothing switched"
+            reason = "no relay switched"
         if reason:
             return replace(state, memory=memory, frozen=reason)
         information, vector = state.information.copy(), state.vector.copy()
         theta = state.theta.copy()
         row = self.regressor(memory)
         _kernels.absorb(information, vector, row, output, self.forgetting, self.prior, theta)
-        # Sweeps of coordinate descent an update
+        # Two sweeps of coordinate descent per update
         _kernels.descend(information, vector, theta, self._bounded, 2)
         return RecursiveState(memory, theta, information, vector, state.updates + 1)
 
@@ -148,7 +148,7 @@ class Recursive:
         """Return the state after a sequence of settled samples.
 
         ``state``: state before the sequence; ``u`` (n,): inputs; ``y`` (n,): settled outputs; NaN
-        where none was read.
+        if not read.
         """
         for value, output in zip(np.asarray(u).ravel(), np.asarray(y).ravel(), strict=True):
             state = self.update(state, float(value), float(output))
@@ -171,9 +171,9 @@ class Recursive:
         return max(least, 0.0) / max(count, 1.0)
 
     def regressor(self, memory: Memory) -> FloatArray:
-        """(n,) signed area fractions of all cells, and one for the offset.
+        """(n,) signed area fractions of all cells, and 1 for the offset.
 
-        ``memory``: of the relays.
+        ``memory``: memory of the relays.
         """
         row = np.ones(self.spec.unknowns)
         extrema = np.array(memory.extrema)

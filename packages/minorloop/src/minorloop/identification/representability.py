@@ -1,10 +1,10 @@
-"""How much a record contradicts every Preisach model.
+"""Measure by how much a record contradicts every Preisach model.
 
 A system is a Preisach operator if and only if it obeys two laws (Mayergoyz, Mathematical Models of
-Hysteresis, 1991, section 1.3). Wiping-out: the output depends on the remembered extrema alone.
-Congruency: on a branch, the change of the output since the reversal depends on the input at the
-reversal and the present input alone. Where a record returns to the same memory or branch with
-another output, no model can reproduce both. Noise and drift count as violations too.
+Hysteresis, 1991, section 1.3). Wiping-out: the output depends only on the remembered extrema.
+Congruency: on a branch, the change of the output since the reversal depends only on the input at
+the reversal and the present input. If a record returns to the same memory or branch with another
+output, no model can reproduce both. Noise and drift also count as violations.
 """
 
 from collections import defaultdict
@@ -29,7 +29,7 @@ class Representability:
     """Largest difference between changes along the same branch, over the range of the output."""
     floor: float
     """Lower bound of the root-mean-square error of any Preisach model on this record, over the
-    range; 0 if the record repeats nothing."""
+    range; 0 if the record repeats no memory or branch."""
     memories: int
     branches: int
     """``memories`` and ``branches``: number of memories and branch points that occur more than
@@ -47,9 +47,9 @@ class Representability:
 def representability(u: npt.ArrayLike, y: npt.ArrayLike) -> Representability:
     """Compare the outputs of a record wherever it repeats a memory or a branch.
 
-    ``u`` (T,): inputs, starting at the lowest one (negative saturation); ``y`` (T,): settled
-    outputs, NaN where nothing was measured. Raises a `SignalError` if lengths differ, or fewer than
-    two outputs are finite.
+    ``u`` (T,): inputs from the lowest input (negative saturation) on; ``y`` (T,): settled outputs,
+    NaN if not measured. Raises a `SignalError` if lengths differ, or fewer than two outputs are
+    finite.
     """
     inputs, outputs = as_pair(u, y)
     if np.count_nonzero(np.isfinite(outputs)) < 2:

@@ -1,4 +1,4 @@
-"""What the residual of a fit shows: a start-up, drift, a step, and where it is large."""
+"""Summarise the residual of a fit: start-up, drift, step, and size by group, amplitude and rate."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from minorloop.lab.noise import noise_of
 from minorloop.threads import one_thread
 
 _FEWEST = 30
-"""Residuals below which only the worst is reported."""
+"""Least residuals for a full summary; of fewer, only the worst is reported."""
 _WINDOW, _SHARE_OF_ROWS, _SHARE_OF_ERROR = 100, 0.1, 0.3
-"""A start-up is over where this part of the rows is as good as the others; it has at most the share
-of the rows, and at least the share of the squared error."""
+"""A start-up ends when a window of one row in a hundred is as good as the later rows. It has at
+most this share of the rows, and at least this share of the squared error."""
 _SPANNED = 0.5
-"""Share of the range of the output that a group spans, from which it determines a gain: on less,
-gain and offset are extrapolated to the range by more than twice, and cancel each other."""
+"""Least share of the range of the output over which a group determines a gain: with less, gain and
+offset are extrapolated to more than twice the share, and cancel each other."""
 PARTS = 3
-"""Parts of equal size by amplitude and by rate."""
+"""Number of parts of equal size by amplitude, and by rate."""
 _MOST = 50_000
-"""Samples by whose amplitude and rate errors are sorted, at most."""
+"""Most samples whose errors are sorted by amplitude and rate."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Startup:
     """Rows at the beginning that the model does not follow."""
 
     rows: int
-    """Number of these rows of the record."""
+    """Number of these rows."""
     largest: float
     """Largest error among them, in ranges of the output."""
     share: float
@@ -39,55 +39,54 @@ class Startup:
 
 @dataclass(frozen=True)
 class OffsetStep:
-    """A place from which on all outputs are shifted."""
+    """A step: from a sample on, all outputs are shifted."""
 
     sample: int
-    """First sample behind it."""
+    """First sample behind the step."""
     size: float
     """Change of the measured output against the model, in ranges."""
 
 
 @dataclass(frozen=True)
 class GroupDifference:
-    """How the outputs of groups differ from the model, each with an offset and a gain of its own.
+    """Differences between the outputs of groups and the model: an offset and a gain for each group.
 
-    A group that spans less than half of the range of the output has an offset only.
+    A group that spans less than half of the range of the output has only an offset.
     """
 
     groups: int
     """Number of groups."""
     share: float
-    """Share of the squared error that these offsets and gains explain."""
+    """Share of the squared error that the offsets and gains explain."""
     offset: float
     """Largest offset, in ranges."""
     gain: float
-    """Largest difference of a gain from one; 0 where no group determines it."""
+    """Largest difference of a gain from one; 0 if no group determines it."""
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualSummary:
-    """What the residual on the fitted samples shows; errors are in ranges of the output."""
+    """Summary of the residual on the fitted samples; errors are in ranges of the output."""
 
     worst_sample: int
     """Sample of the largest error."""
     worst: float
-    """That error, model less measured."""
+    """Largest error, model minus measured."""
     autocorrelation: float
     """Correlation of residuals of neighbouring samples; NaN for few samples."""
     startup: Startup | None = None
     """A start-up that the model does not follow."""
     drift: float = 0.0
-    """Change of the measured output against the model along the record, where it is steady; 0
-    otherwise."""
+    """Change of the measured output against the model along the record if it is steady, else 0."""
     step: OffsetStep | None = None
     """A shift of all outputs from a row on."""
     groups: GroupDifference | None = None
-    """What the groups differ by, where this is most of the error."""
+    """Differences between the groups, if they explain most of the error."""
     by_amplitude: tuple[tuple[float, float, float], ...] = ()
-    """Tuple of (float, float, float). Of samples by the size of their loop: its least and greatest
-    size, and the error."""
+    """Tuple of (float, float, float). Samples by the size of their loop: least and greatest size,
+    and error."""
     by_rate: tuple[tuple[float, float, float], ...] = ()
-    """Tuple of (float, float, float). The same by the change of the input from sample to sample."""
+    """Tuple of (float, float, float). Samples by the change of the input to them: the same."""
 
 
 def summary(
@@ -100,9 +99,9 @@ def summary(
 ) -> ResidualSummary:
     """Summarise the residual of a fit.
 
-    ``u`` (T,): inputs, delayed as the output is; ``error`` (T,): model less measured, in ranges of
+    ``u`` (T,): inputs, delayed as the output is; ``error`` (T,): model minus measured, in ranges of
     the output; ``used`` (T,) of bool: fitted samples without outliers; ``y`` (T,): measured
-    outputs, in ranges; ``basis``: functions of the memory, (M, Q), at some samples (M,), such as
+    outputs, in ranges; ``basis``: maps samples (M,) to functions of the memory (M, Q), such as
     those of a rough model; ``groups`` (T,) of int: number of the group of each row.
     """
     rows = np.flatnonzero(used)
@@ -133,10 +132,10 @@ def summary(
 def noise_in(error: FloatArray, y: FloatArray) -> float:
     """Return the standard deviation of the noise in a residual; the rest is an error of the model.
 
-    Noise is what neighbours do not share. It leaves no hole between readings: where a residual of
-    independent rows does, as by a bit of the converter that never changes, none of it is noise.
+    Noise is the part that neighbours do not share. Noise fills gaps between readings. If there is
+    still a gap, as by a bit of the converter that never changes, the residual has no noise.
 
-    ``error`` (M,): residual of the fitted samples, model less measured, in order; ``y`` (M,):
+    ``error`` (M,): residual of the fitted samples, model minus measured, in order; ``y`` (M,):
     measured outputs, in the same unit.
     """
     from scipy.special import ndtr
@@ -144,14 +143,14 @@ def noise_in(error: FloatArray, y: FloatArray) -> float:
     sd = float(np.sqrt(np.mean(error**2)))
     if error.size < _FEWEST or sd == 0:
         return sd
-    # Readings among which holes are looked for, at most
+    # Most readings in the search for gaps
     some = one_of_each(y.size, 800)
     ordered, model = np.sort(y[some]), (y + error)[some]
-    # Least width of a hole between readings, in standard deviations of the residual, and readings
-    # that the model expects in it: all of them miss one between two states by chance once in sixty
-    # times
-    holes = np.flatnonzero(np.diff(ordered) > 2.0 * sd)
-    low, high = ordered[holes, None], ordered[holes + 1, None]
+    # Least width of a gap between readings, in standard deviations of the residual, and number of
+    # readings that the model expects in it: by chance, a gap between two states stays empty once in
+    # sixty times
+    gaps = np.flatnonzero(np.diff(ordered) > 2.0 * sd)
+    low, high = ordered[gaps, None], ordered[gaps + 1, None]
     expected = (ndtr((high - model) / sd) - ndtr((low - model) / sd)).sum(axis=1)
     if expected.max(initial=0.0) > 6.0:
         return 0.0
@@ -176,14 +175,14 @@ def find_startup(error: FloatArray, rows: IntArray) -> Startup | None:
     if not 0 < count <= most or squares[count] < _SHARE_OF_ERROR * squares[-1]:
         return None
     largest = float(np.abs(error[:count]).max())
-    # Error of a start-up over that of the other rows
+    # Least ratio of the error of a start-up to that of later rows
     if np.sqrt(squares[count] / count) < 4.0 * usual:
         return None
     return Startup(int(rows[count]), largest, float(squares[count] / squares[-1]))
 
 
 def _autocorrelation(error: FloatArray, rows: IntArray) -> float:
-    """Correlation of the residuals of samples that follow each other."""
+    """Correlation of the residuals of successive samples."""
     next_to = np.diff(rows) == 1
     centred = error - error.mean()
     square = float(np.mean(centred**2))
@@ -195,9 +194,9 @@ def _autocorrelation(error: FloatArray, rows: IntArray) -> float:
 def _step_or_drift(
     basis: Callable[[IntArray], FloatArray], error: FloatArray, y: FloatArray, rows: IntArray
 ) -> tuple[OffsetStep | None, float]:
-    """Find a row from which on the outputs are shifted, or else their change along the record.
+    """Find a row from which on the outputs are shifted, or else their drift along the record.
 
-    The fit may have absorbed part of it.
+    The fit may have absorbed part of the shift or drift.
     """
     some = one_of_each(rows.size, MOST_ROWS)
     columns, fitted, measured = basis(rows[some]), (y + error)[some], y[some]
@@ -217,7 +216,7 @@ def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDif
     for name in names:
         rows = groups == name
         x = y[rows] - y.mean()
-        if np.count_nonzero(rows) < 5:  # rows that give no gain
+        if np.count_nonzero(rows) < 5:  # too few rows for a gain
             continue
         gain, offset = 0.0, float(error[rows].mean())
         if span and np.ptp(x) >= _SPANNED * span:
@@ -229,7 +228,7 @@ def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDif
     if len(offsets) < 2 or squares == 0:
         return None
     share = 1 - float(left @ left) / squares
-    if share < 0.5:  # share of the squared error that an offset and a gain of each group explain
+    if share < 0.5:  # offsets and gains explain less than half of the squared error
         return None
     return GroupDifference(len(names), share, max(offsets), max(gains))
 

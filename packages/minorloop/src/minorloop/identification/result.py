@@ -1,6 +1,6 @@
-"""What every identification returns: a model, how good it is, and what to do about it.
+"""The result of every identification: a model, its scores, and advice.
 
-A law fills a subclass of `Fit` with two tables: its scores, and its rules of advice. Terminal,
+A law gives a subclass of `Fit` two tables: its scores, and its rules of advice. Terminal,
 ``--json``, model files, reports, notebooks, the lab page and fleets read these tables.
 """
 
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 
 M = TypeVar("M", covariant=True)
 FIRST = 5
-"""Scores that the terminal shows without -v, the first ones of the table."""
+"""Number of first scores of the table that the terminal shows without -v."""
 _OF_REPR = 3
-"""The same of the representation, which has five lines."""
+"""Number of first scores in the representation, which has five lines."""
 
 
 Rule: TypeAlias = Callable[[Any], Iterator[str]]
-"""A rule of advice: gives sentences about a fit, what is weak and what to do; none otherwise."""
+"""A rule of advice: gives sentences about weaknesses of a fit and remedies, if any."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class ScoreRow:
     """One score of a kind of fits."""
 
     name: str
-    """Key in ``--json``; empty for a score that is shown only."""
+    """Key in ``--json``; empty for a score that is only shown."""
     value: str | Callable[[Any], Any]
     """Attribute of the fit, or a function of the fit."""
     label: str = ""
@@ -60,7 +60,7 @@ class ScoreRow:
     text: str | Callable[[Any], str] = "{}"
     """Format of the value, or a function of it."""
     absent: str = ""
-    """Text in place of None; a score without one is not shown then."""
+    """Text in place of None; if it is empty, the score is then not shown."""
     kept: bool = False
     """Whether a model file keeps it."""
     slow: bool = False
@@ -71,7 +71,7 @@ class ScoreRow:
         return attrgetter(self.value)(fit) if isinstance(self.value, str) else self.value(fit)
 
     def row(self, fit: object) -> list[tuple[str, str]]:
-        """Return label and text; nothing where there is nothing to show."""
+        """Return label and text, or an empty list if the text is empty."""
         value = self.of(fit)
         text = self.absent
         if value is not None:
@@ -99,17 +99,17 @@ def _of_worst(errors: Accuracy) -> str:
 
 
 def unless_0(value: float) -> str:
-    """Return a count as text; nothing for none."""
+    """Return a count as text; an empty text for 0."""
     return f"{value}" if value else ""
 
 
 def if_finite(value: float) -> str:
-    """Return a correlation as text; nothing where it is not known."""
+    """Return a correlation as text; an empty text if it is not known."""
     return f"{value:.2f}" if isfinite(value) else ""
 
 
 def _error(part: str, name: str) -> Callable[[Any], Any]:
-    """Return a function of a fit: one of its errors, None where nothing was held out."""
+    """Return a function from a fit to one of its errors; None if no samples were held out."""
     return lambda fit: getattr(getattr(fit, part), name, None)
 
 
@@ -117,7 +117,7 @@ ERRORS = (
     ScoreRow("nrmse_train", "nrmse", "error on fitted data", of_range, kept=True),
     ScoreRow("nrmse_holdout", "holdout_nrmse", "error on held-out data", of_range, "-", kept=True),
 )
-"""The first errors of fits of which a part may be held out."""
+"""The first errors of fits that may have held-out samples."""
 ACCURACY_TEXTS = (("relative rms", _of_rms), ("loop area", _of_loops), ("worst error", _of_worst))
 """Labels, and functions of an `Accuracy` that return texts."""
 MORE_ERRORS = tuple(
@@ -143,13 +143,13 @@ class Scored(Drawn):
     SCORES: ClassVar[tuple[ScoreRow, ...]] = ()
     """The table of scores, most important first."""
     WARNINGS: ClassVar[tuple[Rule, ...]] = ()
-    """The rules for which the model is not to be trusted."""
+    """The rules about models that are not to be trusted."""
     REMARKS: ClassVar[tuple[Rule, ...]] = ()
     """The other rules of advice, most important first."""
 
     @property
     def scores(self) -> dict[str, float | None]:
-        """Scores that a model file keeps; those on held-out samples are None if there are none."""
+        """Scores that a model file keeps; held-out scores are None without held-out samples."""
         return {score.name: score.of(self) for score in self.SCORES if score.kept}
 
     @property
@@ -159,17 +159,17 @@ class Scored(Drawn):
         return {**{score.name: score.of(self) for score in self.SCORES if score.name}, **said}
 
     def summary(self, *, slow: bool = False) -> list[tuple[str, str]]:
-        """Return the scores as text, label and value; with ``slow`` those that take seconds too."""
+        """Return the scores as text, label and value; with ``slow`` also the slow scores."""
         shown = [one for one in self.SCORES if one.label and (slow or not one.slow)]
         return [row for score in shown for row in score.row(self)] + self._further_rows()
 
     def _further_rows(self) -> list[tuple[str, str]]:
-        """Rows of the table of which there are as many as the model has parts."""
+        """Further rows of the table, one for each part of the model."""
         return []
 
     @property
     def details(self) -> tuple[str, ...]:
-        """Lines that are printed behind the scores."""
+        """Lines to print after the scores."""
         return ()
 
     @property
@@ -179,22 +179,22 @@ class Scored(Drawn):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Reasons not to trust the model, part of the advice; empty where there are none."""
+        """Reasons not to trust the model, part of the advice; empty if there are none."""
         return tuple(_sentences(self.WARNINGS, self))
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What is weak and what to do about it, warnings first; empty where nothing is weak."""
+        """Sentences about weaknesses and remedies, warnings first; empty if there are none."""
         return (*self.warnings, *_sentences(self.REMARKS, self))
 
     @property
     def verdict(self) -> str:
-        """How far to trust the model, in one sentence."""
+        """One sentence on how far to trust the model."""
         if self.warnings:
             return f"not to be trusted: {self.warnings[0]}"
         if self.advice:
             return f"{counted(len(self.advice), 'remark')}, first: {self.advice[0]}"
-        return "nothing is weak"
+        return "no weaknesses found"
 
     @property
     def _name(self) -> str:
@@ -233,27 +233,27 @@ class Fit(Scored, Generic[M]):
     HEADLINE: ClassVar[str] = "{output} against {input}"
     """Title of reports and tables; ``fit`` and the names ``input`` and ``output`` are filled in."""
     CAPTION: ClassVar[str] = ""
-    """What the figure shows."""
+    """Caption of the figure."""
 
     model: M
     """The model."""
     u: FloatArray
     y: FloatArray
-    """``u`` and ``y``: shape (T,). The record; y is NaN where nothing was measured."""
+    """``u`` and ``y``: shape (T,). The record; y is NaN if not measured."""
     fitted: BoolArray
-    """Shape (T,). Samples that the model was fitted to."""
+    """Shape (T,). Whether a sample is fitted."""
     held_out: BoolArray
-    """Shape (T,). Samples at the end of the record that were not fitted but scored."""
+    """Shape (T,). Whether a sample is held out to score the model."""
     curves: Curves
-    """Where the memory is reset, and the memory there."""
+    """Rows before which the memory is reset, and the memory there."""
     t: FloatArray | None = None
-    """Shape (T,). Time of each row in seconds, where it is known."""
+    """Shape (T,). Time of each row in seconds, if it is known."""
     measured: FloatArray | None = None
     """Shape (T,). Outputs with dynamics, over whose range errors are given; ``y`` if None."""
     lag: int = 0
     """Samples by which the output follows the model, beyond its dynamics."""
     told: RecordAdvice | None = NOTHING
-    """What was found in the record as it was read; None for arrays."""
+    """Findings about the record as it was read; None for arrays."""
     record: Record | None = None
     """The record as it was given, with the names of its columns; None for arrays."""
 
@@ -269,7 +269,7 @@ class Fit(Scored, Generic[M]):
 
     @property
     def of_record(self) -> RecordAdvice:
-        """What was found in the record, also where it was given as arrays."""
+        """Findings about the record, also of a record that was given as arrays."""
         return self.told or NOTHING
 
     @property
@@ -290,7 +290,7 @@ class Fit(Scored, Generic[M]):
 
     @property
     def unknowns(self) -> int:
-        """Numbers that were fitted, zero or not."""
+        """Number of fitted numbers, zero or not."""
         raise NotImplementedError
 
     @property
@@ -299,19 +299,19 @@ class Fit(Scored, Generic[M]):
         raise NotImplementedError
 
     def span(self, rows: BoolArray) -> float:
-        """Return the range of the measured outputs in some rows, which errors are over.
+        """Return the range of the measured outputs in some rows, to which errors are relative.
 
         Parameters
         ----------
         rows : (T,) array of bool
-            These rows.
+            Whether a row counts.
         """
         outputs = self.y if self.measured is None else self.measured
         return float(np.ptp(outputs[rows])) or 1.0
 
     @property
     def scored(self) -> BoolArray:
-        """(T,) samples whose errors are known: fitted ones, and those held out."""
+        """(T,) samples with known errors: fitted and held-out samples."""
         return self.fitted | self.held_out
 
     @cached_property
@@ -321,7 +321,7 @@ class Fit(Scored, Generic[M]):
 
     @cached_property
     def holdout_accuracy(self) -> Accuracy | None:
-        """Errors on the samples held out; None if none were."""
+        """Errors on the held-out samples; None if there are none."""
         return self._accuracy(self.held_out) if self.held_out.any() else None
 
     def _accuracy(self, rows: BoolArray) -> Accuracy:
@@ -339,17 +339,17 @@ class Fit(Scored, Generic[M]):
 
     @property
     def holdout_nrmse(self) -> float | None:
-        """Error on the samples held out, over their range; None if none were."""
+        """Error on the held-out samples, over their range; None if there are none."""
         return None if self.holdout_accuracy is None else self.holdout_accuracy.nrmse
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """What was chosen and not given: columns of the record and options, one sentence each."""
+        """Choices of the identification: columns of the record and options, one sentence each."""
         return self.of_record.chosen
 
     @property
     def details(self) -> tuple[str, ...]:
-        """Lines that are printed behind the scores."""
+        """Lines to print after the scores."""
         return tuple(f"chosen {text}" for text in self.chosen)
 
     @property
@@ -359,12 +359,12 @@ class Fit(Scored, Generic[M]):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Reasons not to trust the model, part of the advice; empty where there are none."""
+        """Reasons not to trust the model, part of the advice; empty if there are none."""
         return (*self.of_record.warnings, *_sentences(self.WARNINGS, self))
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What is weak and what to do about it, warnings first; empty where nothing is weak."""
+        """Sentences about weaknesses and remedies, warnings first; empty if there are none."""
         rest = [*_sentences(self.REMARKS, self)]
         return self.of_record.with_model(self.warnings, rest, samples=self._names_samples)
 
@@ -381,7 +381,7 @@ class Fit(Scored, Generic[M]):
         path, force
             As of `minorloop.save`.
         **options
-            Other options of it; names of input and output are those of the record if not given.
+            Other options of it; default names of input and output are those of the record.
         """
         names = {}
         if self.record is not None:
@@ -409,12 +409,12 @@ class Fit(Scored, Generic[M]):
 
     @property
     def drawn_labels(self) -> dict[str, str]:
-        """The same for figures, where a dollar would begin a formula."""
+        """Names and units as `labels`, for figures, where a dollar sign would begin a formula."""
         return {name: one.replace("$", r"\$") for name, one in self.labels.items()}
 
     @property
     def headline(self) -> str:
-        """What was identified, in a few words."""
+        """Title of reports and tables: output, input and kind of model."""
         u, y = self.labels.values()
         return self.HEADLINE.format(fit=self, input=u, output=y)
 
@@ -437,7 +437,7 @@ class Fit(Scored, Generic[M]):
     def _add_to(self, report: Report, labels: Mapping[str, str], of: str = "") -> None:
         """Add the sections of a report; headings end with ``of``."""
         report.add(
-            f"How good it is{of}",
+            f"Quality{of}",
             text=[f"Chosen {one}." for one in self.chosen],
             table=Table(("", ""), self.summary(slow=True)),
             pictures=[Picture(self.plot(**labels), self.CAPTION)],
@@ -455,7 +455,7 @@ def add_curves(report: Report, of: Any) -> None:
         caption = "Root-mean-square and largest error of each curve, in the order of the record."
         pictures = [Picture(of.plot(part="curves"), caption)]
     report.add(
-        "Curve by curve",
+        "Errors by curve",
         text=f"{title[0].upper()}{title[1:]}.",
         table=Table(columns, rows),
         pictures=pictures,

@@ -1,8 +1,7 @@
 """Direct identification from first-order reversal curves measured on a mesh.
 
-No fit: weights are mixed differences of the measured values, so noise enters each of them
-four times over and may make some negative. `minorloop.identify` on the same record keeps them
-from that.
+This is not a fit: a weight is a mixed difference of four measured values. Their noise may make
+weights negative. `minorloop.identify` on the same record keeps them positive or zero.
 """
 
 import numpy as np
@@ -16,13 +15,13 @@ from minorloop.operators.preisach import Preisach
 
 
 def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> Preisach:
-    """Model that passes through every measured reversal value, its mean where there are several.
+    """Model that passes through every measured reversal value, or the mean of repeated values.
 
     Raises a `SignalError` if lengths differ, or a reversal value was not measured.
 
-    ``u`` (T,): inputs applied, from negative saturation, in any order of curves, such as those of
-    `minorloop.excitation.reversal_curves`; those that count are level values; ``y`` (T,): outputs;
-    NaN where nothing was measured; ``levels`` (L + 1,): thresholds.
+    ``u`` (T,): applied inputs, from negative saturation, in any order of curves, such as those of
+    `minorloop.excitation.reversal_curves`; only inputs at levels count; ``y`` (T,): outputs; NaN if
+    not measured; ``levels`` (L + 1,): thresholds.
 
     References
     ----------
@@ -48,7 +47,7 @@ def identify_reversal_curves(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.Arr
         raise SignalError(
             f"{len(missing)} reversal values are missing, the first on the curve from "
             f"{grid[a]:g} at {grid[b]:g}; measure excitation.reversal_curves(levels) in full, or "
-            "use identify, which needs no complete mesh"
+            "use identify, which does not need a complete mesh"
         )
     values = total / np.maximum(count, 1)
     weights = plane.weights_from_nodes(np.tril(values.diagonal()[:, None] - values) / 2)

@@ -1,7 +1,7 @@
 """Ridges: parametric densities on a Preisach plane, and their fit to a record.
 
 A ridge is a density with one maximum, at a coercive field, plus reversible weight along the
-diagonal. It has five parameters of shape, and describes a plane where a record, such as one major
+diagonal. It has five parameters of shape, and describes a plane even if a record, such as one major
 loop, does not determine each cell.
 """
 
@@ -28,16 +28,16 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 _PLACES = np.array([-0.5, 0.5]) / np.sqrt(3.0)
 """Points of the quadrature in each direction, from the middle of a cell: exact for cubics."""
 PARAMETERS = 7
-"""Numbers that a fit of a ridge has at most: five of its shape, and two sums of weights."""
+"""Most numbers in a fit of a ridge: five of its shape, and two sums of weights."""
 _START = (0.2, 0.2, 0.2, 0.0, 0.3)
 _LEAST, _GREATEST = (1e-3, 0.02, 0.02, -0.5, 0.02), (2.0, 5.0, 5.0, 0.5, 5.0)
 """Start and bounds of coercive field, spreads, centre and reversible width, over half the range of
 the levels."""
 _POSITIVE = np.array([True, True, True, False, True])
-"""Which of these are searched by their logarithms."""
+"""Whether the search uses the logarithm of each of these."""
 _EVALUATIONS = 100
 FEWEST_FOR_RIDGE = 8
-"""Samples below which a ridge is not fitted."""
+"""Least samples to fit a ridge."""
 _PRODUCTS: dict[str, Callable[..., Density]] = {
     "gaussian": GaussianDensity,
     "lorentzian": LorentzianDensity,
@@ -59,8 +59,8 @@ class Ridge:
     """
 
     kind: Kind
-    """One of "gaussian", "lorentzian", "factored gaussian", "factored lorentzian". Which of
-    `minorloop.operators.densities` it is."""
+    """One of "gaussian", "lorentzian", "factored gaussian", "factored lorentzian": density of
+    `minorloop.operators.densities`."""
     coercive: float
     """Half-width of the typical relay, in the unit of the input."""
     spread_width: float
@@ -102,7 +102,7 @@ class _RidgeFit:
     """A ridge fitted to a record."""
 
     ridge: Ridge
-    """Its shape."""
+    """Shape of the ridge."""
     x: FloatArray
     """Shape (n,). Unknowns of the plane: packed weights, offset, slope."""
     nrmse: float
@@ -112,13 +112,13 @@ class _RidgeFit:
 def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KINDS) -> _RidgeFit:
     """Fit a ridge to outputs by least squares.
 
-    The shape is searched; for each shape, the sums of the irreversible and the reversible weights,
-    the offset and the slope are those of least squares.
+    A search finds the shape; for each shape, least squares gives the sums of the irreversible and
+    the reversible weights, the offset and the slope.
 
     Raises a `SignalError` if there are fewer than eight samples.
 
     ``matrix``: regressors of M samples; ``y`` (M,): outputs; ``kinds``: kinds of ridges to compare;
-    the one with the least error is returned.
+    the ridge with the least error is returned.
 
     References
     ----------
@@ -152,14 +152,14 @@ def _fit_kind(matrix: DesignMatrix, y: FloatArray, kind: Kind) -> _RidgeFit:
 
 
 def _searched(values: tuple[float, ...]) -> FloatArray:
-    """Return shape parameters as they are searched, over half the range of the levels."""
+    """Return shape parameters for the search, over half the range of the levels."""
     given = np.array(values)
     given[_POSITIVE] = np.log(given[_POSITIVE])
     return given
 
 
 def _shape(spec: PlaneSpec, kind: Kind, theta: FloatArray) -> Ridge:
-    """Return the ridge of searched parameters."""
+    """Return the ridge from parameters of the search."""
     low, high = float(spec.levels[0]), float(spec.levels[-1])
     shares = theta.copy()
     shares[_POSITIVE] = np.exp(theta[_POSITIVE])
@@ -179,7 +179,7 @@ def _columns(spec: PlaneSpec, ridge: Ridge) -> FloatArray:
 def _error(
     matrix: DesignMatrix, y: FloatArray, weight: FloatArray, columns: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Least-squares sizes of the columns, none of the first two negative, and weighted errors."""
+    """Least-squares sizes of the columns, the first two not negative, and weighted errors."""
     from scipy.optimize import lsq_linear
 
     seen = np.column_stack([matrix.forward(column) for column in columns.T]) * weight[:, None]

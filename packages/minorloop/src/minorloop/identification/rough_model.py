@@ -1,6 +1,6 @@
 """A rough model of any hysteresis: polynomials of a few plays, fitted robustly in milliseconds.
 
-It predicts each reading without a fit on the plane, and so shows which readings contradict the
+It predicts each reading without a fit on the plane, and so shows readings that contradict the
 others.
 """
 
@@ -17,17 +17,18 @@ from minorloop.operators import _play_kernels
 
 _ROUNDS = 12
 _MOST = 800
-"""Samples that the rough model is fitted to at most; more hardly change its few unknowns."""
+"""Most samples to fit the rough model to; more hardly change its few unknowns."""
 _RIDGE = 1e-7
 _OVERSHOOT = 0.5
-"""Share of the error of an outlier by which the reading is beyond those before and after it."""
+"""Least distance of an outlier from both neighbouring readings, over its error."""
 
 
 def beyond_neighbours(error: FloatArray, y: FloatArray, limit: float) -> BoolArray:
-    """Return which readings (N,) are off by more than a limit while both neighbours are not.
+    """Return whether each reading (N,) is an isolated outlier: its error exceeds both neighbours'.
 
-    The reading itself is beyond both by at least half of that, unlike one beside a jump of the
-    output that its model smears; the first and the last have one neighbour only.
+    Errors must differ by more than ``limit``. The reading must also be beyond both neighbours by
+    half of this difference, unlike a reading beside a jump of the output that the model smears. The
+    first and the last reading do not count.
     """
     found = np.zeros(error.size, dtype=np.bool_)
     alone = _above_neighbours(error)
@@ -36,7 +37,7 @@ def beyond_neighbours(error: FloatArray, y: FloatArray, limit: float) -> BoolArr
 
 
 def _above_neighbours(values: FloatArray) -> FloatArray:
-    """(N - 2,) distance from the nearer of both neighbours, where both are on the same side."""
+    """(N - 2,) distance from the nearer neighbour if both are on the same side, else 0."""
     before, after = values[1:-1] - values[:-2], values[1:-1] - values[2:]
     return np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
 
@@ -74,14 +75,14 @@ class RoughRecord:
 
 
 def few(places: IntArray) -> IntArray:
-    """Up to 800 of the places, one of each part of them."""
+    """At most 800 of the places, one from each part."""
     return places[one_of_each(places.size, _MOST)]
 
 
 def one_of_each(size: int, most: int) -> IntArray:
-    """Return one random row of each of so many blocks, in order; all rows if there are no more.
+    """Return one random row of each of ``most`` blocks, in order; all rows if there are no more.
 
-    Every n-th row would meet a periodic record always at the same place.
+    Every n-th row of a periodic record might always be at the same phase.
     """
     if size <= most:
         return np.arange(size)
@@ -93,7 +94,7 @@ def one_of_each(size: int, most: int) -> IntArray:
 class Basis:
     """Polynomials of plays along the input, and a constant.
 
-    ``plays`` (T, P), scaled; ``degree`` of their polynomials.
+    ``plays`` (T, P): scaled plays; ``degree``: degree of their polynomials.
     """
 
     plays: FloatArray
@@ -103,8 +104,8 @@ class Basis:
     def of(cls, u: FloatArray, curves: Curves, samples: int) -> Basis:
         """Plays along the inputs, more of them for more samples.
 
-        ``u`` (T,): inputs; ``curves``: memory before the first, and before each curve; a `Memory`
-        counts as ``"negative"``; ``samples``: number of measured outputs.
+        ``u`` (T,): inputs; ``curves``: memory before the first input and before each curve; a
+        `Memory` counts as ``"negative"``; ``samples``: number of measured outputs.
         """
         plays, degree = (5, 8) if samples >= 200 else (5, 4) if samples >= 100 else (4, 2)
         low, high = float(u.min()), float(u.max())
@@ -136,7 +137,7 @@ def _robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
     places = few(np.flatnonzero(known))
     rows, wanted = basis.rows(places), y[places]
     low, middle, high = np.percentile(wanted, [5, 50, 95])
-    reach = 2 * max(high - low, 1e-9 * float(np.ptp(wanted)), 1e-150)  # of a dead meter too
+    reach = 2 * max(high - low, 1e-9 * float(np.ptp(wanted)), 1e-150)  # a dead meter has range 0
     near = np.clip(wanted, low - reach, high + reach)
     smallest = 1e-6 * reach
     weights = np.ones(near.size)
@@ -152,7 +153,7 @@ def _robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
 def chebyshev_sums(x: FloatArray, coefficients: FloatArray, constant: float) -> FloatArray:
     """For each row of x (T, P), the constant plus sums of Chebyshev polynomials, degrees 1 to D.
 
-    ``coefficients`` (P, D) of each column. Clenshaw, Math. Tables Aids Comput. 9, 1955.
+    ``coefficients`` (P, D): of each column. Clenshaw, Math. Tables Aids Comput. 9, 1955.
     """
     total = np.full(x.shape[0], constant)
     for z, terms in zip(x.T, coefficients, strict=True):

@@ -12,8 +12,8 @@ from minorloop.lab.noise import spread
 from minorloop.threads import one_thread
 
 _OFF_SD, _OFF, _FEW = 8.0, 0.2, 10
-"""Error of an outlier against the rough model, in robust deviations and in ranges; and readings for
-each of them: more are no outliers."""
+"""Least error of an outlier against the rough model, in robust deviations and in ranges; and least
+readings for each outlier: if there are more, they are not outliers."""
 
 
 def record_faults(
@@ -21,13 +21,13 @@ def record_faults(
 ) -> tuple[Fault, ...]:
     """Find the faults of a record, most important first.
 
-    ``u`` and ``y`` (T,): the record, without codes; y is NaN where nothing was measured;
-    ``curves``: where the memory is reset; ``lag``: lag of the model in samples; ``searched``:
-    whether that lag was searched; then what is left is no lag alone.
+    ``u`` and ``y`` (T,): the record, without codes; y is NaN if not measured; ``curves``: where the
+    memory is reset; ``lag``: lag of the model in samples; ``searched``: whether the lag was
+    searched; a remaining lag then has another cause.
     """
     known = np.isfinite(y)
     known[curves.positions(u.size) < lag] = False
-    # Readings below which a record is not checked
+    # Shorter records are not checked
     if np.count_nonzero(known) < 12:
         return ()
     with one_thread():
@@ -46,14 +46,14 @@ def _faults(
     off = off[sound[off]]
     sound[off] = False
     late = [*lagging(record, sound, searched)]
-    if late:  # A lagging output does not move at the beginning, and belongs to other inputs.
+    if late:  # A late output does not move at the beginning, which does not mean that it is stuck.
         flat = [one for one in flat if one.kind == "stuck" and one.samples[-1] > LONGEST_LAG]
     far = (far_from_others(y, off),) if off.size else ()
     return (*far, *flat, *late)
 
 
 def _off_rough_model(record: RoughRecord) -> IntArray:
-    """Readings with an error against the rough model that their neighbours do not have."""
+    """Readings with a much larger error against the rough model than their neighbours."""
     off = record.values - record.rough[record.places]
     limit = max(_OFF_SD * spread(off), _OFF * float(np.ptp(record.values)))
     found = record.places[beyond_neighbours(off, record.values, limit) & (np.abs(off) > limit)]

@@ -1,11 +1,12 @@
 """Identify an oscillator with hysteresis by the error of its simulation.
 
-The parameters minimise the difference between the measured displacement and the one that the model
-gives for the force alone. Derivatives of the simulation are exact: they are integrated with it.
+The parameters minimise the difference between the measured displacement and the displacement that
+the model predicts from the force alone. Derivatives of the simulation are exact: they are
+integrated with it.
 
-Far from the truth this error has many minima, because the model resonates elsewhere. So the model
-is first tied to the measured displacement by a spring and a damper, which hold it near the record
-whatever its parameters are. The spring is then weakened in steps and finally removed.
+Far from the true parameters this error has many minima, because the model resonates elsewhere. So a
+spring and a damper first tie the model to the measured displacement. They hold it near the record
+with any parameters. The spring is then weakened in steps and finally removed.
 """
 
 from __future__ import annotations
@@ -25,13 +26,14 @@ from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 
 _TIES = (10.0, 1.0, 0.1)
-"""Springs that tie the model to the record, over its own stiffness at the start. By trial: with 10
-times a start 50 % off is harmless, and steps of ten lose no start."""
+"""Stiffness of the springs that tie the model to the record, over the stiffness of the first model.
+By trial: with 10, first parameters may be wrong by 50 %; ratios of 10 are small enough steps."""
 _TIED_STEPS, _TIED_GAIN = 40, 1e-3
-"""Steps with each of these springs: its minimum is only the start for the next one."""
+"""Most steps with each spring, and relative gain that ends them: the minimum only starts the next
+fit."""
 _SOFT = 0.5
-"""Share by which the slope of a soft loop falls from zero to its largest displacement: the memory
-of the start then fades within a turn, and the derivatives of a periodic response are finite."""
+"""Share by which the slope of a soft loop falls from zero to its largest displacement: the initial
+memory then fades within a period, and the derivatives of a periodic response are finite."""
 _SMALL = 1e-9
 """Displacement in m that measures the slope of a law at rest."""
 _PARAMETERS: dict[type, tuple[str, ...]] = {
@@ -43,22 +45,22 @@ _PARAMETERS: dict[type, tuple[str, ...]] = {
 _STEPS = 60
 """Most steps of the last fit; four to ten are usual."""
 _GAIN, _SMALLEST_STEP = 1e-6, 1e-12
-"""Relative decrease of the sum of squares, and relative step, at which it ends: parameters are then
-within a thousandth of their standard deviations for a thousand samples and more."""
+"""Relative decrease of the sum of squares, and relative step, at which the last fit ends. For a
+thousand samples or more, parameters are then within a thousandth of their standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """How a search ended."""
+    """End of a search for parameters."""
 
     residuals: FloatArray
     """Shape (N,). Simulated less measured displacements."""
     jacobian: FloatArray
-    """Shape (N, P). Their derivatives with respect to the free parameters."""
+    """Shape (N, P). Derivatives of the residuals with respect to the free parameters."""
     steps: int
     """Simulations."""
     converged: bool
-    """Whether no further decrease is seen."""
+    """Whether the error no longer decreases."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ class OscillatorRecord:
     scored: BoolArray
     """Shape (T,). Samples whose error counts."""
     unsettled: int = 0
-    """Periods at the beginning that are not in the mean, because the motion had not settled."""
+    """Number of first periods that are not in the mean, because the motion had not settled."""
 
     @property
     def step(self) -> float:
@@ -93,7 +95,7 @@ class OscillatorRecord:
 
     def coarse(self) -> OscillatorRecord:
         """Return the record for longer steps, without filters."""
-        # Steps in an interval then; they are as accurate as that minimum needs to be
+        # Two steps in an interval are accurate enough for a minimum that is only a start
         return replace(self, substeps=min(2, self.substeps), stages=())
 
     @cached_property
@@ -103,7 +105,7 @@ class OscillatorRecord:
 
     @cached_property
     def filled(self) -> FloatArray:
-        """(T,) measured displacements, straight where nothing was measured."""
+        """(T,) measured displacements, interpolated linearly over gaps."""
         known = np.isfinite(self.y)
         return np.interp(np.arange(self.y.size), np.flatnonzero(known), self.y[known])
 
@@ -119,9 +121,9 @@ class OscillatorRecord:
     def residuals(
         self, model: Oscillator, tie: tuple[float, float] | None = None
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return simulated less measured displacements, and their derivatives (N, P).
+        """Return simulated minus measured displacements, and their derivatives (N, P).
 
-        None where the simulation is not finite.
+        None if the simulation is not finite.
 
         ``model``: the model; ``tie``: spring and damper between the model and the
         measured displacement.
@@ -132,9 +134,9 @@ class OscillatorRecord:
             force = force + tie[0] * y + tie[1] * v
             spring = np.concatenate([[model.stiffness[0] + tie[0]], model.stiffness[1:]])
             model = replace(model, stiffness=spring, damping=model.damping + tie[1])
-        # Periods that are simulated until the response repeats
+        # Most periods of simulation until the response repeats
         turns = 20 if self.periodic else 1
-        # Relative change from period to period of a state, and of its derivatives, that repeat
+        # Largest relative change per period of a state, and of its derivatives, that repeat
         found = respond(model, force, self.step, gradient=True, turns=turns, settled=1e-6)
         if found is None:
             return None
@@ -185,22 +187,22 @@ def _with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
 
 
 def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Oscillator | None:
-    """Return the model after fits in which it is tied to the record more and more weakly.
+    """Return the model after fits with weaker and weaker ties to the record.
 
-    None if even the tied start is unstable.
+    None if the start is unstable even with the strongest tie.
 
-    ``record``: what to fit; ``start``: where to begin; ``free`` (P,) of bool: parameters that may
+    ``record``: record to fit; ``start``: first model; ``free`` (P,) of bool: parameters that may
     change.
     """
     coarse, model = record.coarse(), start
     stiffness = abs(start.stiffness[0]) + abs(start.operator.step("relaxed", _SMALL)[0] / _SMALL)
     for share in _TIES:
         spring = share * float(stiffness)
-        # Damping ratio of the mass on this spring alone: its noise does not ring
+        # Damping ratio of the mass on this spring alone: 0.7, so that noise does not excite it
         tie = spring, 2 * 0.7 * float(np.sqrt(spring * model.mass))
         begins = [model]
         if share == _TIES[0]:
-            # With a wrong law the hysteretic force may explode along the measured displacement.
+            # With a wrong law the hysteretic force may diverge along the measured displacement.
             soft = softened(start, free, float(np.abs(record.filled).max()))
             if not np.array_equal(parameters_of(soft), parameters_of(start)):
                 begins.append(soft)
@@ -213,7 +215,7 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
 
 
 def softened(model: Oscillator, free: BoolArray, reach: float) -> Oscillator:
-    """Return the model with the law of a soft loop, as far as it is free to change.
+    """Return the model with the law of a soft loop in its free parameters.
 
     ``model``: the model; ``free`` (P,) of bool: parameters that may change; ``reach``: largest
     displacement.
@@ -240,9 +242,9 @@ def fit(
     steps: int = _STEPS,
     gain: float = _GAIN,
 ) -> tuple[Oscillator, Minimum] | None:
-    """Return the model with the least simulation error near a start; None if that is unstable.
+    """Return the model with the least simulation error near a start; None if the start is unstable.
 
-    Steps to where the model is unstable, or a parameter out of its range, are refused.
+    Steps to an unstable model, or to a parameter out of its range, are rejected.
 
     ``record``, ``start`` and ``free``: as of `fit_tied`; ``tie`` (float, float): as for
     `OscillatorRecord.residuals`; ``steps``: most simulations; ``gain``: relative decrease of the

@@ -2,8 +2,8 @@
 
 Gain and phase are those of the fundamental components. Before the operator they are from the input
 u to the output y; after it from w, the output of the operator for u, to y. If the actuator is an
-operator followed by linear dynamics, the latter do not depend on the amplitude (Chen, Tan and
-Shahinpoor 2005, section V).
+operator followed by linear dynamics, gains after the operator do not depend on the amplitude (Chen,
+Tan and Shahinpoor 2005, section V).
 """
 
 import os
@@ -35,7 +35,7 @@ from minorloop.modelfile import ModelFile
 from minorloop.operators.operator import Operator
 
 Drive: TypeAlias = Callable[[FloatArray, FloatArray], Record]
-"""Drives a plant with inputs u at times t, linear in between, and returns its record."""
+"""Drives a plant with inputs u at times t, linear between them, and returns its record."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ def frequency_response(
     Parameters
     ----------
     drive : callable
-        ``drive(t, u)`` drives the plant with inputs u (T,) at times t (T,) in seconds, linear in
-        between, and returns a `Record` of that duration.
+        ``drive(t, u)`` drives the plant with inputs u (T,) at times t (T,) in seconds, linear
+        between them, and returns a `Record` of that duration.
     frequencies : (F,) array_like
         Frequencies in Hz.
     amplitudes : (A,) array_like
@@ -149,8 +149,8 @@ def logged_periods(
 ) -> list[SinePeriods]:
     """Return the last whole periods of each sine in a log.
 
-    Rows of one frequency that follow each other are a sine. Rows of frequency 0 come before it,
-    such as a saturating input; they drive the memory of the operator.
+    Successive rows of one frequency are a sine. Rows of frequency 0 come before a sine, such as a
+    saturating input; they drive the memory of the operator.
 
     Raises a `ParameterError` if ``periods`` is too small; a `SignalError` if there is no sine, a
     sine is shorter than the periods, or has too few samples or gaps.
@@ -166,10 +166,10 @@ def logged_periods(
     operator : Operator, optional
         Model of the hysteresis.
     periods : int
-        Periods to use at the end of each sine, 2 at least.
+        Periods to use at the end of each sine, at least 2.
     held : (T,) array_like of bool, optional
-        Whether the input of a row was held since the row before, until its output was read, as a
-        bench does; linear in between if not given.
+        Whether the input of a row was held from the previous row until its output was read, as a
+        bench does; by default inputs change linearly.
     """
     times, (inputs, outputs) = as_times(t), as_pair(u, y)
     hertz = as_samples(frequency, name="frequency")
@@ -195,7 +195,7 @@ def logged_periods(
             log = times[rows], inputs[rows], outputs[rows], tail
             stepped = bool(holds[rows].all())
             found.append(_last_periods(log, float(hertz[first]), periods, len(found) + 1, stepped))
-            # Without rows before the next sine, this one drives its memory.
+            # If no rows precede the next sine, this sine drives its memory.
             since = end if end < hertz.size and hertz[end] <= 0 else since
     if not found:
         raise SignalError("the log has no row with a positive frequency; there is no sine in it")
@@ -207,7 +207,7 @@ def at_every_amplitude(
 ) -> tuple[list[float], str]:
     """Return the frequencies that sines have at every amplitude, and a note about the others.
 
-    The frequencies increase; the note says which are left out, and is empty if none.
+    The frequencies increase; the note names the other frequencies, and is empty if there are none.
 
     Raises a `SignalError` if there is no such frequency.
 
@@ -222,8 +222,8 @@ def at_every_amplitude(
         more = ", ..." if len(levels) > 4 else ""
         raise SignalError(
             f"no frequency is measured at all of the {len(levels)} amplitudes ({shown}{more}), so "
-            "that no gains can be compared; give each frequency the same amplitudes, or make a run "
-            "of its own for each amplitude"
+            "no gains can be compared; give each frequency the same amplitudes, or make a separate "
+            "run for each amplitude"
         )
     left = ", ".join(f"{f:g}" for f in every if f not in complete)
     return complete, f"{left} Hz left out: not measured at every amplitude" if left else ""
@@ -269,7 +269,7 @@ def _last_periods(
     named = f"sine {number} ({frequency:g} Hz)"
     if known < periods * (1 - 1e-9):
         raise SignalError(
-            f"{named} lasts {known:.3g} periods and {periods} whole ones are evaluated; record it "
+            f"{named} lasts {known:.3g} periods and {periods} whole periods are needed; record it "
             "for longer"
         )
     if step * frequency > (1 + 1e-6) / FEWEST_SAMPLES:
@@ -278,8 +278,8 @@ def _last_periods(
             f"{FEWEST_SAMPLES}"
         )
     samples = round(1 / (step * frequency))
-    if not held:  # fewer samples would be held for longer
-        # Most samples of a period to which a log is interpolated
+    if not held:  # held inputs keep their samples: fewer would be held for longer
+        # Most samples of a period after interpolation of a log
         samples = min(samples, 4096)
     places = t[-1] - np.arange(periods * samples)[::-1] / (samples * frequency)
     if np.isnan(y[t >= places[0]]).any():
@@ -311,7 +311,7 @@ def _grouped(values: Sequence[float]) -> tuple[list[float], list[int]]:
 
 
 def _side(preamble: float, offset: float) -> str:
-    """Return the start of the operator's memory that a saturating input belongs to."""
+    """Return the start of the operator's memory after a saturating input."""
     return "negative" if preamble <= offset else "positive"
 
 
@@ -326,7 +326,7 @@ def unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
         if levels is not None and levels[0] < preamble < levels[-1]:
             yield (
                 f"the preamble of {preamble:g} does not saturate the model, whose levels reach "
-                f"from {levels[0]:g} to {levels[-1]:g}; memory of before is not wiped out"
+                f"from {levels[0]:g} to {levels[-1]:g}; it does not wipe out earlier memory"
             )
             return
 
@@ -357,9 +357,9 @@ def response_of_file(
     input, output, time : str
         Columns of a table, as of `minorloop.read`; none for a store.
     frequency : str
-        Column of the frequency in Hz, 0 in rows that are no sine.
+        Column of the frequency in Hz, 0 in rows outside sines.
     periods : int
-        Periods of a table that are evaluated at the end of each sine.
+        Periods of a table to evaluate at the end of each sine.
     progress : callable, optional
         Called with the share that has been read, as text.
 
@@ -400,6 +400,6 @@ def response_of_file(
     if slowest > SLOW:
         notes.append(
             f"the bench took up to {slowest - 1:.1%} longer than planned, so frequencies are lower "
-            "by this; give it a slower tick"
+            "by this share; give it a slower tick"
         )
     return replace(response, names=names, notes=tuple(notes))

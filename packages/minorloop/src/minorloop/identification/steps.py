@@ -16,7 +16,7 @@ Arrays: TypeAlias = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """An evenly sampled record; u[k] is on from sample k to the next."""
+    """An evenly sampled record; u[k] lasts from sample k to the next."""
 
     interval: float
     u: FloatArray
@@ -35,7 +35,7 @@ class Step:
     rising: bool
     """Whether the output rises."""
     stretch: Stretch
-    """Input 0 and then 1; output less its rest, over its settled change."""
+    """Input 0 and then 1; output minus its rest value, over its settled change."""
 
 
 def as_sampled(record: Arrays) -> Sampled:
@@ -69,7 +69,7 @@ def as_sampled(record: Arrays) -> Sampled:
 
 
 def whole(record: Sampled) -> Stretch:
-    """The record from the end of its first hold on, less its values at rest there."""
+    """The record from the end of its first hold on, minus its values at rest there."""
     first = int(record.changes[0])
     begin = first + 1 - _tail(first + 1)
     rest = float(record.y[begin : first + 1].mean())
@@ -88,8 +88,7 @@ def steps_in(record: Sampled) -> list[Step]:
         rest = float(record.y[begin : now + 1].mean())
         settled = float(record.y[after + 1 - _tail(after - now) : after + 1].mean())
         change = settled - rest
-        # Change of the output, over the range, that counts as none: a step is divided by it. By
-        # trial.
+        # A step is divided by its change of the output; smaller changes do not count, by trial.
         if abs(change) <= 1e-9 * np.ptp(record.y):
             continue
         y = (record.y[begin : after + 1] - rest) / change
@@ -100,5 +99,5 @@ def steps_in(record: Sampled) -> list[Step]:
 
 def _tail(samples: int) -> int:
     """The last tenth of a hold, at least one sample."""
-    # Share of a hold, at its end, whose mean is the settled output
+    # Last share of a hold, whose mean is the settled output
     return max(1, int(0.1 * samples))

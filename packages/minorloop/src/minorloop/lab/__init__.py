@@ -1,1 +1,1 @@
-"""The bench: actuators, records of what they did, and how a length becomes a curvature."""
+"""The bench: actuators, their records, and the conversion of readings."""

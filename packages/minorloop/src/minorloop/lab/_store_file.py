@@ -1,4 +1,4 @@
-"""The file of an experiment store: how it is made, locked, opened and checked."""
+"""The file of an experiment store: create, lock, open and check it."""
 
 import hashlib
 import os
@@ -16,9 +16,9 @@ _APPLICATION = 0x6D6C6F70
 """The application id in the header of the file: 'mlop'."""
 VERSION = 2
 LOCK_WAIT = 1.0
-"""Seconds to wait for another process that is just finishing."""
+"""Seconds to wait for another process that is finishing."""
 READ_WAIT = 30.0
-"""Seconds that a writer waits, before its first point only, for others that are just reading."""
+"""Seconds that a writer waits, only before its first point, for other processes that read."""
 MAGIC = b"SQLite format 3\0"
 _IN_USE = "another process has it open; wait until that one has ended"
 _TABLES = {
@@ -37,7 +37,7 @@ def is_store(path: PathLike) -> bool:
     """Whether a file begins like an SQLite database; false if it cannot be read.
 
     Do not use it on a store that this process has open: on most systems a process that closes a
-    file gives up all its locks on it.
+    file loses all its locks on it.
     """
     with suppress(OSError, ValueError), open(path, "rb") as file:
         return file.read(len(MAGIC)) == MAGIC
@@ -69,19 +69,19 @@ def existing(path: PathLike) -> Path:
 
 
 def beside(file: Path) -> str:
-    """Return the file that whoever writes to a store locks."""
+    """Return the file that a writer to a store locks."""
     return f"{file}-lock"
 
 
 def locked(file: Path) -> int:
-    """Return the descriptor of the lock beside a store; refuse if another process has it."""
+    """Return the descriptor of the lock beside a store; raise an error if it is locked."""
     deadline = time.monotonic() + LOCK_WAIT
     while True:
         lock = lock_path(beside(file), os.O_RDWR | os.O_CREAT)
         if lock is not None:
             if os.fstat(lock).st_nlink:
                 return lock
-            os.close(lock)  # the process before has just removed it
+            os.close(lock)  # the previous process has just removed it
         elif time.monotonic() < deadline:
             time.sleep(0.02)  # seconds between two attempts to lock
         else:
@@ -89,7 +89,7 @@ def locked(file: Path) -> int:
 
 
 def unlock(file: Path, lock: int | None) -> None:
-    """Remove the file of a lock, and then give the lock up."""
+    """Remove the file of a lock, and then release the lock."""
     if lock is not None:
         with suppress(OSError):
             os.unlink(beside(file))
@@ -97,7 +97,7 @@ def unlock(file: Path, lock: int | None) -> None:
 
 
 def prepare(connection: sqlite3.Connection, write: bool) -> None:
-    """Check the database, and make it durable if it is to be written."""
+    """Check the database, and make it durable if ``write``."""
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != _APPLICATION:
@@ -118,8 +118,8 @@ def prepare(connection: sqlite3.Connection, write: bool) -> None:
 def create_file(path: PathLike, about: Mapping[str, str]) -> Path:
     """Make a store with some rows of the table ``about``, completely or not at all.
 
-    Raises an `OutputError` if the file exists already or cannot be written, or its name leaves no
-    room for ``NAME-journal``, the longest of those beside it.
+    Raises an `OutputError` if the file exists already or cannot be written, or its name is too long
+    for ``NAME-journal``, the longest name beside it.
     """
     target = check_writable(path)
     try:
@@ -146,7 +146,7 @@ def create_file(path: PathLike, about: Mapping[str, str]) -> Path:
 
 
 def in_words(error: sqlite3.Error) -> str:
-    """Return the error of SQLite in words."""
+    """Return an error of SQLite in words."""
     name = getattr(error, "sqlite_errorname", "")
     for begin, words in (
         ("SQLITE_FULL", "the disk is full; make room"),

@@ -1,4 +1,4 @@
-"""Protocols of a plant, which simulated actuators and instruments implement alike."""
+"""Protocols of a plant for simulated actuators and instruments."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Value: TypeAlias = float | FloatArray
 ROUNDING = 1e-12
 """Share of a channel's range by which an input may exceed a limit, because of rounding."""
 SIX_DIGITS = 5e-6
-"""Share of the range by which a written input may differ: the rounding of six digits."""
+"""Share of the range by which a written input may differ, because of rounding to six digits."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Channel:
     unit : str
         Such as ``V``; empty for a pure number.
     low, high : float
-        Hard limits in the unit of the channel, low below high; infinite where there is none.
+        Hard limits in the unit of the channel, low below high; infinite if there are none.
     rate : float
         Fastest change allowed, in the unit of the channel per second.
 
@@ -92,7 +92,7 @@ class Actuator(Protocol):
 
     @property
     def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
+        """Duration of one ``exchange``, in seconds."""
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold an input, and return a record of input and output.
@@ -104,20 +104,20 @@ class Actuator(Protocol):
         u : float or (channels,) array
             The input to hold, in the units of the channels.
         duration : float
-            How long to hold it, in seconds.
+            Duration of the hold, in seconds.
         sample_interval : float
             Time between samples, in seconds; the last sample is taken at the end of the hold.
-            Where a reading takes longer, there are fewer samples, and the hold ends in time.
+            If a reading takes longer, there are fewer samples, and the hold ends in time.
 
         Returns
         -------
         Record
-            Its times are those at which the output was read, never going back. They may run on
-            from call to call, or begin anew with each call: a call whose times begin before the
-            last time of the call before it is taken to follow its end. `run` holds a level in
-            several calls. A plant whose exchanges take time says in ``timing`` when the hold
-            really began and ended; without it, the hold counts as exactly ``duration`` long, with
-            the last sample at its end.
+            Its times are those at which the output was read; they never decrease. They may
+            continue from call to call, or restart with each call: if the times of a call begin
+            before the last time of the previous call, the call counts as following its end. `run`
+            holds a level in several calls. A plant whose exchanges take time gives in ``timing``
+            when the hold really began and ended; without it, the hold counts as exactly
+            ``duration`` long, with the last sample at its end.
         """
 
     def exchange(self, u: Value) -> Value:
@@ -140,15 +140,15 @@ class Actuator(Protocol):
 
 @runtime_checkable
 class Timed(Protocol):
-    """A plant that knows how long its meter takes, so that too fast a plan can be refused."""
+    """A plant that knows the answer time of its meter, so that too fast a plan can be refused."""
 
     def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds: the median of the latest."""
+        """Return the time of one reading, in seconds: the median of the latest readings."""
 
 
 @runtime_checkable
 class Rounding(Protocol):
-    """A plant whose source writes an input with few digits, so that a plan can be checked first."""
+    """A plant whose source writes inputs with few digits; a plan can be checked for rounding."""
 
     def written(self, u: float) -> float:
         """Return the input that the source writes for ``u``; nothing is applied."""
@@ -163,21 +163,21 @@ def check_input(
 ) -> FloatArray:
     """Return an input as an array; refuse it if it is beyond the limits of a plant.
 
-    An input that exceeds a limit by rounding only, 1e-12 of the range, counts as at the limit.
+    An input that exceeds a limit by at most 1e-12 of the range (rounding) counts as at the limit.
 
     Raises a `LimitError` if a number is not finite, or beyond a limit or a rate limit; a
     `ParameterError` if there is not one real number for each channel.
 
-    The input is returned as it was given, (channels,); it is not clipped.
+    The input (channels,) is returned unchanged; it is not clipped.
 
     Parameters
     ----------
     channels : tuple of Channel
         The input channels.
     u : float or (channels,) array_like
-        The input wanted, in the units of the channels.
+        The requested input, in the units of the channels.
     before : float or (channels,) array_like, optional
-        The input that is on now; rate limits are checked against it.
+        The present input; rate limits are checked against it.
     interval : float
         Time over which the input changes from ``before`` to ``u``, in seconds.
     """
@@ -195,7 +195,7 @@ def check_input(
 
 
 def one_or_all(values: FloatArray) -> Value:
-    """Return the number of one channel, the array (channels,) of several."""
+    """Return a number for one channel, an array (channels,) for several channels."""
     return float(values[0]) if values.size == 1 else values
 
 

@@ -18,17 +18,17 @@ def opened(
 ) -> Iterator[OpenTable]:
     """Open a table.
 
-    A text file is UTF-8, UTF-16 or else Windows-1252, with one header line, before it comments
-    after ``#``, ``%`` or ``//``, and after it possibly a row of units. Commas, semicolons or tabs
-    separate the columns; decimals have a point, or a comma where no comma separates. A ``.mat``
-    file has a vector for each column or a matrix, an ``.xlsx`` file its table on the first sheet
-    with numbers. Other columns may hold anything.
+    A text file is UTF-8, UTF-16 or else Windows-1252. It has one header line; comments before it
+    begin with ``#``, ``%`` or ``//``, and a row of units may follow it. Commas, semicolons or tabs
+    separate the columns; decimals have a point, or a comma if commas do not separate columns. A
+    ``.mat`` file has a vector for each column or a matrix, an ``.xlsx`` file its table on the first
+    sheet with numbers. Other columns may have any content.
 
     Raises a `RecordError` if the file cannot be read, is not such a table, or is larger than the
     bounds.
 
-    ``path``: the file, 4 GiB at most; ``progress``: called with the share that has been read, as
-    text; ``bounds``: of the table.
+    ``path``: the file, at most 4 GiB; ``progress``: called with the share that has been read, as
+    text; ``bounds``: largest size of the table.
     """
     file = Path(path)
     if is_sheet(file):
@@ -49,8 +49,7 @@ def read_columns(
 def row_number(path: PathLike, index: int) -> int:
     """Return the number in the file of a row of data, as in the messages of `OpenTable.read`.
 
-    ``path``: the file; ``index``: row of data, counted from 0, its values are elements ``index`` of
-    the columns.
+    ``path``: the file; ``index``: row of data, counted from 0: index of its values in the columns.
     """
     with opened(path) as table:
         for block in table.blocks:
@@ -63,7 +62,7 @@ def row_number(path: PathLike, index: int) -> int:
 def read_each(
     path: PathLike, bounds: Bounds = LARGEST
 ) -> list[tuple[str, FloatArray | RecordError]]:
-    """Return headers and columns of a file, gaps allowed; in place of unusable ones, the error.
+    """Return headers and columns of a file, with gaps; an unusable column is replaced by its error.
 
     Raises a `RecordError` as `opened`, or if there are no rows.
     """

@@ -1,8 +1,8 @@
-"""Convert the readings of a sensor to the quantity that is wanted, with the uncertainty.
+"""Convert the readings of a sensor to a quantity, with its uncertainty.
 
 A conversion gives NaN for a reading that it does not cover. ``sd`` is the uncertainty of the
-conversion itself, from the calibration or the geometry: it is common to all samples of a log, and
-no noise.
+conversion itself, from the calibration or the geometry. It is common to all samples of a log, so it
+is not noise.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "cm": 1e-
 _POWERS = {"n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "": 0, "k": 3, "M": 6, "G": 9}
 """Powers of ten of the prefixes of the SI."""
 _UNIT = re.compile(r"([nuµμmckMG]?)((?:m|s|g|A|V|N|Pa|T|Oe|Hz|W|J|rad|[Oo]hm|Ω|bar)(?:/[^/]+)?)")
-"""A prefix and a unit, which may be over another one; powers and products have none."""
+"""A prefix and a unit, perhaps divided by another unit; powers and products have no prefix."""
 _COUNTS = range(2, 21)
-"""Numbers of coefficients of a polynomial in a text."""
+"""Possible numbers of coefficients of a polynomial in a text."""
 
 
 def unit_factor(found: str, wanted: str) -> float | None:
-    """Return by what numbers in one unit are multiplied in another; None if it is not a prefix.
+    """Return the factor from one unit to another; None if they differ by more than a prefix.
 
     ``found`` and ``wanted``: units that may have a prefix of the SI, such as ``mV`` and ``V``, or
     ``kA/m`` and ``A/m``.
@@ -61,16 +61,16 @@ class Conversion(Protocol):
 
     @property
     def covered(self) -> str:
-        """Which readings are covered, for a message."""
+        """The covered readings, for a message."""
 
     @property
     def turns(self) -> FloatArray:
-        """(N,) readings, increasing, between which it only rises or only falls."""
+        """(N,) readings, increasing, between which the quantity only rises or only falls."""
 
 
 @dataclass(frozen=True)
 class _Calibration:
-    """Name and unit of the result of a calibration; those of the reading where not given."""
+    """Name and unit of the result of a calibration; by default those of the reading."""
 
     name: str | None = None
     unit: str | None = None
@@ -105,14 +105,14 @@ class CalibrationPolynomial(_Calibration):
     """A polynomial: c0 + c1 x + c2 x^2 + ..."""
 
     coefficients: tuple[float, ...] = (0.0, 1.0)
-    """From the constant on."""
+    """Coefficients, the constant first."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         found = tuple(as_finite("coefficient", value) for value in self.coefficients)
         if not any(found[1:]):
             raise ParameterError(
-                f"the coefficients are {found}, a constant; give one beside the constant, such as "
+                f"the coefficients are {found}, a constant; give more than the constant, such as "
                 "0,1"
             )
         object.__setattr__(self, "coefficients", found)
@@ -126,7 +126,7 @@ class CalibrationPolynomial(_Calibration):
     def turns(self) -> FloatArray:
         """(N,) readings, increasing, between which it only rises or only falls."""
         slope = np.polynomial.Polynomial(self.coefficients).deriv().trim()
-        # Rounding can make a double root complex: its real part is the place then.
+        # Rounding can make a double root complex: then its real part is the root.
         return np.sort(np.real(slope.roots()))
 
 
@@ -166,8 +166,8 @@ class CalibrationTable(_Calibration):
         if not (np.diff(x) > 0).all():
             place = int(np.argmin(np.diff(x) > 0))
             raise ParameterError(
-                f"the readings of the table are {x[place]:g} and then {x[place + 1]:g}; they must "
-                "increase throughout, or decrease throughout"
+                f"the readings of the table are {x[place]:g} and then {x[place + 1]:g}; give "
+                "readings that always increase, or always decrease"
             )
         object.__setattr__(self, "readings", frozen(x))
         object.__setattr__(self, "values", frozen(y))
@@ -215,9 +215,9 @@ class CalibrationTable(_Calibration):
 
 @dataclass(frozen=True)
 class LaserCurvature:
-    """Distance that a laser measures to the curvature of a strip, in 1/m.
+    """Conversion of the distance that a laser measures to the curvature of a strip, in 1/m.
 
-    It is positive where the strip bends towards the laser, below ``d0``.
+    The curvature is positive if the strip bends towards the laser, to a distance below ``d0``.
     """
 
     d0: float
@@ -226,7 +226,7 @@ class LaserCurvature:
     in the unit of the reading; see `minorloop.lab.curvature`."""
     sd_d0: float = 0.0
     sd_h0: float = 0.0
-    """``sd_d0`` and ``sd_h0``: their standard deviations."""
+    """``sd_d0`` and ``sd_h0``: standard deviations of ``d0`` and ``h0``."""
     unit: str = "mm"
     """Unit of the reading: m, cm, mm, um or nm."""
 
@@ -261,7 +261,7 @@ class LaserCurvature:
         return np.asarray(np.hypot(by_d0 * self.sd_d0 * metres, by_h0 * self.sd_h0 * metres))
 
     def _bent(self, readings: npt.ArrayLike) -> tuple[FloatArray, float]:
-        """Return how far the strip is bent at the laser, and the height of the laser, in metres."""
+        """Return the deflection of the strip at the laser, and the laser's height, in metres."""
         metres = _LENGTHS[self.unit]
         x = self.d0 * metres - np.asarray(readings, dtype=np.float64) * metres
         return np.where(np.abs(x) <= self.h0 * metres, x, np.nan), self.h0 * metres
@@ -272,7 +272,7 @@ class LaserCurvature:
 
     @property
     def turns(self) -> FloatArray:
-        """(0,) readings: it falls throughout."""
+        """(0,) readings: the curvature always falls."""
         return np.empty(0)
 
     @property
@@ -286,7 +286,7 @@ _KINDS = {"laser": LaserCurvature, "polynomial": CalibrationPolynomial, "table":
 
 
 def as_json(conversion: Conversion) -> dict[str, Any]:
-    """Return the kind of a conversion with its fields, ready for JSON."""
+    """Return the kind of a conversion with its fields, for JSON."""
     (kind,) = (kind for kind, known in _KINDS.items() if isinstance(conversion, known))
     fields = {
         name: value.tolist() if isinstance(value, np.ndarray) else value
@@ -298,7 +298,7 @@ def as_json(conversion: Conversion) -> dict[str, Any]:
 def from_json(content: Mapping[str, Any]) -> Conversion:
     """Return the conversion that `as_json` described.
 
-    Raises a `ParameterError` if this is none.
+    Raises a `ParameterError` if the content is not a conversion.
     """
     try:
         ((kind, fields),) = content.items()
@@ -311,10 +311,10 @@ def from_json(content: Mapping[str, Any]) -> Conversion:
 def from_text(text: str, reading: Quantity) -> Conversion:
     """Return the conversion of a reading that a text describes.
 
-    Raises a `ParameterError` if it describes none.
+    Raises a `ParameterError` if the text does not describe a conversion.
 
     ``text``: ``laser:D0,H0[,SD,SD]``, ``linear:GAIN[,OFFSET]``, ``polynomial:C0,C1,...`` or
-    ``table:FILE``; for all but the first also ``name=``, ``unit=`` and ``calibration_sd=``;
+    ``table:FILE``; all but the first may also have ``name=``, ``unit=`` and ``calibration_sd=``;
     ``reading``: name and unit of the reading.
     """
     value = parsed(text)
@@ -334,14 +334,14 @@ def from_text(text: str, reading: Quantity) -> Conversion:
         return called(CalibrationPolynomial, where, options, coefficients=powers)
     if kind == "table":
         return called(CalibrationTable.from_csv, where, options, path=what)
-    raise ParameterError(f"{where} is of no known kind; give laser, linear, polynomial or table")
+    raise ParameterError(f"{where} has an unknown kind; give laser, linear, polynomial or table")
 
 
 def read_column(path: PathLike, column: str, unit: str = "", of: str = "the model") -> FloatArray:
-    """Return one column of a table, without gaps, in the unit that is needed.
+    """Return one column of a table, without gaps, in a given unit.
 
     Raises a `RecordError` if its header has a unit that differs by more than a prefix. An empty
-    unit is not compared; ``of`` is what has it, for the message.
+    unit is not compared; ``of`` names the object with this unit, for the message.
     """
     with opened(path) as table:
         header = table.find(column)

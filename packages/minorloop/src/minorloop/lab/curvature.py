@@ -1,4 +1,4 @@
-"""Bending curvature to laser displacement; `lab.conversion.LaserCurvature` is the way back.
+"""Convert bending curvature to laser displacement, the inverse of `conversion.LaserCurvature`.
 
 A strip is clamped at one end. At height ``h0`` above the clamp a laser measures the distance
 ``d`` to it; ``d0`` is the distance to the plane in which the strip stands when it is straight.
@@ -52,13 +52,13 @@ def displacement_from_curvature(
         curvature,
         f"at curvature {{}} 1/m a strip of {length:g} m does not reach the laser at {h0:g} m",
     )
-    # (1 - sqrt(1 - (kappa h0)^2)) / kappa, rid of the cancellation at small curvature.
+    # (1 - sqrt(1 - (kappa h0)^2)) / kappa without cancellation at small curvature.
     x = curvature * h0**2 / (1 + np.sqrt(1 - (curvature * h0) ** 2))
     return np.asarray(d0 - x)[()]
 
 
 def _refuse(bad: npt.NDArray[np.bool_], values: FloatArray, message: str) -> None:
-    """Raise for the first value that is bad."""
+    """Raise an error for the first bad value."""
     if np.any(bad):
         index = int(np.argmax(np.ravel(bad)))
         where = f" (index {index})" if np.ndim(values) else ""

@@ -1,8 +1,7 @@
-"""Faults of a record: what is wrong, where, and what to do about it, in the same words everywhere.
+"""Faults of a record: the fault, its samples, and the remedy, in the same words everywhere.
 
-`DETECTORS` find those that the readings of a sensor show alone, and `spikes` those of readings
-while the input is constant. Those that need the inputs too are in
-`minorloop.identification.screening`.
+`DETECTORS` find faults from the readings of a sensor alone, and `spikes` finds spikes while the
+input is constant. `minorloop.identification.screening` finds faults from readings and inputs.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ from minorloop.lab.noise import frozen, noise_above_resolution, noise_of
 
 Kind: TypeAlias = Literal["code", "range", "clipped", "stuck", "outlier", "drift", "lag"]
 _SHOWN = 6
-"""Samples that are listed at most."""
+"""Most samples in a list."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of a record, which would spoil what is made of it.
+    """A fault of a record, which would make models of it wrong.
 
     Examples
     --------
@@ -39,13 +38,13 @@ class Fault:
     kind: Kind
     """Type of the fault."""
     samples: tuple[int, ...]
-    """Samples that it spoils, counted from 0; empty where it is in all of them."""
+    """Faulty samples, counted from 0; empty if all samples have the fault."""
     size: float
     """The first of these readings, the rate of a drift, or the samples of a lag."""
     text: str
-    """What was found."""
+    """Description of the fault."""
     remedy: str
-    """What to do about it."""
+    """Remedy for the fault."""
 
     def __str__(self) -> str:
         return f"{self.text}; {self.remedy}"
@@ -57,7 +56,7 @@ class Fault:
         Parameters
         ----------
         places : (N,) array of int
-            These samples.
+            The faulty samples.
         values : (T,) array
             All readings.
         kind, text, remedy
@@ -67,7 +66,7 @@ class Fault:
 
 
 def without(values: FloatArray, faults: Iterable[Fault]) -> FloatArray:
-    """Return readings (T,) with NaN in place of those that faults spoil."""
+    """Return readings (T,) with NaN in place of faulty readings."""
     samples = [sample for fault in faults for sample in fault.samples]
     if not samples:
         return values
@@ -84,7 +83,7 @@ def listed(samples: IntArray, values: FloatArray) -> str:
 
 
 def clipped(values: FloatArray, places: IntArray, extreme: str) -> Fault:
-    """Return the fault of readings at the ``"highest"`` or ``"lowest"`` of all."""
+    """Return the fault of readings that are clipped at the ``"highest"`` or ``"lowest"`` of all."""
     limit = np.nanmax(values) if extreme == "highest" else np.nanmin(values)
     share = places.size / np.count_nonzero(np.isfinite(values))
     text = (
@@ -98,7 +97,7 @@ def clipped(values: FloatArray, places: IntArray, extreme: str) -> Fault:
 
 
 def stuck(values: FloatArray, stretches: Sequence[IntArray], others: str) -> Fault:
-    """Return the fault of stretches without motion; ``others`` says what the other readings do."""
+    """Return the fault of stretches without motion; ``others`` describes the other readings."""
     first, places, count = stretches[0], np.concatenate(stretches), len(stretches)
     more = f", the first of {count} such stretches up to sample {places[-1]}" if count > 1 else ""
     text = (
@@ -111,16 +110,16 @@ def stuck(values: FloatArray, stretches: Sequence[IntArray], others: str) -> Fau
 
 def far_from_others(values: FloatArray, places: IntArray, name: str = "") -> Fault:
     """Return the fault of outliers; ``name`` is that of a measured input."""
-    what = counted(places.size, "outlier") + (f" of {name}" if name else "")
-    text = f"{what}, far from what is expected and from the readings around"
+    found = counted(places.size, "outlier") + (f" of {name}" if name else "")
+    text = f"{found}, far from the expected and from the neighbouring readings"
     remedy = "check the cable and the trigger of the sensor, and repeat, or empty these cells"
     if name:
-        remedy = "not taken for the input: if the source made this, give what was applied"
+        remedy = "not used as input: if the source made them, give the applied input"
     return Fault.at(places, values, "outlier", f"{text}: {listed(places, values)}", remedy)
 
 
 FEWEST = 3
-"""Measured samples below which nothing is fitted."""
+"""Least measured samples to fit a model."""
 
 _OVERLOAD = 9e36
 """Magnitude from which a reading is an overload code, as 9.9e37 and 9.91e37 are."""
@@ -132,14 +131,14 @@ _SENTINELS = (
 )
 """Values that loggers and file formats use for a missing reading."""
 _ABSURD, _ABSURD_SHARE, _FEWEST_ABSURD = 1e4, 0.001, 12
-"""Distance from the median of a reading that is none, over the greatest of all other distances; the
-share of readings that may be so far away; and readings from which this is checked."""
+"""Least distance from the median of an absurd reading, over the greatest of all other distances;
+largest share of absurd readings; and least readings for this check."""
 
 
 def codes(y: FloatArray, noun: str = "reading") -> tuple[Fault, ...]:
     """Find the readings that are overload codes or sentinels, or absurdly far from all others.
 
-    ``y`` (T,): outputs, NaN where nothing was measured; ``noun``: what they are.
+    ``y`` (T,): outputs, NaN if not measured; ``noun``: their name in messages.
     """
     suspect = np.abs(y) >= _OVERLOAD
     for sentinel in _SENTINELS if np.abs(y).max(initial=0.0, where=~np.isnan(y)) > 998 else ():
@@ -160,35 +159,35 @@ def codes(y: FloatArray, noun: str = "reading") -> tuple[Fault, ...]:
         return ()
     code = "a code" if places.size == 1 else "codes"
     text = (
-        f"{counted(places.size, noun)} {are(places.size)} {code} of the instrument and no "
+        f"{counted(places.size, noun)} {are(places.size)} {code} of the instrument and not a "
         f"measurement, {listed(places, y)}"
     )
     remedy = "not used: check the range of the instrument and repeat"
     if noun == "input":
-        remedy = "give what was applied, or cut these rows"
+        remedy = "give the applied input, or cut these rows"
     return (Fault.at(places, y, "code", text, remedy),)
 
 
 def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Fault, ...]]:
-    """Return the outputs with NaN in place of codes, and the fault that they are.
+    """Return the outputs with NaN in place of codes, and their faults.
 
-    Raises a `SignalError` if an input is an overload code, or hardly any output is none.
+    Raises a `SignalError` if an input is an overload code, or nearly all outputs are codes.
 
-    ``u`` and ``y`` (T,): inputs, and outputs, NaN where nothing was measured.
+    ``u`` and ``y`` (T,): inputs, and outputs, NaN if not measured.
     """
     over = np.flatnonzero(np.abs(u) >= _OVERLOAD)
     if over.size and codes(u):
         raise SignalError(
-            f"u is {u[over[0]]:g} at index {over[0]}, which is an overload code and no input; give "
-            "what was applied, or cut these rows"
+            f"u is {u[over[0]]:g} at index {over[0]}, an overload code and not an input; give the "
+            "applied input, or cut these rows"
         )
     finite = y[np.isfinite(y)]
     sound = int(np.count_nonzero(np.abs(finite) < _OVERLOAD))
     if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= LARGEST:
         raise SignalError(
             f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
-            f"codes, as {finite[np.abs(finite) >= _OVERLOAD][0]:g} is, and no measurement; check "
-            "the range of the instrument and repeat, or scale what was measured to below "
+            f"codes such as {finite[np.abs(finite) >= _OVERLOAD][0]:g}, not measurements; check "
+            "the range of the instrument and repeat, or scale the outputs to below "
             f"{_OVERLOAD:g}"
         )
     coded = codes(y)
@@ -210,13 +209,13 @@ def _absurd(y: FloatArray) -> BoolArray:
 
 
 _Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
-"""Finds faults of one kind in readings (T,), NaN where there is none."""
+"""Finds faults of one kind in readings (T,), NaN if not measured."""
 
 
 def usable(
     y: FloatArray, limits: tuple[float, float] | None = None
 ) -> tuple[FloatArray, tuple[Fault, ...]]:
-    """Return the readings (T,) with NaN in place of those that cannot be used; and the faults."""
+    """Return the readings (T,) with NaN in place of unusable readings, and the faults."""
     found: tuple[Fault, ...] = ()
     detectors: tuple[_Detector, ...] = (partial(_beyond, limits), *DETECTORS)
     for detect in detectors:
@@ -241,7 +240,7 @@ def _beyond(limits: tuple[float, float] | None, y: FloatArray) -> Iterator[Fault
 
 
 def _clipped(y: FloatArray) -> Iterator[Fault]:
-    """Find extremes that an output with noise takes several times in a row."""
+    """Find extremes that a noisy output repeats exactly several times in a row."""
     known = y[np.isfinite(y)]
     if not known.size:
         return
@@ -264,28 +263,27 @@ def _stuck(y: FloatArray) -> Iterator[Fault]:
 
 
 DETECTORS: tuple[_Detector, ...] = (codes, _clipped, _stuck)
-"""Each looks at the readings that those before have left."""
+"""Each detector checks the readings that the previous detectors left."""
 
 
 _WIDTH = 21
-"""Readings of the running median, which follows every rise or fall exactly."""
+"""Number of readings of the running median, which follows every rise or fall exactly."""
 _LONGEST = 8
 """Most readings of a burst."""
 _SHARP = 0.3
 """Least difference of each reading of a spike from its neighbours, over its largest distance."""
 _LARGE = 0.25
-"""Distance over the largest, of those that are found at once."""
+"""Least distance over the largest for spikes that are found together."""
 _FEWEST_STEADY = 20
-"""Readings below which noise cannot be distinguished from spikes."""
+"""Least readings to distinguish spikes from noise."""
 
 
 def spikes(y: npt.ArrayLike) -> BoolArray:
-    """Return which readings are spikes, as those of a disturbed line or a lost echo.
+    """Return (T,) whether each reading is a spike, as from a disturbed line or a lost echo.
 
-    ``y`` (T,): readings of a sensor while its input is constant, NaN where nothing was measured.
+    All are False for fewer than twenty readings, or if more than a tenth would be spikes.
 
-    It is (T,), all False for fewer than twenty readings, and where more than a tenth would be
-    spikes.
+    ``y`` (T,): readings of a sensor while its input is constant, NaN if not measured.
     """
     values = np.asarray(y, dtype=np.float64)
     known = np.flatnonzero(np.isfinite(values))
@@ -293,18 +291,18 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
     if known.size < _FEWEST_STEADY:
         return found
     left = known
-    # A large one shifts the median beside it.
+    # A large spike shifts the median beside it, so smaller spikes show only without it.
     while left.size >= _FEWEST_STEADY and (more := _largest(values[left])).any():
         found[left[more]] = True
         left = left[~more]
-    # Share of the readings above which they are no spikes, but how the output is
+    # If more than a tenth are spikes, the output itself is like this
     return found if np.count_nonzero(found) <= 0.1 * known.size else np.zeros_like(found)
 
 
 def without_spikes(
     y: FloatArray, holds: Sequence[FoundHold]
 ) -> tuple[FloatArray, tuple[Fault, ...]]:
-    """Return the readings, NaN where they are spikes within a hold; and the fault that they are."""
+    """Return the readings with NaN in place of spikes within holds, and their fault."""
     found = np.zeros(y.size, dtype=np.bool_)
     for hold in holds:
         found[hold.begin : hold.end] = spikes(y[hold.begin : hold.end])
@@ -313,9 +311,9 @@ def without_spikes(
 
 
 def input_without_spikes(u: FloatArray, name: str) -> tuple[FloatArray, tuple[Fault, ...]]:
-    """Return a measured input with straight lines in place of its spikes; and their fault.
+    """Return a measured input with straight lines in place of its spikes, and their fault.
 
-    A spike would count as a passed extreme, and delete the memory of a model.
+    A model would take a spike for an extreme, which wipes out its memory.
     """
     found = spikes(u)
     if not found.any():
@@ -330,8 +328,8 @@ def _largest(y: FloatArray) -> BoolArray:
     from scipy.ndimage import median_filter
 
     away = y - median_filter(y, _WIDTH, mode="mirror")
-    # Widths around a spike, over whose usual distance its own is so many times: in an oscillation
-    # all are off
+    # Usual distance within three widths, which a spike exceeds many times: in an oscillation all
+    # distances are large
     usual = median_filter(np.abs(away), 3 * _WIDTH, mode="mirror")
     # Distance of a spike from the median, in standard deviations of the noise, and in steps
     noise = max(8.0 * noise_of(np.diff(y, 2), 2), 4.0 * _step(y))
@@ -343,9 +341,9 @@ def _largest(y: FloatArray) -> BoolArray:
             far = float(np.abs(away[begin:end]).max())
             beside = [way * y[k] for k in (begin - 1, end) if k < y.size]
             rise = float((way * y[begin:end]).min() - max(beside))
-            # Where the next readings differ by more than one rises, it may be an overshoot.
+            # If the neighbouring readings differ by more than a rise, it may be an overshoot.
             sharp = rise >= max(_SHARP * far, max(beside) - min(beside))
-            # The first readings of a hold may be those of the hold before.
+            # The first readings of a hold may belong to the previous hold.
             if sharp and begin and end - begin <= _LONGEST:
                 size[begin:end] = far
     found: BoolArray = (size > 0) & (size >= _LARGE * size.max())
@@ -353,6 +351,6 @@ def _largest(y: FloatArray) -> BoolArray:
 
 
 def _step(y: FloatArray) -> float:
-    """Return the least difference of two readings, 0 where all are equal."""
+    """Return the least difference of two readings, 0 if all are equal."""
     steps = np.diff(np.unique(y))
     return float(steps.min()) if steps.size else 0.0

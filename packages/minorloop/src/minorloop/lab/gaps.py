@@ -1,7 +1,7 @@
-"""Bridge the gaps of a record: find those over which the memory of its input continues.
+"""Bridge the gaps of a record: find gaps over which the memory of its input continues.
 
-An input that goes one way across a gap leaves nothing open. One that steps by equal steps from row
-to row shows where it turned if one row is lost.
+The memory is known if an input crosses a gap in one direction. If an input moves by equal steps
+from row to row and one row is lost, the steps show where it turned.
 """
 
 from dataclasses import dataclass, replace
@@ -20,58 +20,57 @@ _UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
 
 _FEWEST = 3
-"""Least samples on each side of a gap that show how the input moves."""
+"""Least samples on each side of a gap that show the motion of the input."""
 _FASTER, _SLOWER = 2.5, 0.5
-"""Most and least speed across a gap, over the greater and the lesser of the speeds beside it. A
-sine over half a period whose middle third is missing has twice the speed there; a ramp has the
-same; an input that jumps in the gap is beyond the first, one that turns twice is below the second.
-"""
+"""Largest speed across a gap over the greater speed beside it, and least over the lesser. A half
+period of a sine without its middle third has twice the speed there, a ramp the same speed. An input
+that jumps in the gap is faster than the first, an input that turns twice slower than the second."""
 _CORNERS = 0.5
-"""Share of the usual change from row to row by which an input that steps also changes beside most
-of its turns, and least change where all are alike; a sine with more than nine samples in a period
+"""Least share of the usual change from row to row that a stepping input has beside most of its
+turns; and least change if all changes are alike. A sine with more than nine samples in a period
 changes less at its turns."""
 _LARGE = 0.1
-"""Share of the range from which changes are steps although they differ; noise is less."""
+"""Share of the range from which different changes count as steps; noise is less."""
 _BESIDE = 5
-"""Changes on each side of a lost row that show by how much the input steps there."""
+"""Number of changes on each side of a lost row that show the size of the steps there."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bridges:
-    """What is known about the input in each gap."""
+    """Knowledge about the input in each gap."""
 
     after: IntArray
     """Shape (G,). Samples after which a gap follows."""
     known: BoolArray
-    """Shape (G,). Whether the input goes one way across the gap, or its extreme there is known."""
+    """Shape (G,). Whether the input crosses the gap in one direction, or its extreme is known."""
     t: FloatArray
     u: FloatArray
-    """``t`` and ``u``: shape (G,). Time and value of the extreme in the gap, where the input
-    turned; NaN elsewhere."""
+    """``t`` and ``u``: shape (G,). Time and value of the extreme in the gap; NaN if the input did
+    not turn."""
 
     @property
     def unknown(self) -> IntArray:
-        """Samples after which a gap follows that the memory does not cross."""
+        """Samples before a gap over which the memory does not continue."""
         return self.after[~self.known]
 
     @property
     def turned(self) -> BoolArray:
-        """In which gaps the input turned at a known extreme."""
+        """Whether the input turned at a known extreme in each gap."""
         return np.isfinite(self.u)
 
     def inserted(self, t: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return times and inputs with the extremes in gaps, and before which samples they are."""
+        """Return times and inputs with the extremes in gaps, and the samples after the extremes."""
         places = self.after[self.turned] + 1
         times = np.insert(t, places, self.t[self.turned])
         return times, np.insert(u, places, self.u[self.turned]), places
 
 
 def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
-    """Return where the memory of a Preisach plane is known although the input has breaks.
+    """Return (T,) whether the memory of a Preisach plane is known, for an input with breaks.
 
-    After a break only relays count as known that the input has switched since: those with alpha
-    up to its greatest value or beta down to its least. The memory is known while the others cover
-    less than 0.5 % of the plane over the range of the whole input.
+    After a break, a relay counts as known if the input has switched it since: its alpha is at most
+    the greatest input or its beta at least the least input. The memory is known while the other
+    relays cover less than 0.5 % of the plane over the range of the whole input.
 
     ``u`` (T,): inputs; ``breaks`` (B,) of int: samples after which the input is unknown for a
     while.
@@ -86,12 +85,12 @@ def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
 
 
 def with_lost_rows(check: TimeCheck, u: npt.ArrayLike) -> TimeCheck:
-    """Return the times with gaps where rows are lost of a table that has one row for each hold.
+    """Return the times with gaps at lost rows, for a table with one row for each hold.
 
-    In a record of a moving input (T,) a short gap hides nothing. In a table whose input steps from
-    row to row, one lost row can hide a turn. A row is lost where an interval is a whole number of
-    times the usual one, and the input steps if it changes beside its turns as elsewhere, by enough
-    to matter to the memory. Other times are returned as they are.
+    In a record of a moving input (T,) a short gap does not hide a turn. If the input steps from row
+    to row, one lost row can hide a turn. A row is lost if an interval is a multiple of the usual
+    interval. The input steps if it changes beside its turns as much as elsewhere, and by enough to
+    matter to the memory. Otherwise the times are returned unchanged.
     """
     inputs, steps = np.asarray(u, np.float64), np.diff(check.t) / check.interval
     whole = np.round(steps)
@@ -121,15 +120,15 @@ def with_lost_rows(check: TimeCheck, u: npt.ArrayLike) -> TimeCheck:
 
 
 def bridged(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> Bridges:
-    """Find out for each gap whether the input crosses it one way, or where it turns in it.
+    """Find out for each gap whether the input crosses it in one direction, or where it turns.
 
-    It crosses a gap if on each side, for as long as the gap, the input is monotone but for its
-    noise, in the direction in which it crosses the gap and with about that speed, or at rest. No
-    gap is crossed where noise hides reversals that change more than 0.5 % of the Preisach plane.
+    The input crosses a gap in one direction if on each side, for as long as the gap, it is monotone
+    except for noise, in the same direction and at about the same speed as across the gap, or at
+    rest. No gap is crossed if noise hides reversals that change more than 0.5 % of the plane.
 
-    An input that steps from row to row crosses a gap one way if it moved by more than the changes
-    beside the gap allow with a step back. If one row is missing between a rise and a fall, its
-    input is where both of its changes are as those beside the gap.
+    An input that steps from row to row crosses a gap in one direction if it moved by more than the
+    changes beside the gap allow with a step back. If one row is missing between a rise and a fall,
+    its input is the one whose two changes equal those beside the gap.
 
     ``t`` and ``u`` (T,): times in seconds, never decreasing, and inputs; ``gaps`` (G,) of int:
     samples after which a gap follows.
@@ -171,7 +170,7 @@ def _in_steps(u: FloatArray) -> bool:
 def _stepped(t: FloatArray, u: FloatArray, gaps: IntArray, last: int) -> tuple[float, float] | None:
     """Return time and value of the extreme after a sample of an input that steps.
 
-    Both are NaN where it goes one way; None if it may have done anything.
+    Both are NaN if the input goes in one direction; None if its path is unknown.
     """
     near = np.setdiff1d(np.arange(last - _BESIDE, last + _BESIDE + 1), gaps)
     near = near[(near >= 0) & (near < u.size - 1)]
@@ -189,7 +188,7 @@ def _stepped(t: FloatArray, u: FloatArray, gaps: IntArray, last: int) -> tuple[f
     if count != 2 or way != np.sign(u[last + 1] - u[last + 2]):
         return None
     low, high = max(way * u[last : last + 2]) + least, min(way * u[last : last + 2]) + most
-    # The relays between both ends may be switched or not.
+    # The relays between both ends are unknown.
     if not -slack <= high - low <= _UNKNOWN / 2 * float(np.ptp(u)):
         return None
     return float(t[last] + t[last + 1]) / 2, float(way * (low + high) / 2)
@@ -203,9 +202,9 @@ def _noise(u: FloatArray) -> float:
 
 
 def _one_way(t: FloatArray, u: FloatArray, last: int, least: float) -> bool:
-    """Whether the input goes one way around the gap after a sample, and no faster in it.
+    """Whether the input goes in one direction around the gap after a sample, and no faster in it.
 
-    It is looked at on both sides for as long as the gap, and at ``_FEWEST`` samples or more.
+    Each side is as long as the gap, and has at least ``_FEWEST`` samples.
     """
     long = float(t[last + 1] - t[last])
     first = min(int(np.searchsorted(t, t[last] - long)), last + 1 - _FEWEST)

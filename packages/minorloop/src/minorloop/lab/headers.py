@@ -14,13 +14,13 @@ Pa kPa MPa bar mbar T mT uT µT G Oe kOe A/m kA/m emu Am2 K mK C °C degC F deg 
 J mJ Ohm ohm Ω kg g mg % ppm dB a.u. arb. counts
 """
 UNITS = frozenset(_UNITS.split())
-"""Units that are recognised in a row of their own, and in round brackets."""
+"""Units that are recognised in a row of units, and in round brackets."""
 
 
 def split_header(header: str) -> tuple[str, str]:
     """Return name and unit of a header such as ``voltage [V]``; an absent unit is empty.
 
-    Round brackets count where they hold a well-known unit.
+    Round brackets count if they contain a known unit.
     """
     match = re.fullmatch(r"\s*(.*?)\s*\[([^\[\]]*)\]\s*", header)
     if match and match[1]:
@@ -32,11 +32,11 @@ def split_header(header: str) -> tuple[str, str]:
 
 
 def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
-    """Return the one header with a name: the whole header, or its part before the unit.
+    """Return the header with a name, which is the whole header, or its part before the unit.
 
-    A name may have a unit, as ``distance [mm]``, where the header has none.
+    A name may have a unit, such as ``distance [mm]``, if the header has none.
 
-    Raises a `RecordError` if none or several match.
+    Raises a `RecordError` if no header or several headers match.
 
     ``name``: the name; ``headers``: headers of a table; ``source``: the table, for messages.
     """
@@ -70,7 +70,7 @@ def deviation_column(headers: Sequence[str], output: str) -> str | None:
 
 
 def with_unit(name: str, header: str) -> str:
-    """Return a header with its unit; if it has none, with that of the name it was found by."""
+    """Return a header with its unit, or with the unit of the name by which it was found."""
     return name.strip() if header == split_header(name)[0] else header
 
 
@@ -81,7 +81,7 @@ def _listed(headers: Sequence[str], *, most: int = 12) -> str:
 
 
 def check_headers(headers: Sequence[str], file: Path) -> None:
-    """Refuse headers that cannot be printed, or are there twice, with a `RecordError`."""
+    """Raise a `RecordError` if a header cannot be printed, or appears twice."""
     seen: set[str] = set()
     for number, header in enumerate(headers, 1):
         check_name(f"header {number} of {file}", header, RecordError)

@@ -1,4 +1,4 @@
-"""One level while it is held: its samples, its duration, and how well its times are known."""
+"""One level while it is held: its samples, its duration, and the uncertainty of its times."""
 
 import math
 from collections.abc import Iterator
@@ -13,23 +13,23 @@ from minorloop.lab.records import Record
 class Hold:
     """A level that is held in stretches; the output is judged after each.
 
-    A record without ``timing`` counts as exactly as long as was asked for, with its last sample at
-    the end. The clock of the others may run on from one stretch to the next, or begin anew with
-    each; then a stretch follows the end of the one before.
+    A record without ``timing`` counts as exactly as long as requested, with its last sample at the
+    end. The clock of other records may continue from one stretch to the next, or restart with each;
+    then a stretch follows the end of the previous one.
 
-    ``plan``: the plan; ``index``: the level, counted from 0; ``answer``: how long the meter takes
-    for a reading, in seconds; 0 where it takes no time.
+    ``plan``: the plan; ``index``: the level, counted from 0; ``answer``: time that the meter takes
+    for a reading, in seconds; 0 if it takes no time.
 
     Attributes
     ----------
     held : float
-        How long the level has been held, in seconds.
+        Time for which the level has been held, in seconds.
     timed : bool
         Whether the actuator measures when a hold begins and ends.
     began : float
-        When the input was on, by the clock of the actuator, in seconds; NaN if it is not timed.
+        Time when the input was on, by the clock of the actuator, in seconds; NaN if not timed.
     uncertainty : float
-        Largest error of a time of the hold, in seconds; 0 where times are exact.
+        Largest error of a time of the hold, in seconds; 0 if times are exact.
     """
 
     def __init__(self, plan: Plan, index: int, answer: float = 0.0) -> None:
@@ -41,7 +41,7 @@ class Hold:
         self.held, self.timed, self.began, self.uncertainty = 0.0, False, math.nan, 0.0
 
     def stretches(self) -> Iterator[float]:
-        """Yield the lengths of the stretches to come, in seconds.
+        """Yield the lengths of the next stretches, in seconds.
 
         All but the last are whole numbers of sample intervals, so that samples stay evenly spaced.
         """
@@ -56,9 +56,9 @@ class Hold:
             stretch = self._plan.window / 2  # judgements of the output in each window
 
     def add(self, record: Record, length: float) -> None:
-        """Add a stretch that was carried out.
+        """Add a finished stretch.
 
-        ``record``: what the actuator returned; ``length``: how long it was asked to hold, in
+        ``record``: record from the actuator; ``length``: requested duration of the stretch, in
         seconds.
         """
         before, timing = self.held, record.timing
@@ -68,12 +68,12 @@ class Hold:
         else:
             if not self._t:
                 self.timed, self.began = True, timing.began
-            if record.t[0] < self._latest or not self._t:  # a clock that begins anew
+            if record.t[0] < self._latest or not self._t:  # a clock that restarts
                 self._on = timing.began - before
             self._latest, t = float(record.t[-1]), record.t - self._on
             self.held = timing.ended - self._on
             self.uncertainty = max(self.uncertainty, timing.uncertainty)
-            if self.held > before:  # a clock may stand still
+            if self.held > before:  # a clock may have stopped
                 length = self.held - before
         self._t.append(t)
         self._y.append(record.y)
@@ -81,7 +81,7 @@ class Hold:
 
     @property
     def ended(self) -> float:
-        """When the latest stretch ended, by the clock of the actuator, in seconds."""
+        """End of the latest stretch, by the clock of the actuator, in seconds."""
         return self.began + self.held
 
     @property
@@ -96,7 +96,7 @@ class Hold:
 
     @property
     def sample_interval(self) -> float:
-        """Time between samples on average, in seconds; NaN where there is only one."""
+        """Mean time between samples, in seconds; NaN for a single sample."""
         if not self.timed:
             return self._plan.sample_interval
         t, _ = self.trace

@@ -3,8 +3,8 @@
 The input is cut where its mean changes (binary segmentation by the CUSUM statistic). Pieces of a
 ramp or a sine are not holds: within them the input moves by about as much as to the next piece.
 
-The slopes at the ends of holds show a drift of the sensor: what remains of a transient goes the way
-of the step before the hold, and a drift is common to all holds.
+The slopes at the ends of holds show a drift of the sensor: the rest of a transient has the
+direction of the step before the hold, and a drift is common to all holds.
 """
 
 import itertools
@@ -20,20 +20,20 @@ from minorloop.lab.noise import noise_of
 from minorloop.lab.settling import FEWEST_STILL
 
 _SURE = 6.0
-"""Standard deviations of noise from which a change of the mean is a change of the input, and up to
-which the means of pieces with an outlier between them are equal."""
+"""Standard deviations of noise: from the first, a change of the mean is a change of the input; up
+to the second, the means of pieces with an outlier between them are equal."""
 _WANDER = 0.08
-"""Share of the change to the next piece that is the most standard deviation of an input within a
-hold beside white noise. A rise by a quarter of it has 0.07, hum seldom more than 0.05, the top of a
+"""Largest standard deviation of an input within a hold, without white noise, over the change to the
+next piece. A rise by a quarter of this change has 0.07, hum seldom more than 0.05, the top of a
 sine 0.2 to 0.5."""
 _LAGS = (1, 4, 16, 64, 256)
-"""Samples between those whose difference is noise; longer ones where shorter ones find no holds."""
+"""Lags of the differences that are noise; the next lag is used if a shorter lag finds no holds."""
 _LEAST_SD = 1e-9
 _MOST_CUTS = 300
-"""Cuts of an input beside two for each jump; a sweep would need many more."""
+"""Most cuts of an input, in addition to two for each jump; a sweep would need many more."""
 _LEAST_HOLDS, _HELD, _MOVING, _MOVES = 3, 0.6, 0.25, 0.01
-"""Of a raw log: least holds, least share of the rows in them, least share of holds in which the
-output moves, and by how much of its span."""
+"""Raw log: least number of holds, least share of the rows in them, least share of holds in which
+the output moves, and least motion over its span."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class FoundHold:
 
     begin: int
     end: int
-    """``begin`` and ``end``: first sample, and the one after the last."""
+    """``begin`` and ``end``: first sample, and the sample after the last."""
     level: float
     """Mean of the input."""
     sd: float
-    """Standard deviation of the input about it."""
+    """Standard deviation of the input about its mean."""
 
 
 def find_holds(
@@ -57,8 +57,8 @@ def find_holds(
     Raises a `SignalError` if the input is not one row of finite numbers up to 1e150; a
     `ParameterError` if the tolerance is negative.
 
-    ``u`` (T,): the input as recorded, with or without noise; ``tolerance``: changes of the input up
-    to this size are noise, which is estimated if not given; ``fewest``: least samples of a hold.
+    ``u`` (T,): the recorded input, with or without noise; ``tolerance``: changes of the input up to
+    this size are noise; None estimates it; ``fewest``: least samples of a hold.
     """
     values = as_samples(u, name="u")
     check_magnitude("input", values)
@@ -93,11 +93,11 @@ def _covered(holds: list[FoundHold]) -> int:
 def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLike) -> str:
     """Return a sentence if a record is a raw log with holds and transients, otherwise "".
 
-    ``t`` (T,): times in seconds, if known, used for the sentence only; ``u`` and ``y`` (T,): input
-    and output, NaN where nothing was measured.
+    ``t`` (T,): times in seconds, if known, only for the sentence; ``u`` and ``y`` (T,): input and
+    output, NaN if not measured.
     """
     inputs, outputs = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    # Samples in which a raw log is looked for; means of neighbours, if there are more
+    # Longer logs are reduced to 25000 means of neighbours
     width = max(-(-inputs.size // 25_000), 1)
     whole = inputs.size - inputs.size % width
     if width > 1:
@@ -148,13 +148,13 @@ def turning_points(values: FloatArray, threshold: float) -> IntArray:
 def _noise(u: FloatArray, span: float, lag: int) -> float:
     """Return the standard deviation of the noise, at least that of a coarse last digit.
 
-    From second differences with lag 1; from differences with a longer lag, which see hum too.
+    Lag 1 takes second differences; a longer lag takes differences, which include hum.
     """
     steps = np.abs(np.diff(u))
     digit = float(steps[steps > 1e-12 * span].min(initial=span))
     apart = np.diff(u, 2) / np.sqrt(3) if lag == 1 else u[lag:] - u[:-lag]
     sd = noise_of(apart, 1) if apart.size else 0.0
-    # The input counts as noisy by at most this part of its span where it is quantised
+    # The noise of a quantised input counts as at most a thousandth of its span
     return max(sd, min(digit / 2, span / 1000), _LEAST_SD * span)
 
 
@@ -184,7 +184,7 @@ def _edges(u: FloatArray, sd: float, fewest: int) -> list[int]:
 
 
 def _merged(u: FloatArray, edges: list[int], least: float, fewest: int) -> list[tuple[int, int]]:
-    """Return the pieces; long ones of equal mean with at most an outlier between them are one."""
+    """Return the pieces; merge long pieces of equal mean with at most an outlier between them."""
     kept: list[tuple[int, int]] = []
     latest, level = -1, np.nan  # the latest long piece
     for begin, end in itertools.pairwise(edges):
@@ -200,7 +200,7 @@ def _merged(u: FloatArray, edges: list[int], least: float, fewest: int) -> list[
 
 
 def _steady(u: FloatArray, pieces: list[tuple[int, int]], fewest: int) -> list[FoundHold]:
-    """Return the long pieces within which the input does not move."""
+    """Return the long pieces in which the input does not move."""
     pieces = [(a, b) for a, b in pieces if b - a >= fewest]
     if not pieces:
         return []
@@ -220,7 +220,7 @@ def _steady(u: FloatArray, pieces: list[tuple[int, int]], fewest: int) -> list[F
 
 
 def _wander(values: FloatArray) -> float:
-    """Return the standard deviation beside white noise, which is that of neighbours."""
+    """Return the standard deviation without white noise, which neighbouring differences show."""
     white = float(np.mean(np.diff(values) ** 2)) / 2
     return float(np.sqrt(max(float(values.var()) - white, 0.0)))
 

@@ -31,7 +31,7 @@ def read_log(
     sd: Named = AUTO,
     progress: Callable[[str], None] | None = None,
 ) -> Record:
-    """Read an input, an output, and what each row has beside them, from a file.
+    """Read an input, an output, and further columns such as time and labels, from a file.
 
     Raises a `RecordError` if the file, a column or the times cannot be used; a `ParameterError` if
     a column is given twice.
@@ -41,11 +41,11 @@ def read_log(
     path : str or path
         The file; see `minorloop.lab.columns.opened`.
     input, output : str
-        Columns, by the whole header or the name, which may have the unit that a header lacks; the
+        Columns, by the whole header or the name, which may add a unit to a header without one; the
         output may have gaps.
     time : str, optional
-        Column of time, in the unit of its header, or date and time as ISO 8601. ``"auto"``: the one
-        with the name or unit of a time, if there is one and its times can be used. None: the
+        Column of time, in the unit of its header, or date and time as ISO 8601. ``"auto"``: the
+        column with the name or unit of a time, if there is one and its times can be used. None: the
         samples are counted.
     curves, groups : str, optional
         Columns of labels, such as specimens.
@@ -103,7 +103,7 @@ def read_log(
 
 
 def _sought(table: OpenTable, time: Named, others: tuple[str, ...]) -> tuple[str | None, str]:
-    """Return the column of time, if any, and why none of those that were found is."""
+    """Return the column of time, if any, and the reason if a found column is not used."""
     if time != AUTO:
         return time, ""
     try:
@@ -113,7 +113,7 @@ def _sought(table: OpenTable, time: Named, others: tuple[str, ...]) -> tuple[str
 
 
 def _chosen(time: Named, found: str | None, why: str) -> tuple[str, ...]:
-    """Say which column of time was chosen that nobody named, or why none."""
+    """Report an automatic choice of the column of time, or the reason for none."""
     if found is not None and time == AUTO:
         return (f"time: column '{found}'; name another one, or none, with time= (--time)",)
     return (f"time: none, because {why}",) if why else ()
@@ -122,7 +122,7 @@ def _chosen(time: Named, found: str | None, why: str) -> tuple[str, ...]:
 def _headers(table: OpenTable, named: Mapping[str, str]) -> dict[str, str]:
     """Return headers with units of columns, by the options that name them.
 
-    Raises a `ParameterError` if two are one column.
+    Raises a `ParameterError` if two options name the same column.
     """
     found: dict[str, str] = {}
     for option, name in named.items():
@@ -140,7 +140,7 @@ def _headers(table: OpenTable, named: Mapping[str, str]) -> dict[str, str]:
 def _deviation(table: OpenTable, measured: str, sd: Named) -> str | None:
     """Return the column of standard deviations of the output, if any.
 
-    Raises a `RecordError` if the one that is named has another unit.
+    Raises a `RecordError` if the named column has another unit.
     """
     if sd == AUTO:
         return deviation_column(table.headers, measured)
@@ -148,14 +148,14 @@ def _deviation(table: OpenTable, measured: str, sd: Named) -> str | None:
         header = with_unit(sd, table.find(sd))
         if split_header(header)[1] not in ("", split_header(measured)[1]):
             raise RecordError(
-                f"column '{header}' of {table.file} is no standard deviation of '{measured}'; give "
-                "one in the unit of the output"
+                f"column '{header}' of {table.file} is not a standard deviation of '{measured}'; "
+                "give one in the unit of the output"
             )
     return sd
 
 
 def _usable(column: FloatArray | RecordError) -> FloatArray:
-    """Return a column that was tried; raise the error if it is one."""
+    """Return a column, or raise the error in its place."""
     if isinstance(column, RecordError):
         raise column
     return column
@@ -164,33 +164,32 @@ def _usable(column: FloatArray | RecordError) -> FloatArray:
 def _merged(
     columns: dict[str, Any], time: str, input: str, output: str, header: str
 ) -> tuple[dict[str, Any], IntArray | None, tuple[str, ...]]:
-    """Return columns whose input was filled, where two loggers were merged; rows, and a note."""
+    """Return columns with a filled input, if two loggers were merged; their rows; and a note."""
     if not isinstance(sparse := columns[input], SparseColumnError):
         return columns, None, ()
     rows, u, filled = _filled(columns[time], sparse.values, header)
     columns[input] = u
     measured = np.isfinite(columns[output])
     if 2 * np.count_nonzero(measured) > measured.size - np.count_nonzero(measured):
-        rows &= measured  # the output is read about as often as the input
+        rows &= measured  # the output was read about as often as the input
     return {name: x[rows] for name, x in columns.items()}, np.flatnonzero(rows), (filled,)
 
 
 def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatArray, str]:
-    """Fill the cells of an input that another logger recorded, on straight lines in time.
+    """Fill the empty cells of an input from another logger, by linear interpolation in time.
 
     Raises a `RecordError` if fewer than two rows have an input, or time runs backwards.
 
     Returns
     -------
     (T,) array of bool, (T,) array, str
-        Which rows to keep, those that are not in a gap of the input; the inputs; and what is to be
-        said.
+        Whether to keep each row (not in a gap of the input); the inputs; and a note.
     """
     read = np.isfinite(u)
     if np.count_nonzero(read) < 2 or (np.diff(t) < 0).any():
         raise RecordError(
-            f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as where two loggers "
-            "were merged into one table; it is interpolated where at least two rows have it and "
+            f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as if two loggers "
+            "were merged into one table; it is interpolated only if at least two rows have it and "
             "the rows are in the order of time: sort them"
         )
     clock = t[read]
@@ -200,8 +199,8 @@ def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatAr
     keep = read | ~np.isin(place - 1, long)
     keep &= (t >= clock[0]) & (t <= clock[-1])
     said = (
-        f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as where two loggers were "
-        "merged into one table; it is taken there from straight lines in time between its readings"
+        f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as if two loggers were "
+        "merged into one table; it is interpolated linearly in time between its readings"
     )
     if not keep.all():
         said += f", and {counted(int((~keep).sum()), 'row')} without readings near are left out"
@@ -209,7 +208,7 @@ def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatAr
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
-    """Read a column of time; return its name, in seconds, and its times with what was found.
+    """Read a column of time; return its name, with the unit s, and its checked times.
 
     Raises a `RecordError` as for ``read_log``.
     """
@@ -218,7 +217,7 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
 
 
 def _times(table: OpenTable, time: str) -> tuple[Quantity, TimeCheck]:
-    """Return what `read_times` does, of a table that is open."""
+    """Return name and checked times as `read_times`, from an open table."""
     header = with_unit(time, table.find(time))
     return _checked(table.read([time], dates=[time])[time], header)
 
@@ -226,13 +225,13 @@ def _times(table: OpenTable, time: str) -> tuple[Quantity, TimeCheck]:
 def with_times(
     record: Record, path: PathLike, input: str, time: Named, *, strictly: bool, reset: bool
 ) -> Record:
-    """Return the inputs of a file with its times, found as by `read_log` where they are used.
+    """Return the inputs of a file with its times, found as by `read_log` if they are used.
 
-    Raises a `RecordError` if the column of time that is named cannot be used.
+    Raises a `RecordError` if the named column of time cannot be used.
 
     ``record``: the inputs, without times; ``path``, ``input`` and ``time``: the file, the column of
     its input, and that of its time, as of `read_log`; ``strictly``: whether no time may repeat;
-    ``reset``: whether the memory is reset before each curve, where times may begin anew.
+    ``reset``: whether the memory is reset before each curve, at which times may restart.
     """
     with opened(path) as table:
         found, why = _sought(table, time, (input,))
@@ -253,7 +252,7 @@ def with_times(
 
 
 def _known_deviations(sd: FloatArray, y: Samples) -> FloatArray | None:
-    """Return the standard deviations, or None where no measured output has one."""
+    """Return the standard deviations, or None if no measured output has one."""
     return sd if np.isfinite(sd[np.isfinite(y)]).any() else None
 
 
@@ -279,10 +278,10 @@ def check_order(
     part: slice = slice(None),
     rows: IntArray | None = None,
 ) -> None:
-    """Refuse times in a part of the samples that run backwards, or ``strictly`` that repeat.
+    """Refuse times in a part of the samples that decrease, or that repeat if ``strictly``.
 
-    Raises a `RecordError` with the row of the file: ``rows`` (T,) are those of the samples, counted
-    from 0; all if not given.
+    Raises a `RecordError` with the row of the file: ``rows`` (T,) are the rows of the samples,
+    counted from 0; None if the samples are all rows.
     """
     back = np.zeros(check.t.size - 1, dtype=np.bool_)
     back[check.jumps] = True
@@ -300,6 +299,6 @@ def check_order(
             f"{where} runs backwards in row {row}; give the rows in the order of time"
         )
     raise RecordError(
-        f"{where} has the same time in row {row} as before it; leave one of the rows out, or "
-        "write more digits"
+        f"{where} has the same time in row {row} as in the previous row; remove one of the rows, "
+        "or write more digits"
     )

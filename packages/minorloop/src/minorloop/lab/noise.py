@@ -1,4 +1,4 @@
-"""Noise of readings, by medians, and the readings that a faulty sensor repeats without any."""
+"""Noise of readings, by medians, and detection of a faulty sensor that repeats its readings."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _MEDIAN = 0.6745
 
 
 def noise_of(differences: FloatArray, order: int) -> float:
-    """Return the standard deviation of white noise of which these are the differences.
+    """Return the standard deviation of white noise from its differences.
 
-    The squares of the binomial coefficients of an order sum to that of twice the order over it.
-    The median leaves out what moves now and then.
+    The squares of the binomial coefficients of an order n sum to the binomial coefficient of 2n
+    over n. The median ignores occasional motions.
 
     ``differences`` (N,): differences of a signal of some order, at least one; ``order``: 1 for
     differences of neighbours.
@@ -33,12 +33,12 @@ def spread(values: FloatArray) -> float:
 
 
 _FEWEST = 20
-"""Equal readings in a row below which a sensor is not called stuck: they do little harm."""
+"""Least equal readings in a row of a stuck sensor: fewer do little harm."""
 _CHANCE = 1e-6
-"""Expected number of such runs in a record of independent noise."""
+"""Expected number of such runs of equal readings in a record of independent noise."""
 _SUSPECT, _ACROSS = 0.5, 0.9
-"""Shares of the range of the inputs over which all readings may be the same by a play, a plateau or
-a threshold, as that of a heated wire, and over which no working actuator leaves them the same."""
+"""Shares of the range of the inputs. Up to the first, a play, a plateau or a threshold, as of a
+heated wire, may keep all readings equal; over the second, no working actuator does."""
 
 
 @dataclass(frozen=True)
@@ -46,16 +46,16 @@ class FrozenReadings:
     """Stretches without noise of a sensor that has noise elsewhere."""
 
     runs: tuple[tuple[int, int], ...]
-    """Tuple of (int, int). First reading and the one after the last of each stretch."""
+    """Tuple of (int, int). First reading of each stretch, and the reading after its last."""
     noise: float
     """Standard deviation of the noise elsewhere."""
 
 
 def frozen(values: FloatArray) -> FrozenReadings:
-    """Find runs of equal readings that are longer than the noise of the others lets expect.
+    """Find runs of equal readings that are longer than the noise of the others explains.
 
-    Nothing is found where the noise is less than the resolution of the readings: such a sensor
-    repeats itself.
+    There are none if the noise is less than the resolution of the readings: such a sensor repeats
+    its readings.
 
     ``values`` (N,): finite readings in order.
     """
@@ -77,36 +77,36 @@ def frozen(values: FloatArray) -> FrozenReadings:
 
 
 _CLEAR, _SHARE = 3, 0.02
-"""Steps of the resolution, and share of the range of the readings, by which the readings of two
-holds are apart where the output has moved: by less, its creep may move it."""
+"""Least distance between the readings of two holds if the output has moved, in steps of the
+resolution and as a share of the range of the readings: creep may cause a smaller distance."""
 _NONE = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
 class Response:
-    """Inputs that moved the output on the way back from a turn, before that way left the last one.
+    """Inputs that moved the output on the way back from a turn, within the last way.
 
-    By congruency and with weights that are not negative, an output that such a way moved is moved
-    wherever the input goes from one end of it to the other (Mayergoyz, Mathematical Models of
-    Hysteresis, 1991), whatever came before.
+    By congruency and with weights that are not negative, the output moves again whenever the input
+    goes from one end of such a way to the other (Mayergoyz, Mathematical Models of Hysteresis,
+    1991), with any memory.
     """
 
     moved: tuple[tuple[float, float], ...] = ()
-    """Lowest and highest input of each such way, none within another."""
+    """Lowest and highest input of each such way; no way is within another."""
     turns: tuple[float, float] = _NONE
     """The last two turns of the input, the latest last."""
     at_turn: tuple[float, float] = _NONE
-    """Lowest and highest reading of the end of the hold there."""
+    """Lowest and highest reading at the end of the hold at the latest turn."""
     level: float = math.nan
     """The latest input."""
     ends: tuple[float, float] = _NONE
-    """Lowest and highest reading of the end of its hold."""
+    """Lowest and highest reading at the end of the latest hold."""
 
     def after(self, level: float, known: FloatArray, clear: float) -> Response:
-        """Return what is known after one more hold.
+        """Return the state after one more hold.
 
-        ``level``: its input; ``known`` (T,): its readings; ``clear``: change of the readings from
-        which the output has moved, in their unit.
+        ``level``: its input; ``known`` (T,): its readings; ``clear``: least change of the readings,
+        in their unit, if the output has moved.
         """
         ends = _widened(_NONE, known[known.size // 2 :])
         turns, at_turn, moved = self.turns, self.at_turn, self.moved
@@ -129,16 +129,15 @@ class Response:
 class RepeatedReadings:
     """The reading that a sensor repeats exactly from hold to hold, while the input changes.
 
-    A sensor that works may do so too: it is coarse, or the actuator has a threshold or is
-    saturated. So it counts as faulty only
+    A working sensor may also repeat its readings: it is coarse, or the actuator has a threshold or
+    is saturated. So the sensor counts as faulty only
 
-    - where the inputs of these holds reach across nearly the whole range of the run, unless the
-      readings show that it is coarse; across all of it where no two readings differ, which do not
-      show how coarse it is;
-    - or where it is `frozen`, and not at an extreme of its readings, as a saturated one is.
+    - if the inputs of these holds cover nearly the whole range of the run, unless the readings show
+      that the sensor is coarse; equal readings do not show this, and need the whole range;
+    - or if it is `frozen`, and not at an extreme of its readings, as a saturated sensor is.
 
-    It is dead where fewer of these inputs moved the output before. Holds without any reading count
-    as holds of the same reading, and as dead.
+    It is dead if a smaller range of these inputs moved the output before. Holds without any reading
+    count as holds of the same reading, and as dead.
     """
 
     range: tuple[float, float]
@@ -146,33 +145,32 @@ class RepeatedReadings:
     readings: FloatArray = field(default_factory=lambda: np.zeros(0))
     """The different readings of the latest hold, in the unit of the output; NaN if it has none."""
     holds: int = 0
-    """How many holds in a row repeat it."""
+    """Number of holds in a row that repeat the reading."""
     inputs: tuple[float, float] = (0.0, 0.0)
     """Lowest and highest input of these holds, in its unit; zeros before the first."""
     verdict: Literal["dead", "faulty", "suspect", ""] = ""
-    """``dead``, ``faulty``, ``suspect`` where the inputs reach across half of the range only, or
-    empty."""
+    """``dead``, ``faulty``, ``suspect`` if the inputs cover only half of the range, or empty."""
     repeated: int = 0
-    """Readings of these holds, beside those of the first."""
+    """Number of readings of these holds, without the first hold."""
     extremes: tuple[float, float] = _NONE
     """Lowest and highest reading before."""
     latest: tuple[FloatArray, ...] = ()
     """Tuple of (T,) arrays. Readings of the latest holds that did not repeat the hold before."""
     response: Response = field(default_factory=Response)
-    """What moved the output before."""
+    """Inputs that moved the output before."""
 
     @classmethod
     def of_plan(cls, levels: FloatArray) -> RepeatedReadings:
-        """Return what is known before the first hold.
+        """Return the state before the first hold.
 
-        ``levels`` (N,): inputs of the run, NaN where they are not known yet.
+        ``levels`` (N,): inputs of the run, NaN if not known yet.
         """
         return cls(_widened(_NONE, levels))
 
     def after(self, level: float, readings: FloatArray) -> RepeatedReadings:
-        """Return what is known after one more hold.
+        """Return the state after one more hold.
 
-        ``level``: its input; ``readings`` (T,): its readings, NaN where nothing was measured.
+        ``level``: its input; ``readings`` (T,): its readings, NaN if not measured.
         """
         known = readings[np.isfinite(readings)]
         reach = _widened(self.range, level)
@@ -215,12 +213,12 @@ class RepeatedReadings:
         step = _resolution(before)
         if not step:
             return bool(share < _ACROSS or change == whole)
-        # Resolution of a sensor, in steps of the range of its readings, from which it is not coarse
+        # A sensor with at least 16 steps over the range of its readings is not coarse
         return bool(np.ptp(before) >= 16 * step)
 
     def _is_frozen(self) -> bool:
         before = np.concatenate(self.latest)
-        repeated = min(self.repeated, before.size)  # more of them show no more
+        repeated = min(self.repeated, before.size)  # more repetitions do not show more
         values = np.append(before, np.full(repeated, self.readings[0]))
         runs = frozen(values).runs
         inside = self.extremes[0] < self.readings[0] < self.extremes[1]
@@ -228,28 +226,28 @@ class RepeatedReadings:
 
 
 def _resolution(readings: FloatArray) -> float:
-    """Return the resolution of readings (N,), in their unit; 0 where no two differ."""
+    """Return the resolution of readings (N,), in their unit; 0 if all are equal."""
     steps = np.abs(np.diff(readings))
     steps = steps[steps > 0]
-    # Quantile of the steps between readings that stands for the resolution of the sensor. The least
-    # step would be too small where the format rounds small numbers more finely.
+    # Quantile of the steps between readings that is the resolution of the sensor. The least step
+    # would be too small if the format rounds small numbers more finely.
     return float(np.quantile(steps, 0.01)) if steps.size else 0.0
 
 
 def _widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:
-    """Return the lowest and the highest with more values; NaN does not count."""
+    """Return the lowest and the highest value after more values; NaN does not count."""
     all_of_them = np.append(ends, values)
     return float(np.fmin.reduce(all_of_them)), float(np.fmax.reduce(all_of_them))
 
 
 def noise_above_resolution(values: FloatArray) -> float:
-    """Return the standard deviation of noise, 0 where there is none above the resolution."""
+    """Return the standard deviation of noise, 0 if it is below the resolution."""
     bends = np.diff(values, 2)
     if bends.size < 2:
         return 0.0
     ways = np.sign(bends)  # products of large numbers overflow
-    # Share of second differences that change sign from which they are noise. It is 0.73 for
-    # independent noise (the correlation of neighbours is -2/3), and near 0 for a smooth signal
+    # Least share of second differences of noise that change sign. It is 0.73 for independent noise
+    # (the correlation of neighbours is -2/3), and near 0 for a smooth signal
     if np.mean(ways[1:] * ways[:-1] < 0) < 0.5:
         return 0.0
     sd = noise_of(bends, 2)

@@ -1,4 +1,4 @@
-"""A plan: what to apply, one segment after the other.
+"""A plan: inputs to apply, one segment after the other.
 
 A segment is a level that is held until the output settles, or a sine with the inputs before it.
 """
@@ -30,7 +30,7 @@ _LONGEST = Quantity("hold", "s")
 _SHORTEST = Quantity("shortest hold", "s")
 """Header of the column of shortest holds."""
 FEWEST = 4
-"""Least samples of a window: a slope and its uncertainty need that many."""
+"""Least samples of a window, for a slope and its uncertainty."""
 _ENOUGH = 8
 """Least readings of a slow meter in a hold: fewer cannot distinguish movement from noise."""
 _MAX_POINTS = 1_000_000
@@ -43,7 +43,7 @@ _MAX_SAMPLES = 2_000_000
 class Plan:
     """Inputs to hold one after the other, each until the output has settled; or sines.
 
-    A level is held for ``shortest`` at least and ``longest`` at most. Between these the hold ends
+    A level is held for at least ``shortest`` and at most ``longest``. Between these, the hold ends
     as soon as the slope of the output over the last ``window`` is known to be below ``tolerance``.
 
     Raises a `ParameterError` if the plan is empty, a number is out of range, or the times
@@ -56,21 +56,20 @@ class Plan:
     longest : float or (N,) array_like
         Longest hold of each level, in seconds.
     shortest : float or (N,) array_like, optional
-        Shortest hold of each level, in seconds; a quarter of the longest if not given. An output
-        that reverses looks settled at the reversal: hold longer than that.
+        Shortest hold of each level, in seconds; by default a quarter of the longest. An output that
+        reverses looks settled at the reversal: hold longer than until then.
     window : float, optional
-        Trailing time over which the slope is taken, in seconds; a tenth of the least of
-        ``longest`` if not given.
+        Trailing time for the slope, in seconds; by default a tenth of the least of ``longest``.
     tolerance : float, optional
-        Slope of a settled output, in the unit of the output per second. If not given, it is
-        the slope that moves the output by 0.2 % of the span seen so far in another hold.
+        Slope of a settled output, in the unit of the output per second. By default, it is the slope
+        that moves the output in another hold by 0.2 % of the span of all outputs so far.
     sample_interval : float, optional
-        Time between samples, in seconds; 1/200 of the least of ``longest`` if not given.
+        Time between samples, in seconds; by default 1/200 of the least of ``longest``.
     input : str or Quantity
         Name and unit of the input, such as ``voltage [V]``.
     sines : sequence of Sine
-        One for each level, which is its offset, and each hold its duration; see `of_sines`. None in
-        a plan of holds.
+        One sine for each level; the level is its offset, and the hold its duration; see `of_sines`.
+        Empty in a plan of holds.
 
     Examples
     --------
@@ -129,7 +128,7 @@ class Plan:
         Parameters
         ----------
         sines : sequence of Sine
-            In order, such as those of `minorloop.lab.sines.grid`.
+            Sines in order, such as those of `minorloop.lab.sines.grid`.
         input : str or Quantity
             Name and unit of the input, such as ``voltage [V]``.
         """
@@ -144,7 +143,7 @@ class Plan:
 
     @property
     def open(self) -> bool:
-        """Whether there are levels that are chosen during the run."""
+        """Whether the run chooses some levels."""
         return bool(np.isnan(self.inputs).any())
 
     def __str__(self) -> str:
@@ -153,7 +152,7 @@ class Plan:
 
     @property
     def duration(self) -> float:
-        """Seconds in all, at most."""
+        """Longest duration of the plan, in seconds."""
         return float(self.longest.sum())
 
     @classmethod
@@ -172,7 +171,7 @@ class Plan:
             The column of the input; needed if there are several other columns.
         **settings
             ``window``, ``tolerance``, ``sample_interval``, and ``shortest`` in place of the column;
-            None as if it were left out. A plan of sines has none.
+            None has no effect. A plan of sines has none of them.
         """
         settings = {name: value for name, value in settings.items() if value is not None}
         with opened(path) as table:
@@ -256,7 +255,7 @@ class Plan:
         Parameters
         ----------
         other : Plan
-            To compare with.
+            The other plan.
         """
         return first_difference(json.loads(self.to_json()), json.loads(other.to_json()))
 

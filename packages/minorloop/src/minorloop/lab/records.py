@@ -54,40 +54,40 @@ class Quantity:
 
 
 SAMPLE = Quantity("sample")
-"""Takes the place of time where none was measured."""
+"""Replaces the time if it was not measured."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """When a hold began and ended, by the clock of its record."""
+    """Begin and end of a hold, by the clock of its record."""
 
     began: float
-    """When the input was on: the middle of the exchange that set it, in seconds."""
+    """Time when the input was on: the middle of the exchange that set it, in seconds."""
     ended: float
-    """When the hold ended, in seconds."""
+    """Time when the hold ended, in seconds."""
     uncertainty: float
     """Largest error of a time since the input was on, in seconds: half the exchange that set the
-    input and half the longest that read the output."""
+    input plus half the longest exchange that read the output."""
 
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """What the file of a record says beside its samples."""
+    """Information from the file of a record in addition to its samples."""
 
     check: TimeCheck | None = None
-    """What was found in the column of time."""
+    """Check of the column of time."""
     time_column: str | None = None
     """The column of time."""
     sd_column: str = ""
-    """The column of standard deviations; empty if they are from no column."""
+    """The column of standard deviations; empty if they are not from a column."""
     notes: tuple[str, ...] = ()
-    """What was found in the file itself, one sentence each."""
+    """Findings about the file itself, one sentence each."""
     chosen: tuple[str, ...] = ()
-    """Which columns were chosen that nobody named, one sentence each."""
+    """Automatic choices of columns, one sentence each."""
     why_untimed: str = ""
-    """Why the column of time was not used that was sought; empty where none was or it was used."""
+    """Reason why an automatic column of time was not used; empty if it was used."""
     rows: IntArray | None = None
-    """Rows of the file that the samples are, counted from 0; None if they are all."""
+    """Rows of the samples in the file, counted from 0; None if the samples are all rows."""
     settled: bool = False
     """Whether each sample is a settled point, as in an experiment store."""
     identified_by: Callable[..., Any] | None = None
@@ -96,7 +96,7 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Record(Drawn):
-    """Inputs and outputs of an actuator, with what each row has beside them.
+    """Inputs and outputs of an actuator, with time, labels and uncertainty of each row.
 
     Raises a `RecordError` if the shapes do not match, a number cannot be used, or the clock often
     runs backwards; a `ParameterError` if there are no rows from ``first`` to ``last``.
@@ -109,16 +109,16 @@ class Record(Drawn):
         Outputs; NaN marks a sample that was not measured.
     t : (T,) array_like, optional
         Time in seconds, or in the unit of its name if it is a column of a data frame. Where the
-        clock was set back, it continues with the usual interval. The samples are counted if not
-        given.
+        clock was set back, it continues with the usual interval. By default the samples are
+        counted.
     inputs, outputs : str, Quantity, or sequence of them, optional
-        Name and unit of each channel, such as ``voltage [V]``; those of a column of a data frame or
-        of xarray if not given.
+        Name and unit of each channel, such as ``voltage [V]``; by default those of a column of a
+        data frame or of xarray.
     time : Quantity
-        What ``t`` is; ``SAMPLE`` for the number of the sample.
+        Name and unit of ``t``; ``SAMPLE`` for the number of the sample.
     timing : Timing, optional
-        When the hold began and ended, and how well times are known; None where the times are exact,
-        as those of a twin, or this was not measured.
+        Begin and end of the hold, and uncertainty of times; None if times are exact, as of a twin,
+        or this was not measured.
     curves : (T,) array_like, optional
         Label of the curve of each row, such as its number. Where the label changes, the memory is
         reset. Curves are also groups, unless ``groups`` are given.
@@ -126,21 +126,21 @@ class Record(Drawn):
         Label of the group of each row, such as its specimen. Each group is predicted by a fit to
         the others, and bands include the scatter of three or more groups.
     sd : float or (T,) array_like, optional
-        Standard deviation of the measured outputs, in their unit, where it is known. One number is
-        used by the prior only. Of an array, one for each output, NaN where it is not known and
-        then the greatest, each output has the weight 1 / (sd^2 + m^2), where m is the error of the
-        model itself, from its residual.
+        Standard deviation of the measured outputs, in their unit, if it is known. Only the prior
+        uses a single number. With an array, each output has the weight 1 / (sd^2 + m^2), where m is
+        the error of the model itself, from its residual; NaN if it is not known, which counts as
+        the greatest.
     start : {"negative", "positive", "demagnetised"} or Memory
         Memory before the first sample.
     start_of_curve : {"negative", "positive", "demagnetised", "as-left"} or Memory, optional
-        Memory before each curve, the first included; ``start`` if not given. ``"as-left"``: the
-        memory that the previous curve left.
+        Memory before each curve, also the first; ``start`` by default. ``"as-left"``: the memory
+        that the previous curve left.
     skip : int
         Rows at the start of the record, and of each curve, that set the memory and are not fitted.
     first, last : int
-        Samples that are used: from ``first`` up to but not ``last``; None for all the others.
+        Samples to use: from ``first`` up to but not ``last``; None for all further samples.
     origin : Origin
-        What the file of the record says.
+        Information from the file of the record.
 
     Examples
     --------
@@ -267,7 +267,7 @@ class Record(Drawn):
 
     @cached_property
     def checked(self) -> tuple[FloatArray, FloatArray, tuple[Fault, ...]]:
-        """Inputs (T,), outputs (T,) with NaN in place of codes, and these as a fault, to be fitted.
+        """Inputs (T,) to fit, outputs (T,) with NaN in place of codes, and the faults of the codes.
 
         Raises a `SignalError` if there are several channels, fewer than three outputs, an input or
         output that never changes, or a number whose square is beyond a float64.
@@ -286,20 +286,20 @@ class Record(Drawn):
             check_magnitude(name, values)
             if 0 < np.ptp(values) < 1 / LARGEST:
                 raise SignalError(
-                    f"the {name} changes by {np.ptp(values):g} only; scale it to above "
+                    f"the {name} changes only by {np.ptp(values):g}; scale it to above "
                     f"{1 / LARGEST:g}"
                 )
             if np.ptp(values) == 0:
                 raise SignalError(
-                    f"the {name} is {values[0]:g} throughout; a constant identifies nothing"
+                    f"the {name} is {values[0]:g} throughout; record a changing {name}"
                 )
         return self.u, outputs, coded
 
     @cached_property
     def check(self) -> TimeCheck | None:
-        """What was found in the times; None without times.
+        """Check of the times; None without times.
 
-        Raises a `RecordError` if the clock stands still or is set back too often.
+        Raises a `RecordError` if the clock has stopped or is set back too often.
         """
         if self.origin.check is not None or not self.timed:
             return self.origin.check
@@ -307,7 +307,7 @@ class Record(Drawn):
         return with_lost_rows(check, self.u)
 
     def only(self, first: int | None, last: int | None) -> Record:
-        """Return the record of which some rows are used: from ``first`` up to but not ``last``.
+        """Return the record that uses only rows from ``first`` up to but not ``last``.
 
         Raises a `ParameterError` if there are no such rows.
 
@@ -326,7 +326,7 @@ class Record(Drawn):
 
     @property
     def part(self) -> slice:
-        """Samples that are used."""
+        """Slice of the used samples."""
         return slice(self.first, self.last)
 
     @property
@@ -335,7 +335,7 @@ class Record(Drawn):
         return self.first == 0 and self.last in (None, len(self))
 
     def cut(self) -> Record:
-        """Return a record of the rows that are used alone."""
+        """Return a record of only the used rows."""
         if self.whole:
             return self
         part = self.part
@@ -350,22 +350,22 @@ class Record(Drawn):
 
     @property
     def weighted(self) -> bool:
-        """Whether each output has a standard deviation of its own."""
+        """Whether each output has its own standard deviation."""
         return isinstance(self.sd, np.ndarray)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found in the file and its times, one sentence each."""
+        """Findings about the file and its times, one sentence each."""
         return self.origin.notes + (self.check.notes if self.check else ())
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """What is wrong with the readings of the first output, as they show alone."""
+        """Faults of the first output, found from its readings alone."""
         return usable(np.atleast_2d(self.y)[0])[1]
 
     @cached_property
     def bridges(self) -> Bridges:
-        """What is known about the input in each gap."""
+        """Knowledge about the input in each gap."""
         gaps = np.zeros(0, dtype=np.int64) if self.check is None else self.check.gaps
         return bridged(self.t, self.u, gaps)
 
@@ -377,7 +377,7 @@ class Record(Drawn):
 
     @property
     def of_memory(self) -> tuple[str, ...]:
-        """After which gaps the memory is known or unknown, in one sentence; empty without gaps."""
+        """Gaps after which the memory is known or unknown, in one sentence; empty without gaps."""
         gaps = self.bridges
         count, turned, unknown = gaps.after.size, int(gaps.turned.sum()), gaps.unknown.size
         if not count:
@@ -390,8 +390,8 @@ class Record(Drawn):
             )
         if turned:
             said.append(
-                f"in {_gaps(turned, count)} the input turned, at an extreme that the steps beside "
-                "it show"
+                f"in {_gaps(turned, count)} the input turned, at an extreme that follows from the "
+                "steps beside it"
             )
         crossed = count - turned - unknown
         if crossed:
@@ -400,7 +400,7 @@ class Record(Drawn):
         return ("; ".join(said),)
 
     def left_out(self, *, dynamics: bool = False) -> tuple[str, ...]:
-        """How many rows `with_known_memory` leaves out, why and what to do; empty if none.
+        """Number of rows that `with_known_memory` leaves out, reason and remedy; empty if none.
 
         Parameters
         ----------
@@ -430,7 +430,7 @@ class Record(Drawn):
 
     @property
     def _lost(self) -> tuple[int, int]:
-        """How many measured rows `with_known_memory` leaves out, and of how many."""
+        """Number of measured rows that `with_known_memory` leaves out, and of all measured rows."""
         measured = np.isfinite(self.y)
         return int(np.count_nonzero(measured & ~self._known)), int(measured.sum())
 
@@ -449,8 +449,8 @@ class Record(Drawn):
     def with_known_memory(self) -> Record:
         """Return the record without outputs where gaps leave the memory unknown.
 
-        Where the input turned in a gap, the row beside it that is nearer to the extreme has the
-        extreme as its input and no output.
+        If the input turned in a gap, the nearer of the rows beside the extreme gets the extreme as
+        its input, and no output.
         """
         gaps = self.bridges
         if self._known.all() and not gaps.turned.any():
@@ -462,15 +462,15 @@ class Record(Drawn):
         return self.replace(u=u, y=y)
 
     def evenly_sampled(self) -> Record:
-        """Return the record at its usual interval, as a lag in rows needs it, without labels.
+        """Return the record at its usual interval, for a lag in rows, without labels.
 
-        A record that would become more than four times as long is returned as it is.
+        A record that would become more than four times as long is returned unchanged.
         """
         check = self.check
         if check is None or (not check.breaks.size and check.uneven == 0):
             return self
         duration = float(self.t[-1] - self.t[0])
-        # Largest ratio of the lengths of a record after and before it is sampled evenly
+        # Largest ratio of the lengths of a record after and before even sampling
         if duration > 4 * len(self) * check.interval:
             return self.with_known_memory()
         y = np.where(self._known, self.y, np.nan)
@@ -491,7 +491,7 @@ class Record(Drawn):
         Parameters
         ----------
         lag : float
-            In seconds, >= 0.
+            Lag in seconds, >= 0.
         """
         record, check = self.with_known_memory(), self.check
         if check is None:
@@ -504,9 +504,9 @@ class Record(Drawn):
 
     @classmethod
     def joined(cls, records: Sequence[Record]) -> Record:
-        """Join records that follow each other on the same clock.
+        """Join successive records on the same clock.
 
-        Raises a `RecordError` if there is none, their channels differ, or time runs backwards.
+        Raises a `RecordError` if there are none, their channels differ, or time decreases.
 
         Parameters
         ----------
@@ -531,7 +531,7 @@ class Record(Drawn):
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
         """Write the record as CSV: time, inputs, outputs, with name and unit as headers.
 
-        Reading the numbers gives the same float64.
+        The numbers in the file are exact: they are read as the same float64.
 
         Parameters
         ----------
@@ -555,7 +555,7 @@ class Record(Drawn):
         if self.u.ndim == self.y.ndim == 1 and self.u.size != self.y.size:
             raise RecordError(
                 f"u has {self.u.size} samples and y has {self.y.size}; give one output "
-                "for every input, NaN where nothing was measured"
+                "for every input, NaN if not measured"
             )
         for name, values, names in (("u", self.u, self.inputs), ("y", self.y, self.outputs)):
             channels = 1 if values.ndim == 1 else values.shape[0]
@@ -603,7 +603,7 @@ def _named(values: object, default: str) -> Quantity:
 def _clock(t: npt.ArrayLike) -> tuple[FloatArray, Quantity]:
     """Return times in seconds, and their name; a column may have another unit.
 
-    Raises a `RecordError` if this is no unit of time.
+    Raises a `RecordError` if this is not a unit of time.
     """
     times, clock = _samples(t, "t"), _named(t, "time")
     if clock.unit not in SECONDS:
@@ -619,7 +619,7 @@ def _between_samples(check: TimeCheck) -> float:
 
 
 def _gaps(some: int, count: int) -> str:
-    """Return in words which gaps: one, all or some of them."""
+    """Return a number of gaps in words: the only gap, all gaps, or some of them."""
     if some < count:
         return f"{some} of {count} gaps"
     return "the gap" if count == 1 else "all gaps"

@@ -1,8 +1,8 @@
 """Reduce a raw log to settled points: one row for each hold, with its uncertainty.
 
 The holds are found in the input. Each is judged and extrapolated as during a run, by
-`minorloop.lab.settling`. Where the input passes an extreme between two holds, a row without an
-output is inserted, so that it drives the memory of a model.
+`minorloop.lab.settling`. If the input passes an extreme between two holds, a row without an output
+is inserted, so that the extreme drives the memory of a model.
 """
 
 from dataclasses import dataclass, replace
@@ -30,14 +30,14 @@ from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, tren
 from minorloop.lab.timebase import GAP
 
 _Flip: TypeAlias = Literal["output", "input", "both"]
-"""Whose sign is changed."""
+"""Quantity whose sign is changed."""
 
 _WINDOW = 10
-"""A slope is taken over the last one in this many parts of a hold."""
+"""A slope is taken over the last of this number of parts of a hold."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
 _WHOLE = 0.01
-"""Largest difference of their distances from whole steps, in steps."""
+"""Largest deviation of readings from whole steps, in steps."""
 
 
 @dataclass(frozen=True)
@@ -45,29 +45,29 @@ class ReducedPoint:
     """One hold of a log, or an extreme of the input between two holds."""
 
     t: float
-    """When the hold ended, in seconds or samples."""
+    """End of the hold, in seconds or samples."""
     input: float
     """Mean of the input, in its unit."""
     begin: int
     stop: int
-    """``begin`` and ``stop``: first sample of the hold, and the one after the last."""
+    """``begin`` and ``stop``: first sample of the hold, and the sample after the last."""
     value: float = np.nan
     sd: float = np.nan
     """``value`` and ``sd``: settled output and its standard deviation, in the unit of the output;
-    NaN at an extreme. How far a hold that has not settled is from its end is not known: its
-    standard deviation is NaN."""
+    NaN at an extreme. The standard deviation of a hold that has not settled is NaN, because its
+    distance from the settled output is unknown."""
     verdict: str = "passed"
     """``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
-    ``unread`` where no reading of the end of a hold can be used; ``passed`` at an extreme of the
-    input between holds."""
+    ``unread`` if no reading of the end of a hold can be used; ``passed`` at an extreme of the input
+    between holds."""
     held: float = 0.0
     """Duration of the hold, in seconds or samples; 0 at an extreme."""
     end: float = np.nan
     """Output at the end of the hold, not extrapolated."""
     common_sd: float = np.nan
-    """Standard deviation of the conversion: an error that the points have in common."""
+    """Standard deviation of the conversion: an error common to all points."""
     known: bool = True
-    """Whether the memory is known; after a break it is not, until the input has made it known."""
+    """Whether the memory is known: after a break it is unknown until the input has set it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +77,9 @@ class Reduction(Drawn):
     points: tuple[ReducedPoint, ...]
     """Holds and passed extremes, in order."""
     faults: tuple[Fault, ...]
-    """What is wrong with the log; spoiled readings are not used."""
+    """Faults of the log; faulty readings are not used."""
     advice: tuple[str, ...]
-    """What else was found and what to do about it, one sentence each."""
+    """Further findings and remedies, one sentence each."""
     log: Record
     """The log with the output converted; NaN where a reading cannot be used."""
 
@@ -113,7 +113,7 @@ class Reduction(Drawn):
 
     @property
     def remedy(self) -> str:
-        """What to do about holds that have not settled."""
+        """Remedy for holds that have not settled."""
         return _remedy(self.log, [p for p in self.points if p.verdict == "unsettled"])
 
     @property
@@ -128,8 +128,8 @@ class Reduction(Drawn):
     def record(self, *, unsettled: bool = False) -> Record:
         """Return the points as a record that can be identified.
 
-        ``unsettled``: whether to give the outputs of holds that have not settled. They are NaN
-        otherwise: such a hold drives the memory and is not fitted.
+        ``unsettled``: whether to give the outputs of holds that have not settled. Otherwise they
+        are NaN: such a hold drives the memory and is not fitted.
         """
         t, u = (np.array([getattr(p, name) for p in self.points]) for name in ("t", "input"))
         y = np.array([self._output(point, unsettled) for point in self.points])
@@ -155,7 +155,7 @@ class Reduction(Drawn):
         return columns
 
     def to_dict(self) -> dict[str, Any]:
-        """Return how many samples and points of each verdict there are, and the points."""
+        """Return the numbers of samples and of points of each verdict, and the points."""
         verdicts = ("settled", "extrapolated", "unsettled", "unread", "passed")
         counts = {verdict: self.count(verdict) for verdict in verdicts}
         holds = {"samples": len(self.log), "holds": len(self) - counts["passed"]}
@@ -185,28 +185,28 @@ def reduce(
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
 
-    Raises a `RecordError` if holds are fewer than three or less than a tenth of the log, or none
-    has a usable output; a `SignalError` if a number is beyond 1e150; a `ParameterError` if the
-    record is no `Record`, or an option is out of range.
+    Raises a `RecordError` if there are fewer than three holds, or holds are less than a tenth of
+    the log, or no hold has a usable output; a `SignalError` if a number is beyond 1e150; a
+    `ParameterError` if the record is not a `Record`, or an option is out of range.
 
     Parameters
     ----------
     record : Record
-        One input and one output as they were sampled; without time, samples are counted. After its
-        breaks in time it is not known what the input did.
+        One input and one output as sampled; without time, samples are counted. The input is unknown
+        during its breaks in time.
     conversion : Conversion, optional
-        From the readings of the sensor to the output; see `minorloop.lab.conversion`.
+        Conversion of the readings of the sensor to the output; see `minorloop.lab.conversion`.
     flip : {"output", "input", "both"}, optional
-        Whose sign to change; that of the output after its conversion.
+        Quantity whose sign to change; the output after its conversion.
     limits : (float, float), optional
         Range of the sensor, in the unit of its readings; readings at or beyond it are not used.
     tolerance : float, optional
-        Slope of a settled output, in the unit of the output per second. If not given, the slope
-        that moves it by 0.2 % of its span in another hold.
+        Slope of a settled output, in the unit of the output per second. By default, the slope that
+        moves it by 0.2 % of its span in another hold.
     input_tolerance : float, optional
-        Changes of the input up to this size are noise; estimated if not given.
+        Changes of the input up to this size are noise; estimated by default.
     shortest : float
-        Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
+        Shortest hold, in seconds (samples if the record has no time). Shorter holds do not count.
 
     Examples
     --------
@@ -234,7 +234,7 @@ def reduce(
     if step:
         notes.append(
             f"readings of {record.output} are whole steps of {step:.3g}, the resolution of the "
-            "sensor; sd contains it: averaging does not reduce it where the noise is less"
+            "sensor; sd contains it: averaging does not reduce it if the noise is less"
         )
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
     known, bridged = _known(record, u, holds)
@@ -259,9 +259,7 @@ def _check(record: Record, tolerance: float | None, shortest: float) -> None:
             f"{counted(len(record.outputs), 'output')}; give one of each"
         )
     if len(record) > 1 and not (np.diff(record.t) > 0).any():
-        raise RecordError(
-            f"the times stand still at {record.t[0]:g}; give those of the samples, or none"
-        )
+        raise RecordError(f"all times are {record.t[0]:g}; give the times of the samples, or none")
     if as_finite("shortest", shortest) < 0:
         raise ParameterError(f"shortest is {shortest}; give a duration >= 0")
     if tolerance is not None and not as_finite("tolerance", tolerance) > 0:
@@ -271,7 +269,7 @@ def _check(record: Record, tolerance: float | None, shortest: float) -> None:
 def _held(
     record: Record, u: FloatArray, input_tolerance: float | None, shortest: float
 ) -> list[FoundHold]:
-    """Return the holds of an input (T,); refuse a log that has too few."""
+    """Return the holds of an input (T,); raise an error if there are too few."""
     if np.ptp(u) == 0:
         raise RecordError(
             f"{record.input} is {u[0]:g} throughout; a log needs at least {_FEWEST} holds at "
@@ -291,7 +289,7 @@ def _held(
     raise RecordError(
         f"{counted(len(holds), 'hold')}{least} found in {len(record)} samples of {record.input}, "
         f"with {share:.0%} of the samples; at least {_FEWEST} holds with {_LEAST_HELD:.0%} are "
-        "needed: where the input never rests, identify the record as it is, and where it is "
+        "needed: if the input never rests, identify the record as it is; if it is "
         "noisier than its steps, give the size of the noise (input_tolerance)"
     )
 
@@ -301,7 +299,7 @@ def _converted(
 ) -> tuple[Record, FloatArray, tuple[Fault, ...]]:
     """Return the record with converted readings, NaN where the conversion does not cover them.
 
-    Also the standard deviation of the conversion for each, and faults.
+    Also return the standard deviation of the conversion for each reading, and faults.
     """
     sign, readings = (-1.0 if flip else 1.0), record.y
     if conversion is None:
@@ -320,17 +318,17 @@ def _converted(
 
 
 def _known(record: Record, u: FloatArray, holds: list[FoundHold]) -> tuple[BoolArray, list[str]]:
-    """Return where the memory is known (T,), and a note on gaps over which it continues.
+    """Return (T,) whether the memory is known, and a note on gaps over which it continues.
 
-    It is not known after the clock was set back or a long gap, which may hide a hold. In a gap of
-    less than half a usual hold the input is on its way to the next hold, or rests.
+    It is unknown after the clock was set back, and after a long gap, which may hide a hold. In a
+    gap of less than half a usual hold the input moves to the next hold, or rests.
     """
     t, check = record.t, record.check
     if check is None or not check.breaks.size:
         return np.ones(u.size, dtype=np.bool_), []
     usual = np.median([t[hold.end - 1] - t[hold.begin] for hold in holds])
     gap = t[check.breaks + 1] - t[check.breaks]
-    # Share of a usual hold up to which a gap hides none
+    # A gap of less than half a usual hold cannot hide a hold
     hiding = (gap <= GAP * np.median(np.diff(t))) | (gap >= 0.5 * usual)
     within = int(np.count_nonzero(~hiding))
     note = (
@@ -341,9 +339,9 @@ def _known(record: Record, u: FloatArray, holds: list[FoundHold]) -> tuple[BoolA
 
 
 def _too_few(u: FloatArray) -> str:
-    """Return a sentence if an input has holds of too few samples to be found, otherwise ""."""
-    # Least samples of what may be a hold with too few, and the least share of such samples that
-    # makes a log of them: the noise of two samples cannot be told from a step
+    """Return a sentence if an input has holds with too few samples to be found, otherwise ""."""
+    # Holds have at least three samples, because a step cannot be distinguished from the noise of
+    # two; a share of such samples makes the record a log
     counts = [hold.end - hold.begin for hold in find_holds(u, fewest=3)]
     if len(counts) < _FEWEST or sum(counts) < 0.6 * u.size:
         return ""
@@ -352,13 +350,13 @@ def _too_few(u: FloatArray) -> str:
         return ""
     return (
         f"the holds have about {usual:.0f} samples each, and at least {FEWEST_STILL} are needed to "
-        f"find one, {ENOUGH} to tell whether its output has settled: sample faster; where these "
+        f"find one, {ENOUGH} to judge whether its output has settled: sample faster; if these "
         "are settled outputs already, identify the record as it is"
     )
 
 
 def _cell(value: float) -> float | str:
-    """Return a number for a table; an empty cell where there is none."""
+    """Return a number for a table; an empty cell for NaN."""
     return value if np.isfinite(value) else ""
 
 
@@ -385,14 +383,14 @@ def _points(
 
 
 def _resolution(readings: FloatArray) -> float:
-    """Return the step of the readings of a sensor, 0 where they show none."""
+    """Return the step of the readings of a sensor, 0 if they show none."""
     known = readings[np.isfinite(readings)]
     values = np.unique(known)
-    # Samples for each distinct reading above which readings may show the resolution of a sensor
+    # Readings show the resolution of a sensor only with four samples for each distinct reading
     if values.size < 3 or values.size * 4 > known.size:
         return 0.0
     steps = np.diff(values)
-    # Share of the greatest distance of readings up to which another is rounding
+    # Distances of readings below this share of the greatest are rounding
     if steps.min() <= 1e-15 * steps.max():
         return 0.0
     count = steps / steps.min()
@@ -402,7 +400,7 @@ def _resolution(readings: FloatArray) -> float:
 def _rounding(values: FloatArray, value: float) -> float:
     """Return the standard deviation of an error that is uniform over a step between values.
 
-    ``values`` are those that the sensor can show, increasing; none of a sensor without steps.
+    ``values`` are the possible readings, increasing; empty for a sensor without steps.
     """
     if values.size < 2 or not np.isfinite(value):
         return 0.0
@@ -416,7 +414,7 @@ def _judged(
     part = slice(hold.begin, hold.end)
     t, y = log.t[part] - log.t[hold.begin] + interval, log.y[part]
     held = _duration(log.t, hold, interval)
-    # Where the end was not measured, the output is not known to have settled by then.
+    # If the end was not measured, it is unknown whether the output has settled.
     read = bool((np.isfinite(y) & (t > (1 - 1 / _WINDOW) * held)).any())
     y = y if read else np.full(y.size, np.nan)
     found = judge(t, y, tolerance=slope, window=held / _WINDOW)
@@ -474,14 +472,14 @@ def _listed(numbers: list[int]) -> str:
 
 
 def _remedy(log: Record, points: list[ReducedPoint]) -> str:
-    """Return what to do about holds that have not settled."""
+    """Return a remedy for holds that have not settled."""
     counts = [np.count_nonzero(np.isfinite(log.y[p.begin : p.stop])) for p in points]
     usual = float(np.median(counts)) if counts else ENOUGH
     if usual >= ENOUGH:
         return "hold longer"
     return (
-        f"they have about {usual:.0f} readings each, too few to tell: sample faster, {ENOUGH} "
-        "readings a hold or more"
+        f"they have about {usual:.0f} readings each, too few to judge: sample faster, {ENOUGH} "
+        "readings per hold or more"
     )
 
 
@@ -495,14 +493,14 @@ def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
     if unsettled:
         notes.append(
             f"{len(unsettled)} of {len(holds)} holds did not settle ({_listed(unsettled)}): an "
-            "output that has not settled is left out, and its input drives the memory only; "
-            f"{_remedy(log, [holds[k - 1] for k in unsettled])}, or keep them all the same "
+            "output that has not settled is left out, and its input only drives the memory; "
+            f"{_remedy(log, [holds[k - 1] for k in unsettled])}, or keep them anyway "
             "(--keep-unsettled)"
         )
     if unread:
         notes.append(
             f"no reading of the end of {len(unread)} of {len(holds)} holds can be used "
-            f"({_listed(unread)}): their inputs drive the memory only; check the sensor and its "
+            f"({_listed(unread)}): their inputs only drive the memory; check the sensor and its "
             "range, and measure these holds again"
         )
     unknown = sum(not point.known for point in holds)

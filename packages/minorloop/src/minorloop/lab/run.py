@@ -1,8 +1,9 @@
-"""Carry out a plan; a run can be stopped and continued without losing what was measured.
+"""Carry out a plan; a run can be stopped and continued without loss of measurements.
 
 Each level is held until its output has settled. The settled point, or the sine, is in the store,
-with its raw trace, before the next one is applied. Whatever stops the run, the actuator is left on
-its safe input. Another call of ``run`` with the same store continues after the last point.
+with its raw trace, before the next level or sine is applied. If a run ends for any reason, the
+actuator is left on its safe input. Another call of ``run`` with the same store continues after the
+last point.
 """
 
 import math
@@ -36,12 +37,12 @@ from minorloop.lab.store import Point, Store, reason_of
 ResumeMode: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 
 Choose: TypeAlias = Callable[[Sequence[Point]], float | None]
-"""Maps the points so far to the next level, or to None where they are enough. The same points must
-give the same level, so that a stopped run continues as it would have."""
+"""Maps the points so far to the next level, or to None if they are enough. The same points must
+give the same level, so that a stopped run continues as if it had not stopped."""
 
 
 _JUDGED, _MOST = 30, 90.0
-"""Latest holds that say how long a hold must be, and the percentage of them that then settle."""
+"""Number of latest holds that determine the hold time, and percentage of them that then settle."""
 
 
 @runtime_checkable
@@ -57,11 +58,11 @@ class Restorable(Protocol):
 
 @runtime_checkable
 class Described(Protocol):
-    """A plant that describes its instruments, so that a run continues with the same ones."""
+    """A plant that describes its instruments, so that a run continues with the same instruments."""
 
     @property
     def description(self) -> dict[str, Any] | None:
-        """Instruments and how their readings are converted, ready for JSON; None if unknown."""
+        """Instruments and the conversion of their readings, for JSON; None if unknown."""
 
 
 @dataclass(frozen=True)
@@ -70,17 +71,17 @@ class RunProgress:
 
     index: int
     total: int
-    """``index`` and ``total``: the level that is held, counted from 0, and the number of levels."""
+    """``index`` and ``total``: the present level, counted from 0, and the number of levels."""
     input: float
     """The level, in the unit of the input."""
     output: float
-    """The latest sample, in the unit of the output; NaN where nothing is measured."""
+    """The latest sample, in the unit of the output; NaN if not measured."""
     held: float
-    """How long the level has been held, in seconds."""
+    """Time for which the level has been held, in seconds."""
     point: Point | None = None
     """The settled point, once it is in the store."""
     warning: str = ""
-    """What is wrong with this point and those before it, as far as it shows; empty if nothing."""
+    """Warning about this point and the points before it; empty if there is none."""
 
 
 def run(
@@ -96,12 +97,12 @@ def run(
     Parameters
     ----------
     actuator : Actuator
-        What to measure; it has one input and one output.
+        Actuator to measure; it has one input and one output.
     plan : Plan
-        What to apply.
+        Plan to carry out.
     store : Store
-        Where the points are written, open to write; it may contain the first of them already. A
-        sine is a point whose trace has its samples.
+        Store for the points, open to write; it may already contain the first points. A sine is a
+        point whose trace has its samples.
     choose : callable, optional
         Chooses the levels that the plan leaves open, from the points so far.
     watch : callable
@@ -111,10 +112,10 @@ def run(
     Returns
     -------
     str
-        How the actuator was brought to the first level of this session: ``fresh``; ``restored``
-        to exactly the state at the last settled point, as twins can be; ``replayed``: its recorded
-        inputs were applied again, unmeasured; or ``finished``: there was nothing left to do. On
-        instruments the next sine begins with its preamble, so nothing is replayed.
+        How the actuator was brought to the first level of this session: ``fresh``; ``restored`` to
+        exactly the state at the last settled point, for twins; ``replayed``: its recorded inputs
+        were applied again, without measurement; or ``finished``: the plan was already complete. On
+        instruments the next sine begins with its preamble, so inputs are not replayed.
 
     Raises
     ------
@@ -127,8 +128,8 @@ def run(
         If the store belongs to another plan, was measured on another bench, or cannot be written;
         its points are kept.
     InstrumentError
-        If the sensor repeats one reading exactly, whatever the input is, or a sine has no reading
-        somewhere in its measured periods, and stays open; the points are kept.
+        If the sensor repeats one reading exactly at all inputs, or a reading is missing in the
+        measured periods of a sine, which then stays open; the points are kept.
     SafetyError
         If the actuator does not confirm at the end that it is safe; the points are kept.
 
@@ -244,9 +245,9 @@ def _check_written(actuator: Actuator, levels: FloatArray) -> None:
 
 
 def answer_time(actuator: Actuator) -> float:
-    """Return how long a reading takes, in seconds; 0 where the actuator does not say.
+    """Return the time of a reading, in seconds; 0 if the actuator does not give it.
 
-    ``actuator``: what is measured.
+    ``actuator``: the actuator to measure.
     """
     return actuator.answer_time() if isinstance(actuator, Timed) else 0.0
 
@@ -254,7 +255,7 @@ def answer_time(actuator: Actuator) -> float:
 def _reach_last_point(
     actuator: Actuator, store: Store, watch: Callable[[RunProgress], None]
 ) -> tuple[ResumeMode, float]:
-    """Bring the actuator to the last point; return how, and when the last hold ended, or NaN."""
+    """Bring the actuator to the last point; return how, and the end of the last hold, or NaN."""
     last = store.last()
     if isinstance(actuator, Restorable):
         if last is None:
@@ -275,8 +276,7 @@ def _reach_last_point(
 class _Levels:
     """The levels of a plan while they are measured.
 
-    ``ended`` is when the last hold ended, in seconds, NaN if it is not known; the others are as of
-    `run`.
+    ``ended`` is the end of the last hold, in seconds, NaN if not known; the others are as of `run`.
     """
 
     def __init__(
@@ -305,14 +305,14 @@ class _Levels:
             self._last = point
             if self._choose is not None:
                 self._points.append(point)
-            self._ends = _seen(self._ends, point.value)
+            self._ends = _widened(self._ends, point.value)
             before, self._repeated = self._repeated, self._repeated.after(level, readings)
             warning = _warning(before, self._repeated, self._actuator, index)
             said = point.value, point.held, point, warning
             self._watch(RunProgress(index, len(self._store.plan), level, *said))
 
     def _level(self, index: int) -> float | None:
-        """Return the level to hold next; None where the points are enough."""
+        """Return the level to hold next; None if the points are enough."""
         level = float(self._store.plan.inputs[index])
         if self._choose is None or not math.isnan(level):
             return level
@@ -324,7 +324,7 @@ class _Levels:
     def _held(self, index: int, level: float) -> tuple[Point, FloatArray]:
         """Hold one level until it has settled; return its stored point, and its readings (T,).
 
-        An output that should move and does not is given the longest hold.
+        An output that should move but does not gets the longest hold.
         """
         plan, tolerance = self._store.plan, 0.0
         hold = Hold(plan, index, answer_time(self._actuator))
@@ -332,12 +332,12 @@ class _Levels:
             hold.add(self._actuator.apply(level, length, plan.sample_interval), length)
             self._watch(RunProgress(index, len(plan), level, hold.latest, hold.held))
             t, y = hold.trace
-            tolerance = _tolerance(plan, index, _seen(self._ends, y))
+            tolerance = _tolerance(plan, index, _widened(self._ends, y))
             line = trend(t, y, plan.window)
             settled = line is not None and line.is_below(tolerance)
             if settled and not self._repeated.after(level, y).verdict:
                 break
-        # A clock that begins anew with each call does not say how long the time between holds was.
+        # A clock that restarts with each call does not show the time between holds.
         gap, self._ended = hold.began - self._ended, hold.ended
         end = judge(t, np.where(spikes(y), np.nan, y), tolerance=tolerance, window=plan.window)
         point = Point(
@@ -357,12 +357,12 @@ class _Levels:
 
 
 def _state(actuator: Actuator) -> dict[str, Any] | None:
-    """Return the state of a twin; None of instruments."""
+    """Return the state of a twin; None for instruments."""
     return actuator.checkpoint() if isinstance(actuator, Restorable) else None
 
 
-def _seen(ends: FloatArray, outputs: npt.ArrayLike) -> FloatArray:
-    """Return the lowest and the highest output (2,) with some more; NaN does not count."""
+def _widened(ends: FloatArray, outputs: npt.ArrayLike) -> FloatArray:
+    """Return the lowest and the highest output (2,) after more outputs; NaN does not count."""
     values = np.append(ends, outputs)
     return np.array([np.fmin.reduce(values), np.fmax.reduce(values)])
 
@@ -372,8 +372,8 @@ def _warning(
 ) -> str:
     """Return a warning if the sensor begins to look faulty; raise an error if it did before.
 
-    The first hold at an end of the range may be the one before the actuator moves. How far the
-    inputs go does not count where the sensor is dead.
+    The first hold at an end of the range may precede the first motion of the actuator. If the
+    sensor is dead, the range of the inputs does not count.
     """
     if not now.verdict:
         return ""
@@ -388,8 +388,8 @@ def _warning(
         "actuator is connected, or hold longer: if it moved, these points are wrong"
     )
     width = channel.high - channel.low
-    # Share of the range of the limits over which the input must go before a repeated reading ends a
-    # run: within less, an actuator may be below its threshold
+    # Least share of the range of the limits that the input must cover before a repeated reading
+    # ends a run: with less, an actuator may be below its threshold
     far = not math.isfinite(width) or high - low >= 0.5 * width * (1 - ROUNDING)
     sure = now.verdict == "dead" or (now.verdict == "faulty" and far)
     if before.verdict and sure:
@@ -414,8 +414,8 @@ def _measure_sine(
     if lost:
         raise InstrumentError(
             f"sine {index + 1} ({sine.frequency:g} Hz, amplitude {sine.amplitude:g}) has no "
-            f"reading in {lost} of the {measured.size} samples of its measured periods, and every "
-            "one is needed; check the sensor"
+            f"reading in {lost} of the {measured.size} samples of its measured periods, and all "
+            "are needed; check the sensor"
         )
     point = Point(
         index=index,
@@ -453,25 +453,25 @@ def measured_sines(store: Store) -> list[MeasuredSine]:
     ]
 
 
-def _tolerance(plan: Plan, index: int, seen: FloatArray) -> float:
+def _tolerance(plan: Plan, index: int, ends: FloatArray) -> float:
     if plan.tolerance is not None:
         return plan.tolerance
-    span = float(np.ptp(seen))
+    span = float(np.ptp(ends))
     return SPAN_SHARE * span / float(plan.longest[index]) if math.isfinite(span) else 0.0
 
 
 def long_enough(store: Store) -> float:
-    """Return how long holds would have to be for most outputs to settle, in seconds.
+    """Return the hold time after which most outputs settle, in seconds.
 
-    It follows from the latest holds that were extrapolated; NaN if they do not tell.
+    It follows from the latest extrapolated holds; NaN if they do not determine it.
     """
     plan, totals = store.plan, store.totals()
-    seen = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
+    ends = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
     found = []
     for point in store.points(max(len(store) - _JUDGED, 0)):
         if point.verdict == "extrapolated":
             longest = float(plan.longest[point.index])
-            change = _tolerance(plan, point.index, seen) * longest
+            change = _tolerance(plan, point.index, ends) * longest
             t, y = store.trace(point.index)
             found.append(settled_after(t, y, change=change, window=plan.window))
     known = [seconds for seconds in found if math.isfinite(seconds)]
@@ -480,11 +480,11 @@ def long_enough(store: Store) -> float:
 
 @contextmanager
 def left_safe(actuator: Actuator) -> Iterator[None]:
-    """Bring the actuator to its safe input at the end, whatever ends the context.
+    """Context that always leaves the actuator on its safe input.
 
-    Signals are raised only inside the context, so that none comes between its end and safety.
+    Signals are raised only inside the context, so that they cannot prevent the safe input.
 
-    ``actuator``: what is made safe.
+    ``actuator``: the actuator to make safe.
     """
     with ended_by_signals(), Deferred():
         try:
@@ -499,7 +499,7 @@ def left_safe(actuator: Actuator) -> Iterator[None]:
 
 
 def _make_safe(actuator: Actuator, cause: BaseException | None) -> None:
-    """Make an actuator safe; if that fails, say this first and then what ended the run."""
+    """Make an actuator safe; if that fails, report it first and then the cause of the end."""
     try:
         actuator.safe()
     except Exception as error:

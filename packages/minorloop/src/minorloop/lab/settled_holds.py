@@ -1,4 +1,4 @@
-"""Settled measurements on an actuator, judged as ``minorloop run`` judges them."""
+"""Measure settled outputs of an actuator, judged as by ``minorloop run``."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ def hold_each(
 ) -> tuple[Record, FloatArray]:
     """Apply inputs one after the other; return every sample, and the settled outputs (n,).
 
-    ``actuator``: what to drive; ``inputs`` (n,): in order, each within the actuator's limits;
+    ``actuator``: actuator to drive; ``inputs`` (n,): in order, each within the actuator's limits;
     ``hold``: seconds for each; ``sample_interval``: seconds between samples.
     """
     values = np.asarray(inputs, dtype=np.float64)
@@ -30,14 +30,14 @@ def hold_each(
 def settled_value(hold: Record, span: float) -> float:
     """Return the settled output of a hold.
 
-    ``hold``: the samples of one hold, evenly spaced, the first one interval after its beginning;
+    ``hold``: evenly spaced samples of a hold, the first an interval after its beginning;
     ``span``: range of the output in the experiment, in its unit.
     """
-    # Least samples of a hold that are judged; of fewer the last one counts
+    # A hold with fewer samples is not judged; its last sample counts
     if hold.t.size < 12:
         return float(hold.y[-1])
     times = hold.t - hold.t[0] + (hold.t[1] - hold.t[0])
     length = float(times[-1])
     tolerance = SPAN_SHARE * span / length
-    # Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise
+    # The slope is taken over the last tenth of the hold, as in a plan by default
     return judge(times, hold.y, tolerance=tolerance, window=length / 10).value

@@ -2,8 +2,8 @@
 
 A line through the trailing window gives the slope with its uncertainty. An output whose slope is
 not known to be small is extrapolated by a fit of decaying exponentials with fixed, log-spaced time
-constants. It counts as settled too if the whole hold shows that it hardly moves any more, or if it
-cannot be distinguished from a constant and the exponentials say that little is likely to remain.
+constants. It also counts as settled if the whole hold shows that it hardly moves any more, or if it
+cannot be distinguished from a constant and the exponentials predict little further change.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ Verdict: TypeAlias = Literal["settled", "extrapolated", "unsettled"]
 SPAN_SHARE = 0.002
 """A settled output moves by less than this share of the span of the outputs in another hold."""
 _TAIL = 0.7
-"""Share of a hold, at its end, that the exponentials are fitted to: the faster decays of the first
-third are often nonlinear."""
+"""Last share of a hold, to which the exponentials are fitted: the faster decays of the first third
+are often nonlinear."""
 _TIME_CONSTANTS = tuple(np.geomspace(1 / 20, 1 / 2.5, 7).tolist())
 """Time constants to choose from, as shares of the hold."""
 _SLOWER = 1.0
@@ -34,22 +34,22 @@ _TRUST = 0.1
 """A limit is trusted up to an uncertainty of this share of the change of the fitted tail. A ramp,
 which has no limit, exceeds it."""
 STRETCH = 2.5
-"""Windows over which a noisy output has to be constant."""
+"""Number of windows over which a noisy output has to be constant."""
 FEWEST_STILL = 8
 """Least samples that distinguish movement from noise."""
 _SLOW = 1 + len(_TIME_CONSTANTS)
-"""Choices with the slower time constant: alone, and with each of the others."""
+"""Number of choices with the slower time constant: alone, and with each of the others."""
 _FEWEST = 4
 """Least samples of a straight line: it leaves two degrees of freedom for the noise."""
 _FEWEST_TAIL = 12
 """Least samples of a tail, by trial: four for each unknown of two decays with a limit."""
 ENOUGH = math.ceil(_FEWEST_TAIL / _TAIL)
-"""Readings of a hold, evenly in time, that have such a tail: fewer noisy ones do not show whether
+"""Least evenly spaced readings of a hold with such a tail: fewer noisy readings do not show whether
 the output has settled."""
 _ROUNDS = 20
 """Iterations of a fixed point that converges by half or faster in each."""
 _ROUNDING = 1e-14
-"""Residual, over the output, that is rounding: some fifty times the precision of float64."""
+"""Residual over the output that is rounding: about fifty times the precision of float64."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ class Trend:
     the output."""
     slope: float
     slope_sd: float
-    """``slope`` and ``slope_sd``: its slope and standard deviation, in the unit of the output per
-    second."""
+    """``slope`` and ``slope_sd``: slope of the line and its standard deviation, in the unit of the
+    output per second."""
 
     def is_below(self, tolerance: float) -> bool:
-        """Whether the slope is known to be no steeper than this."""
-        # Standard deviations of the slope that are added to it before it is compared
+        """Whether the slope is known to be at most the tolerance."""
+        # Two standard deviations are added to the slope before the comparison
         return abs(self.slope) + 2.0 * self.slope_sd <= tolerance
 
 
@@ -79,7 +79,7 @@ class Extrapolation:
     sd: float
     """``value`` and ``sd``: settled value and its standard deviation, in the unit of the output."""
     least_sd: float
-    """The same without what a slower decay may leave."""
+    """Standard deviation without the possible rest of a slower decay."""
     remaining: float
     """Change from the end of the hold to the limit."""
     trusted: bool
@@ -91,11 +91,11 @@ class Extrapolation:
     change_sds: FloatArray
     likelihoods: FloatArray
     """``changes``, ``change_sds`` and ``likelihoods``: shape (C,). For each choice of time
-    constants, slower ones included: the change of the output in another such hold, its standard
-    deviation, and the likelihood of the choice, of sum one."""
+    constants, also with the slower one: the change of the output in another such hold, its standard
+    deviation, and the likelihood of the choice; their sum is one."""
 
     def probability(self, limit: float) -> float:
-        """Return how likely another such hold changes the output by no more than a limit > 0."""
+        """Return the probability that another such hold changes the output by at most ``limit``."""
         from scipy.special import ndtr  # every command that reads a file would import it
 
         spread = np.maximum(self.change_sds, np.finfo(float).tiny)
@@ -106,29 +106,28 @@ class Extrapolation:
 
 @dataclass(frozen=True)
 class Settling:
-    """How a hold ended.
+    """Settled output at the end of a hold, with its uncertainty.
 
     Notes
     -----
-    A hold shows only what is faster than itself. ``sd`` is reliable if the hold is at least four
-    times the slowest time constant that matters; where the samples show a slower one, it includes
-    the whole change that is extrapolated. Decays slower than the hold, and an output that is about
-    to reverse, look more settled than they are.
+    A hold shows only decays that are faster than itself. ``sd`` is reliable if the hold is at least
+    four times the slowest relevant time constant; if the samples show a slower one, ``sd`` includes
+    the whole extrapolated change. Decays slower than the hold, and an output that is about to
+    reverse, look more settled than they are.
     """
 
     value: float
     sd: float
-    """``value`` and ``sd``: the settled value, as well as it is known, and its standard deviation,
-    in the unit of the output; NaN where nothing was measured."""
+    """``value`` and ``sd``: estimate of the settled value and its standard deviation, in the unit
+    of the output; NaN if not measured."""
     verdict: Verdict
-    """``settled``: the slope was below the tolerance, and ``value`` is the end of the trend; or the
-    exponentials know the limit, and the change up to it, to what the tolerance allows in another
-    such hold, and ``value`` is the limit; or noise hides so small a change, a larger one is
-    unlikely, and ``value`` is the limit if that is trusted, otherwise the end of a longer trend.
+    """``settled``: the slope is below the tolerance, and ``value`` is the end of the trend; or the
+    limit of the exponentials and the change up to it are known to within the allowed change in
+    another such hold, and ``value`` is the limit; or noise hides so small a change and a larger one
+    is unlikely, and ``value`` is the limit if it is trusted, otherwise the end of a longer trend.
     ``extrapolated``: the output still moves, or noise hides whether it does, and ``value`` is the
     limit of the exponentials. ``unsettled``: the limit is not trusted; ``value`` is the end of the
-    trend. Where ``value`` is the end of the trend, ``sd`` includes the change that seems to remain.
-    """
+    trend. If ``value`` is the end of the trend, ``sd`` includes the apparent further change."""
     slope: float
     slope_sd: float
     """``slope`` and ``slope_sd``: slope over the trailing window and its standard deviation, per
@@ -136,14 +135,14 @@ class Settling:
 
 
 def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
-    """Fit a line to the samples of the trailing window, the last four at least.
+    """Fit a line to the samples of the trailing window, at least the last four.
 
     The uncertainty follows from the residuals; correlated neighbours count as fewer samples.
 
     It is None if there are fewer than four samples.
 
-    ``t`` (T,): times in seconds, increasing; ``y`` (T,): outputs; NaN where nothing was measured;
-    ``window``: how far to look back from the last sample, in seconds.
+    ``t`` (T,): times in seconds, increasing; ``y`` (T,): outputs; NaN if not measured; ``window``:
+    length of the window up to the last sample, in seconds.
     """
     times, values = _trailing(*_measured(t, y), window)
     if times.size < _FEWEST or times[-1] == times[0]:
@@ -219,7 +218,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     sd = math.sqrt(float(weight @ doubts) + (0.3 * remaining) ** 2)
     moved = float(weight @ [np.ptp(fit.fitted) for fit in fits])
     likelihoods = _likelihoods(every, times.size)
-    # The longest of the time constants also fits a slower decay, of which more remains.
+    # The longest time constant also fits a slower decay, which leaves a larger further change.
     away = [abs(fit.weights[0] - value) for fit in every[-_SLOW:]]
     pairs = list(zip(choices, every, strict=True))
     return Extrapolation(
@@ -239,8 +238,8 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
     """Judge a finished hold.
 
     ``t`` (T,): times of the hold in seconds, increasing, from its beginning; ``y`` (T,): outputs;
-    NaN where nothing was measured; ``tolerance``: slope of a settled output, in the unit of the
-    output per second; ``window``: trailing time over which the slope is taken, in seconds.
+    NaN if not measured; ``tolerance``: slope of a settled output, in the unit of the output per
+    second; ``window``: trailing time for the slope, in seconds.
     """
     line = trend(t, y, window)
     if line is None:
@@ -255,7 +254,7 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
         allowed = tolerance * float(np.ptp(_measured(t, y)[0]))
         left = abs(end.remaining)
         near = left <= allowed and end.least_sd <= allowed
-        # Least probability that no more remains, where noise hides whether the output still moves
+        # Least probability of no further change, if noise hides whether the output still moves
         hidden = still and end.probability(allowed) >= 0.6
         if near or end.trusted or (still and not hidden):
             settled = near or (hidden and left <= allowed)
@@ -272,13 +271,13 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
 
 
 def settled_after(t: npt.ArrayLike, y: npt.ArrayLike, *, change: float, window: float) -> float:
-    """Return how long a hold would have to be for its output to settle, in seconds.
+    """Return the hold time after which the output would be settled, in seconds.
 
-    What remains at its end is taken to decay with the time constant that the slope there has. It is
-    NaN if that is not known: too few samples, or the output goes away from its limit.
+    The rest at the end of the hold is assumed to decay with the time constant of the slope there.
+    The result is NaN if it is not known: too few samples, or an output that leaves its limit.
 
-    ``t``, ``y``, ``window`` are as of `judge`; ``change``: by how much a settled output may move in
-    another hold as long, in its unit.
+    ``t``, ``y``, ``window`` are as of `judge`; ``change``: allowed change of a settled output in
+    another hold of this length, in its unit.
     """
     line, end = trend(t, y, window), extrapolate(t, y)
     if line is None or end is None or change <= 0 or not line.slope * end.remaining > 0:
@@ -286,7 +285,7 @@ def settled_after(t: npt.ArrayLike, y: npt.ArrayLike, *, change: float, window: 
     held = enough = float(np.ptp(_measured(t, y)[0]))
     decay = end.remaining / line.slope
     for _ in range(_ROUNDS):
-        moves = abs(line.slope) * enough  # in another hold, if the slope stayed as it is now
+        moves = abs(line.slope) * enough  # in another hold with the present slope
         enough = held + decay * max(math.log(moves / change), 0.0)
     return enough
 
@@ -328,7 +327,7 @@ def _least_squares(basis: _Basis, y: FloatArray) -> _Fit:
     weights = basis.inverse @ (basis.q.T @ y)
     fitted = basis.rows @ weights
     rest = y - fitted
-    # Residuals below rounding have no information.
+    # Residuals below rounding contain no information.
     squares = max(float(rest @ rest), y.size * (_ROUNDING * float(np.abs(y).max())) ** 2)
     noise = math.sqrt(squares / (y.size - weights.size))
     like = float(rest[1:] @ rest[:-1]) / squares if squares > 0 else 0.0
@@ -351,9 +350,9 @@ class _DecayChoice:
 
 @lru_cache(maxsize=4)
 def _decays(grid: bytes) -> list[_DecayChoice]:
-    """Return the choices at times (T,) that are shares of the hold; the slower ones are the last.
+    """Return the choices at times (T,) that are shares of the hold; the slower ones come last.
 
-    The holds of a plan have the same times, so that the factors serve for all of them.
+    The holds of a plan have the same times, so the factors are used for all of them.
     """
     pairs = itertools.combinations(_TIME_CONSTANTS, 2)
     usual = [*((share,) for share in _TIME_CONSTANTS), *pairs]
@@ -399,7 +398,7 @@ def _trailing(t: FloatArray, y: FloatArray, window: float) -> tuple[FloatArray, 
 
 def _thinned(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return means of neighbours, if there are more samples than a fit needs."""
-    # Samples of a tail that are fitted, by trial; of more, neighbours are averaged first
+    # Most samples of a tail in a fit, by trial; of more, neighbours are averaged first
     width = -(-t.size // 2000)
     if width <= 1:
         return t, y

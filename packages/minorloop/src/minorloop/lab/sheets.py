@@ -18,30 +18,29 @@ from minorloop.lab.headers import check_headers, with_units
 from minorloop.lab.tables import NUMBER, Block, Bounds, Cells, OpenTable, check_file
 
 _FEWEST_NUMBERS = 2
-"""Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
+"""Least numbers in the first row of data, and least texts in a row of headers; a title has one."""
 _MOST_ROWS = 2**20
 """Rows of a sheet; Excel has no more."""
 _BLOCK, _END_OF_ROW = 2**16, b"</row>"
-"""Bytes of a part of a workbook that are looked at together, and what ends a row in it."""
+"""Bytes of a block of a workbook, and the end of a row in it."""
 _END_OF_PREAMBLE = "***End_of_Header***"
-"""Last row of each of the preambles that LabVIEW writes above a table."""
+"""Last row of each preamble that LabVIEW writes above a table."""
 _SHOWN = 12
-"""Variables that a message names."""
+"""Most variables that a message names."""
 
 
 def is_sheet(path: PathLike) -> bool:
-    """Whether a name is that of a MATLAB file or an Excel workbook."""
+    """Whether a name belongs to a MATLAB file or an Excel workbook."""
     return Path(path).suffix.casefold() in (".mat", ".xlsx", ".xlsm")
 
 
 def read_sheet(file: Path, bounds: Bounds) -> OpenTable:
-    """Return the table of a MATLAB file (versions 4 to 7.2) or a workbook: its first with numbers.
+    """Return the first table with numbers of a MATLAB file (versions 4 to 7.2) or a workbook.
 
-    Raises a `RecordError` if the file cannot be read, has no table, or one that is larger than the
+    Raises a `RecordError` if the file cannot be read, has no table, or has one larger than the
     bounds; a `MissingExtraError` if a workbook is given and openpyxl is not installed.
 
-    ``file``: the file; ``bounds``: of the table, they are checked before anything of its size is
-    allocated.
+    ``file``: the file; ``bounds``: bounds of the table, checked before memory is allocated for it.
     """
     check_file(file)
     found = (_mat if file.suffix.casefold() == ".mat" else _workbook)(file, bounds)
@@ -100,7 +99,7 @@ def _is_table(shape: Sequence[int], kind: str) -> bool:
 
 
 def _split(name: str, value: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
-    """Return the columns of a matrix, whose shorter side counts them, by their names."""
+    """Return the columns of a matrix by their names; its shorter side is the number of columns."""
     if 1 in value.shape:
         return {name: value.ravel()}
     wide = value.T if value.shape[0] >= value.shape[1] else value
@@ -148,13 +147,13 @@ def _workbook(file: Path, bounds: Bounds) -> OpenTable:
 def _check_width(file: Path, part: IO[bytes], bounds: Bounds) -> None:
     """Refuse a part of a workbook with a row of more cells than columns are allowed.
 
-    Seen are rows that are longer than a block; the others openpyxl, which reads each row as a
-    whole, takes in little time.
+    Only rows that are longer than a block are checked; openpyxl, which reads each row as a whole,
+    reads other rows in little time.
     """
     cells, rest = 0, b""
     while block := part.read(_BLOCK):
         text, mark, rest = (rest + block).rpartition(b"<")
-        rest = (mark + rest)[: len(_END_OF_ROW)]  # what begins a tag is not cut in two
+        rest = (mark + rest)[: len(_END_OF_ROW)]  # a tag at the end of a block stays whole
         _, ended, row = text.rpartition(_END_OF_ROW)
         begun = sum(map(row.count, (b"<c ", b"<c>", b"<c/")))
         cells = begun if ended else cells + begun
@@ -172,9 +171,9 @@ def _first_table(
 ) -> tuple[str, list[int], list[tuple[Any, ...]]]:
     """Return name, row numbers and rows of the first sheet with a row of numbers.
 
-    Without one, it is the first sheet. No row is longer than the longest down to the first with
-    numbers, among which the headers are. What is kept is counted, whatever the sheet says of its
-    size.
+    If no sheet has numbers, it is the first sheet. No row is longer than the longest row up to the
+    first row of numbers; these rows include the headers. The kept cells are counted, because the
+    size that a sheet states may be wrong.
     """
     found: list[tuple[str, list[int], list[tuple[Any, ...]]]] = []
     held = 0
@@ -189,7 +188,7 @@ def _first_table(
             used = max((k for k, cell in enumerate(row, 1) if cell is not None), default=0)
             if not used:
                 continue
-            if row[0] == _END_OF_PREAMBLE:  # it may have rows of numbers, such as Samples 100 100
+            if row[0] == _END_OF_PREAMBLE:  # a preamble may have rows of numbers: Samples 100 100
                 numbers, rows, width, begun = [], [], 0, False
                 continue
             if not begun:
@@ -205,7 +204,7 @@ def _first_table(
 
 
 def _header_row(rows: Sequence[Sequence[Any]]) -> int:
-    """Return the last row of texts above the first row of numbers, or the row of units' above."""
+    """Return the last row of texts above the first row of numbers, or the row above its units."""
     for number, row in enumerate(rows):
         if not _has_numbers(row):
             continue

@@ -1,9 +1,9 @@
 """Defer signals that end the process until they do no harm.
 
-A signal in the middle of a line to an instrument would leave half of the line there. One that
-comes while a source is made safe would leave the source on. So a signal is only noted where it is
-`Deferred`, and raised as `Stopped` where it is `Allowed`. Only the first signal is raised: no
-second one interrupts what the first has begun.
+A signal in the middle of a line to an instrument would leave half of the line there. A signal while
+a source is made safe would leave the source on. So a signal is only noted while it is `Deferred`,
+and raised as `Stopped` while it is `Allowed`. Only the first signal is raised: a second signal does
+not interrupt the end that the first has begun.
 """
 
 import signal
@@ -14,12 +14,12 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-# SIGINT is restored last: its usual handler raises, and then all others are already restored.
+# SIGINT is restored last: its usual handler raises an error when all others are already restored.
 _NAMES = ("SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK", "SIGINT")
 
 
 class Stopped(KeyboardInterrupt):
-    """The process was asked to end."""
+    """A signal requests the end of the process."""
 
 
 class _State:
@@ -49,7 +49,7 @@ _state = _State()
 
 
 class _Switched:
-    """Signals are raised or deferred in here, whatever they are around it."""
+    """A context in which signals are raised or deferred, independent of the context around it."""
 
     _may_raise: bool
 
@@ -63,7 +63,7 @@ class _Switched:
     def __exit__(self, *error: object) -> None:
         if self._counts:
             _state.may_raise = self._before
-            if sys.exception() is None:  # an error that is being raised says more than a signal
+            if sys.exception() is None:  # an error has priority over a signal
                 _state.deliver()
 
 
@@ -81,14 +81,14 @@ class Allowed(_Switched):
 
 @contextmanager
 def ended_by_signals(*, exiting: bool = False) -> Iterator[None]:
-    """Raise `Stopped` for the first signal that ends a process, where that is allowed.
+    """Raise `Stopped` for the first signal that ends a process, if this is allowed.
 
-    Later signals are only noted. One that came where it was deferred is raised at the end. A
-    signal that is ignored, as SIGHUP under ``nohup``, stays ignored. Inside another such context,
-    and in any thread but the main one, this does nothing.
+    Later signals are only noted. A deferred signal is raised at the end of the deferral. An ignored
+    signal, such as SIGHUP under ``nohup``, stays ignored. Inside another such context, and outside
+    the main thread, this has no effect.
 
-    ``exiting``: whether the process exits after the first signal. Later ones are then ignored after
-    the context too, so that they do not change the exit status.
+    ``exiting``: whether the process exits after the first signal. Later signals are then also
+    ignored after the context, so that they do not change the exit status.
     """
     if _state.installed or not _in_main_thread():
         yield
@@ -99,7 +99,7 @@ def ended_by_signals(*, exiting: bool = False) -> Iterator[None]:
         _state.installed = True
         for number in (getattr(signal, name) for name in _NAMES if hasattr(signal, name)):
             handler = signal.getsignal(number)
-            if handler not in (signal.SIG_IGN, None):  # None: set by no Python code
+            if handler not in (signal.SIG_IGN, None):  # None: not set from Python
                 before[number] = handler
                 signal.signal(number, _state.note)
         with Allowed():

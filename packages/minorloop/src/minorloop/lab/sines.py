@@ -1,10 +1,9 @@
 """Sines of a plan, which measure the frequency response of an actuator.
 
 Each sine begins with an input that saturates the actuator, so that its memory is known. Then the
-offset is held, and the sine follows about the offset: first the periods that are discarded, then
-those that are measured. A simulated actuator gets each sine as a waveform, linear between samples.
-A bench gets it sample by sample: an input is held for a whole number of ticks, and the output is
-read at the end.
+offset is held, and the sine follows about the offset: first the discarded, then the measured
+periods. A simulated actuator gets each sine as a waveform, linear between samples. A bench gets it
+sample by sample: an input is held for a whole number of ticks, and the output is read at the end.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ from minorloop.lab.records import Quantity, Record
 from minorloop.lab.tables import OpenTable
 
 HELD = "input held"
-"""Column that is 1 where the input of a row was held since the row before; 0 where it is linear."""
+"""Column that is 1 if the input of a row was held from the previous row, and 0 if it is linear."""
 FEWEST_SAMPLES = 20
 """Least samples of a period: the correction for held inputs is then below 10 degrees."""
 _MAX_SAMPLES = 2_000_000
 """Most samples of a sine."""
 SLOW = 1.01
-"""The bench was too slow if a sine took longer than planned by more than this factor."""
+"""Ratio of real to planned duration of a sine above which the bench was too slow."""
 _WHOLE = 1e-6
-"""Largest relative distance of a number of ticks from a whole number, because of rounding."""
+"""Largest relative distance of a number of ticks from a whole number by rounding."""
 
 
 @runtime_checkable
@@ -41,18 +40,18 @@ class Driven(Protocol):
     """A plant to which a whole waveform can be applied, such as a twin."""
 
     def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
-        """Apply a waveform, linear between samples, and record it and the output."""
+        """Apply a waveform, linear between samples, and record input and output."""
 
 
 @dataclass(frozen=True)
 class Sine:
     """One sine with the inputs before it.
 
-    Raises a `ParameterError` if a number is out of range, or not whole where it must be.
+    Raises a `ParameterError` if a number is out of range, or must be whole and is not.
     """
 
     frequency: float
-    """In Hz."""
+    """Frequency in Hz."""
     amplitude: float
     offset: float
     """``amplitude`` and ``offset``: amplitude and mean of the sine, in the unit of the input."""
@@ -63,7 +62,7 @@ class Sine:
     discarded: int
     measured: int
     """``discarded`` and ``measured``: periods that are applied but not evaluated, and periods that
-    are."""
+    are evaluated."""
     samples: int
     """Samples of a period."""
 
@@ -92,7 +91,7 @@ class Sine:
 
     @property
     def count(self) -> int:
-        """Number of samples, those of discarded periods included."""
+        """Number of samples, also of discarded periods."""
         return (self.discarded + self.measured) * self.samples
 
     @property
@@ -107,7 +106,7 @@ class Sine:
 
     @property
     def duration(self) -> float:
-        """Seconds in all."""
+        """Seconds of the sine and of the inputs before it."""
         return 2 * self.hold + self.length
 
     @property
@@ -118,12 +117,12 @@ class Sine:
         return np.tile(period, self.discarded + self.measured)
 
     def ticks(self, tick: float) -> int:
-        """Return how many ticks of an actuator a sample takes.
+        """Return the number of ticks of an actuator in a sample.
 
         Raises a `ParameterError` if the tick is too slow, or a sample does not take a whole number
         of ticks.
 
-        ``tick``: how long an exchange of the actuator takes, in seconds.
+        ``tick``: duration of an exchange of the actuator, in seconds.
         """
         exact = self.interval / tick
         if exact < 1 - _WHOLE:
@@ -185,12 +184,12 @@ def grid(
     hold : float
         Seconds for which the preamble is held, and then the offset.
     settling : float
-        Seconds of the sine that are discarded, rounded up to whole periods; three at least.
+        Seconds of the sine to discard, rounded up to whole periods, at least three.
     tick : float, optional
-        How long an exchange of the actuator takes, in seconds. Frequencies are rounded so that
-        each sample takes a whole number of ticks.
+        Duration of an exchange of the actuator, in seconds. Frequencies are rounded so that each
+        sample takes a whole number of ticks.
     offset, measured, samples
-        Of each `Sine`; with ``tick`` as many samples as are possible.
+        Fields of each `Sine`; with ``tick`` the largest possible number of samples.
     """
     if as_finite("settling", settling) < 0:
         raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
@@ -198,7 +197,7 @@ def grid(
         raise ParameterError(f"tick is {tick:g} s; give a positive time")
     found = []
     for frequency in _all_positive("frequencies", frequencies):
-        # Periods that are discarded at least in a new plan
+        # Least discarded periods in a new plan
         discarded = max(3, int(np.ceil(min(settling * frequency, _MAX_SAMPLES))))
         for amplitude in _all_positive("amplitudes", amplitudes):
             sine = Sine(
@@ -257,7 +256,7 @@ def read_sines(table: OpenTable, path: PathLike) -> tuple[tuple[Sine, ...], Quan
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSine:
-    """A sine and what was measured."""
+    """A sine and its measurement."""
 
     sine: Sine
     """The sine as planned."""
@@ -265,9 +264,9 @@ class MeasuredSine:
     y: FloatArray
     """``u`` and ``y``: shape (count,). Inputs and outputs of its samples."""
     held: bool
-    """Whether each input was held until its output was read; otherwise it is linear in between."""
+    """Whether inputs are held until their outputs are read; otherwise they change linearly."""
     slow: float = 1.0
-    """How long the sine took, as a multiple of the planned time."""
+    """Duration of the sine over the planned duration."""
 
     @property
     def before(self) -> FloatArray:
@@ -299,9 +298,9 @@ def sines_as_log(
 def apply_sine(
     actuator: Actuator, sine: Sine, watch: Callable[[float, float], None]
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Return how long a sine took, in seconds, and times and outputs of its samples, (count,) each.
+    """Return the duration of a sine in seconds, and times and outputs of its samples (count,).
 
-    Preamble and offset are held before. ``watch`` is called with time and output after each period.
+    Preamble and offset are held first. ``watch`` is called with time and output after each period.
     """
     for level in (sine.preamble, sine.offset):
         before = actuator.apply(level, sine.hold, sine.hold)

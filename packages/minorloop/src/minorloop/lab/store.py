@@ -1,13 +1,13 @@
-"""The experiment store: one run in one file, which is consistent after a crash at any instant.
+"""The experiment store: one run in one file, which is consistent after a crash at any time.
 
 A store is an SQLite database. It is written under another name and renamed in one step, so that it
 has the plan, the actuator, the specimen and the seed as soon as it exists. A settled point and its
 raw trace are written in one transaction, with full synchronisation.
 
-One process at a time can write: it locks a file beside the store. Meanwhile points go to a
-write-ahead log beside the store, so that any number of processes can read, and neither side waits
-for the other. The log is copied into the store when the writer closes it, or after a crash when the
-store is opened next.
+One process at a time can write: it locks a file beside the store. It writes points to a write-ahead
+log beside the store. So any number of processes can read, and neither side waits for the other. The
+log is copied into the store when the writer closes it, or after a crash when the store is next
+opened.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _MEDIAN_INTERVAL = (
 
 @dataclass(frozen=True)
 class Setup:
-    """The actuator and specimen that a plan is carried out on.
+    """The actuator and specimen on which a plan is carried out.
 
     Examples
     --------
@@ -83,14 +83,14 @@ class Setup:
     output: str
     """Name and unit of each channel, such as ``voltage [V]``."""
     specimen: int | None = None
-    """Seed of the specimen; None for the nominal one."""
+    """Seed of the specimen; None for the nominal specimen."""
     seed: int = 0
     """Seed of the noise."""
     options: dict[str, Any] = field(default_factory=dict)
-    """Further options of `connect`, such as ``noise``; ready for JSON."""
+    """Further options of `connect`, such as ``noise``, for JSON."""
     design: dict[str, Any] | None = None
-    """Parameters of what chooses the levels that the plan leaves open: of an adaptive run or, under
-    ``drive``, of a drive. Ready for JSON."""
+    """Parameters of the choice of open levels, for JSON: of an adaptive run or, under ``drive``, of
+    a drive."""
 
     def to_json(self) -> str:
         """Return the setup as JSON; equal setups give equal text."""
@@ -105,13 +105,13 @@ class Point:
     """The result of one hold."""
 
     index: int
-    """Which level of the plan, counted from 0."""
+    """Number of the level in the plan, counted from 0."""
     input: float
     """The level, in the unit of the input."""
     value: float
     sd: float
     """``value`` and ``sd``: settled output and its standard deviation, in the unit of the output;
-    NaN where nothing was measured."""
+    NaN if not measured."""
     verdict: str
     """``settled``, ``extrapolated`` or ``unsettled``; see ``lab.settling``."""
     t: float
@@ -119,15 +119,15 @@ class Point:
     in seconds. It includes the time to write points between holds, but not the time between two
     sessions."""
     held: float
-    """Duration of the hold in seconds, from when the input was on."""
+    """Duration of the hold in seconds, from the time when the input was on."""
     checkpoint: dict[str, Any] | None = None
     """The state of a twin at the end of the hold."""
     sample_interval: float = math.nan
-    """Mean time between samples, in seconds; longer than that of the plan where the meter was
-    slower. NaN where there is only one sample."""
+    """Mean time between samples, in seconds; longer than in the plan if the meter was slower. NaN
+    for a single sample."""
     time_uncertainty: float = math.nan
-    """Largest error of a time of the hold, in seconds: half the exchange that set the input and
-    half the longest that read the output; 0 for a twin."""
+    """Largest error of a time of the hold, in seconds: half the exchange that set the input plus
+    half the longest exchange that read the output; 0 for a twin."""
 
 
 @dataclass(frozen=True)
@@ -135,32 +135,32 @@ class RunSession:
     """One process that carried out part of the plan."""
 
     began: str
-    """When, in UTC."""
+    """Time of the begin, in UTC."""
     ended: str | None
-    """When it ended; None if it was killed or is still running."""
+    """Time of the end, in UTC; None if it was killed or is still running."""
     first: int
-    """The point that it began with."""
+    """The first point of the session."""
     mode: str
     """How the actuator was brought there: ``fresh``, ``restored`` to exactly the state at the last
-    settled point, or ``replayed``: its recorded inputs were applied again, unmeasured."""
+    settled point, or ``replayed``: its recorded inputs were applied again, without measurement."""
     end: str | None
-    """How it ended: ``finished``, ``interrupted``, or what went wrong."""
+    """How it ended: ``finished``, ``interrupted``, or the error."""
 
 
 class Store:
     """A plan, its actuator, and the points that have settled so far.
 
     Use ``Store.create`` or ``Store.open``, as a context manager. A store that is opened to read has
-    the points that were there when it was opened.
+    the points that existed when it was opened.
 
     Parameters
     ----------
     path : Path
         The file.
     connection : sqlite3.Connection
-        A connection to it, as ``create`` and ``open`` make it.
+        A connection to the file, from ``create`` or ``open``.
     lock : int, optional
-        Descriptor of the locked file beside it, if it is open to write.
+        Descriptor of the locked file beside it, if the store is open to write.
 
     Examples
     --------
@@ -199,7 +199,7 @@ class Store:
         Parameters
         ----------
         path : str or path
-            The file; an existing one is not replaced.
+            The file; an existing file is not replaced.
         plan : Plan
             The plan to carry out.
         setup : Setup
@@ -212,7 +212,7 @@ class Store:
     def open(cls, path: PathLike, *, write: bool = False) -> Store:
         """Open an existing store.
 
-        It is checked as a whole if it is opened to write; otherwise points and traces are checked
+        The whole store is checked if it is opened to write; otherwise points and traces are checked
         when they are read.
 
         Raises a `StoreError` if there is no store, it is damaged or of a newer version, or another
@@ -223,13 +223,13 @@ class Store:
         path : str or path
             The file.
         write : bool
-            Whether points are to be added. Others can only read the store meanwhile.
+            Whether to add points. Other processes can then only read the store.
         """
         file = existing(path)
         if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
             raise StoreError(f"{file} and its folder must be writable; check their permissions")
-        # Only SQLite opens the file: closing another handle on it would give up the lock of a
-        # connection that this process may have already.
+        # Only SQLite opens the file: closing another handle on it would release the lock of another
+        # connection of this process.
         uri = f"{file.absolute().as_uri()}?mode=rw"
         lock = locked(file) if write else None
         try:
@@ -249,7 +249,7 @@ class Store:
     def close(self) -> None:
         """Close the file; the points in the log beside it are copied into it."""
         if self._lock is not None:
-            with suppress(sqlite3.Error):  # others read, and the last of them copies the points
+            with suppress(sqlite3.Error):  # if others read, the last of them copies the points
                 self._execute("PRAGMA busy_timeout = 0")
                 self._execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
@@ -271,7 +271,7 @@ class Store:
 
     @property
     def finished(self) -> bool:
-        """Whether every level of the plan has its point, or no further level was chosen."""
+        """Whether every level of the plan has its point, or no further level is chosen."""
         return self._noted("enough") is not None or len(self) == len(self.plan)
 
     @property
@@ -304,7 +304,7 @@ class Store:
         plan : Plan
             The plan to continue.
         setup : Setup, optional
-            Its actuator; not compared if not given.
+            Its actuator; None is not compared.
         """
         difference = self.plan.difference(plan)
         if not difference and setup is not None:
@@ -339,10 +339,10 @@ class Store:
     def totals(self) -> dict[str, Any]:
         """Return figures of all points, by name, without reading and checking each of them.
 
-        ``points``, and how many are ``settled``, ``extrapolated`` and ``unsettled``; ``held``,
-        seconds in all; ``lowest`` and ``highest`` value; ``median_interval`` and
+        ``points``, and the numbers of ``settled``, ``extrapolated`` and ``unsettled`` ones;
+        ``held``, total seconds; ``lowest`` and ``highest`` value; ``median_interval`` and
         ``longest_interval`` between samples and the largest ``time_uncertainty``, in seconds. None
-        where nothing is known.
+        if not known.
         """
         with explained(self.path):
             found = self._execute(_TOTALS, self._end)
@@ -368,7 +368,7 @@ class Store:
         raise ParameterError(f"there is no point {index}; {self.path} has the first {len(self)}")
 
     def record(self) -> Record:
-        """Return the points as a record, ready to be identified.
+        """Return the points as a record for `identify`.
 
         Raises a `RecordError` if no point has settled yet.
         """
@@ -396,7 +396,7 @@ class Store:
         return {header: [getattr(p, name) for p in points] for header, name in named.items()}
 
     def sessions(self) -> list[RunSession]:
-        """Return every session that carried out part of the plan, and how it ended."""
+        """Return every session that carried out part of the plan."""
         with explained(self.path):
             return [RunSession(*row[1:]) for row in self._read("sitting", "ORDER BY id")]
 
@@ -411,7 +411,7 @@ class Store:
         Parameters
         ----------
         checkpoint : dict
-            State of the actuator, as its ``checkpoint`` gave it.
+            State of the actuator, from its ``checkpoint``.
         """
         self._note("origin", checkpoint)
 
@@ -421,14 +421,14 @@ class Store:
         return found
 
     def check_bench(self, description: dict[str, Any]) -> None:
-        """Refuse other instruments than those the run began with; save their description, once.
+        """Refuse instruments other than those of the begin of the run; save their description once.
 
         Raises a `StoreError` naming the first difference.
 
         Parameters
         ----------
         description : dict
-            Instruments and how their readings are converted; ready for JSON.
+            Instruments and the conversion of their readings, for JSON.
         """
         before = self.bench()
         if before is None:
@@ -445,7 +445,7 @@ class Store:
 
     @contextmanager
     def session(self, mode: str) -> Iterator[None]:
-        """Note that a session begins at the next point, and how it ended.
+        """Context of a session that begins at the next point; its begin and its end are noted.
 
         Parameters
         ----------
@@ -495,7 +495,7 @@ class Store:
             self._insert("trace", point.index, *trace)
 
     def _check_points(self) -> None:
-        """Check that all points and traces are there and unchanged."""
+        """Check that all points and traces are complete and unchanged."""
         count = len(self.points())
         traces = [row[0] for row in self._read("trace", "ORDER BY id")]
         if traces != list(range(count)):
@@ -512,12 +512,12 @@ class Store:
             return json.loads(found[0][1]) if found else None
 
     def _note(self, name: str, content: Any) -> None:
-        """Write a note, unless there is one of this name."""
+        """Write a note, unless a note of this name exists."""
         with self._transaction():
             self._insert("about", name, json.dumps(content), how="INSERT OR IGNORE")
 
     def _write_session(self, number: int, session: RunSession) -> None:
-        """Write a session, in place of what was written when it began."""
+        """Write a session, in place of its entry from the begin."""
         with self._transaction():
             self._insert("sitting", number, *astuple(session), how="REPLACE")
 
@@ -525,13 +525,13 @@ class Store:
         places = ", ".join("?" * (len(content) + 1))
         self._execute(f"{how} INTO {table} VALUES ({places})", *content, digest(content))
 
-    def _read(self, table: str, which: str = "", *values: object) -> list[tuple[Any, ...]]:
+    def _read(self, table: str, clause: str = "", *values: object) -> list[tuple[Any, ...]]:
         """Return rows of a table without their digests.
 
-        Raises a `ValueError` if one was changed since it was written.
+        Raises a `ValueError` if a row was changed since it was written.
         """
         rows = []
-        for *content, written in self._execute(f"SELECT * FROM {table} {which}", *values):
+        for *content, written in self._execute(f"SELECT * FROM {table} {clause}", *values):
             if digest(content) != written:
                 raise ValueError(f"row {content[0]!r:.40} was altered")
             rows.append(tuple(content))
@@ -596,7 +596,7 @@ def reason_of(error: BaseException) -> str:
 
 
 def _row_of(point: Point) -> list[Any]:
-    """Return a point as it is written: SQLite keeps neither NaN nor negative zeros."""
+    """Return a point as a row: SQLite keeps neither NaN nor negative zeros."""
     state = None if point.checkpoint is None else json.dumps(point.checkpoint)
     known = {**vars(point), "checkpoint": state}
     return [_or_none(each) if isinstance(each, float) else each for each in known.values()]
@@ -611,5 +611,5 @@ def _as_point(row: tuple[Any, ...]) -> Point:
 
 
 def _or_none(value: float) -> float | None:
-    # SQLite keeps no negative zero, and the digest is of what is read back.
+    # SQLite does not keep negative zeros, and the digest must match the numbers that are read back.
     return float(value) + 0.0 if math.isfinite(value) else None

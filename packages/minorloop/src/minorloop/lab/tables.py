@@ -1,7 +1,7 @@
 """A table: headers with units above columns of cells, from a text, a MATLAB file or a workbook.
 
 Columns of cells become numbers or labels; errors name the column and the row. Each reader checks a
-size by `Bounds` before it allocates what has that size.
+size by `Bounds` before it allocates memory of this size.
 """
 
 import os
@@ -24,9 +24,9 @@ from minorloop.errors import RecordError, counted
 from minorloop.lab.headers import find_column
 
 MAX_BYTES = 4 * 1024**3
-"""Largest file that is read: 4 GiB."""
+"""Largest file: 4 GiB."""
 NUMBER = 8
-"""Bytes that a number of a column takes."""
+"""Bytes of a number in a column."""
 Cells: TypeAlias = list[str] | FloatArray
 """Cells of a column: texts, or numbers that are finite or NaN."""
 Labels: TypeAlias = FloatArray | npt.NDArray[np.str_]
@@ -34,7 +34,7 @@ Labels: TypeAlias = FloatArray | npt.NDArray[np.str_]
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _CLOCK = re.compile(r"(\d{1,3}):(\d{2}):(\d{2}(?:[.,]\d*)?)")
 _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]*(.*)")
-"""Time of day, and a date as it is written in most of Europe, with or without one."""
+"""A date as in most of Europe, with or without a time of day."""
 DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 _THOUSANDS = re.compile(
     r"[-+]?\d{1,3}((,\d{3})+\.\d*|(\.\d{3})+,\d*|([,.]\d{3}){2,}"
@@ -44,14 +44,14 @@ _THOUSANDS = re.compile(
 
 
 class SparseColumnError(RecordError):
-    """Many cells of a column are empty, as where the tables of two loggers were merged."""
+    """Many cells of a column are empty, as if the tables of two loggers were merged."""
 
     values: FloatArray
-    """The column, (T,), NaN where it is empty."""
+    """The column, (T,), NaN in empty cells."""
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell is a number with a point, or none."""
+    """Whether a cell is a number, with or without a decimal point."""
     try:
         float(text)
     except ValueError:
@@ -61,33 +61,33 @@ def is_number(text: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """The largest table that is read."""
+    """The largest allowed table."""
 
     rows: int = sys.maxsize
     columns: int = 10_000
-    """``rows`` and ``columns``: most of each."""
+    """``rows`` and ``columns``: most rows and columns."""
     memory: int = 256 * 1024**2
-    """Bytes that the cells of a table may take, whatever the size of its file."""
+    """Bytes that the cells of a table may take, for any size of its file."""
     share: int = 8
-    """Bytes that they may take for each byte of the file, where this is more. A text never needs as
-    many: its shortest number and separator are two bytes, which become ``NUMBER``."""
+    """Bytes that the cells may take for each byte of the file, if this is more. A text never needs
+    as many: its shortest number and separator are two bytes, which become ``NUMBER``."""
     expansion: int = 50
     """Most bytes for each byte of a compressed part of more than ``small`` bytes. Sheets have 4 to
-    17, also where all cells are alike, because each has its place."""
+    17, even if all cells are alike, because each cell has its own entry."""
     small: int = 8 * 1024**2
-    """Bytes up to which a part may expand from any size."""
+    """Bytes to which a part may expand from any size."""
     advice: str = ""
-    """What to do otherwise, after the advice to give fewer rows or columns."""
+    """Alternative to the advice to give fewer rows or columns."""
 
     def check(self, file: Path, *, rows: int = 0, columns: int = 0, held: int = 0) -> None:
-        """Refuse a table that is larger.
+        """Refuse a larger table.
 
-        Raises a `RecordError` if one of them is beyond its bound.
+        Raises a `RecordError` if a size is beyond its bound.
 
-        ``file``: the file that it is in; ``rows`` and ``columns``: those that are known so far;
+        ``file``: file of the table; ``rows`` and ``columns``: numbers that are known so far;
         ``held``: bytes that its cells take, or will take.
         """
-        if self is not LARGEST:  # what no bounds allow gets no advice to try others
+        if self is not LARGEST:  # no advice on other bounds if the largest do not allow the table
             LARGEST.check(file, rows=rows, columns=columns, held=held)
         if held > self.memory:
             size = file.stat().st_size
@@ -105,7 +105,7 @@ class Bounds:
                 )
 
     def check_expansion(self, file: Path, packed: int, size: int) -> None:
-        """Refuse a part of ``packed`` bytes that expands to ``size`` bytes as no table does.
+        """Refuse a part of ``packed`` bytes that expands to ``size`` bytes, more than any table.
 
         Raises a `RecordError` if it does.
         """
@@ -124,7 +124,7 @@ class Block(NamedTuple):
     """Some rows of a table."""
 
     cells: Callable[[int], Cells]
-    """Gives the cells of a column, by its place among the headers."""
+    """Returns the cells of a column, by its place among the headers."""
     numbers: Sequence[int]
     """Numbers of the rows in the file."""
 
@@ -138,16 +138,16 @@ class OpenTable:
     headers: list[str]
     """Headers, with units."""
     blocks: Iterator[Block]
-    """Its rows below the headers."""
+    """Rows below the headers."""
     decimal: str = "."
     """Decimal separator of its texts: a point or a comma."""
     notes: tuple[str, ...] = ()
-    """What was found in the file and may surprise, one sentence each."""
+    """Notes on unexpected content of the file, one sentence each."""
     above: int = 0
     """Lines above the headers of a text."""
 
     def find(self, name: str) -> str:
-        """Return the one header with a name, as `find_column`; errors have the notes too."""
+        """Return the header with a name, as `find_column`; errors also contain the notes."""
         try:
             return find_column(name, self.headers, source=self.file)
         except RecordError as error:
@@ -170,21 +170,21 @@ class OpenTable:
         Parameters
         ----------
         names, labels : sequence of str
-            Columns of numbers, and of labels such as specimens: numbers if all are, otherwise
-            texts. All by the whole header (``voltage [V]``) or the name (``voltage``).
+            Columns of numbers, and of labels such as specimens: numbers if all labels are numbers,
+            otherwise texts. By the whole header (``voltage [V]``) or the name (``voltage``).
         gaps : collection of str
-            Those of ``names`` in which an empty cell or ``nan`` is allowed and gives NaN.
+            Columns of ``names`` in which an empty cell or ``nan`` is allowed and gives NaN.
         dates : collection of str
-            Those of ``names`` that may hold date and time, as ISO 8601 or ``01.03.2026
+            Columns of ``names`` that may hold date and time, as ISO 8601 or ``01.03.2026
             12:00:00.5``, which give seconds since 1970, or times of day, as ``12:00:00.5``, since
             midnight.
         tried : collection of str
-            Those of ``names`` that may be unusable; in their place is the error.
+            Columns of ``names`` that may be unusable; their error then replaces them.
 
         Returns
         -------
         dict
-            The columns by the given names: (T,) arrays, or errors in place of those tried.
+            The columns by the given names: (T,) arrays, or errors in place of ``tried`` columns.
 
         """
         errors, rows = dict[str, RecordError](), list[Sequence[int]]()
@@ -222,7 +222,7 @@ class OpenTable:
 
 @dataclass(frozen=True)
 class _Column:
-    """How the cells of a column are converted."""
+    """Conversion of the cells of a column."""
 
     where: str
     """The column, for messages."""
@@ -234,9 +234,9 @@ class _Column:
     """Whether the cells may be dates or times of day."""
 
     def numbers(self, cells: Cells, rows: Sequence[int]) -> FloatArray:
-        """Return the numbers of cells of rows with these numbers in the file, NaN where empty.
+        """Return the numbers in cells, NaN if empty; ``rows`` are row numbers in the file.
 
-        Raises a `RecordError` if one is no finite number.
+        Raises a `RecordError` if a cell is not a finite number.
         """
         if isinstance(cells, np.ndarray):
             values = cells
@@ -257,7 +257,7 @@ class _Column:
         """Return the column, (T,), from its `numbers` in parts of the rows.
 
         Raises a `RecordError` if a cell is empty that must not be, a `SparseColumnError` if many
-        are.
+        cells are.
         """
         values = np.concatenate(parts)
         empty = np.flatnonzero(np.isnan(values))
@@ -266,7 +266,7 @@ class _Column:
         more = f" and in {counted(empty.size - 1, 'other row')}" if empty.size > 1 else ""
         first = f"{self.where} is empty in row {_at(rows, empty[0])}"
         said = f"{first}{more}; give a number in every row"
-        # Share of empty cells from which a column is one of several loggers in one table
+        # Share of empty cells from which the table contains several loggers
         if empty.size < 0.1 * values.size:
             raise RecordError(said)
         sparse = SparseColumnError(said)
@@ -274,7 +274,7 @@ class _Column:
         raise sparse
 
     def labels(self, parts: Sequence[Cells], rows: Sequence[Sequence[int]], file: Path) -> Labels:
-        """Return the column, (T,): numbers if all are, otherwise texts.
+        """Return the column, (T,): numbers if all labels are numbers, otherwise texts.
 
         Raises a `RecordError` if a label is empty, or the texts are beyond the bounds of the file.
         """
@@ -304,8 +304,8 @@ class _Column:
                 if cell.strip() and not is_number(cell):
                     raise self._not_a_number(rows[index], cell) from None
                 values[index] = float(cell) if cell.strip() else np.nan
-        # float() reads 1_000 and digits of other scripts as numbers; a logger that writes them
-        # means something else.
+        # float() reads 1_000 and digits of other scripts as numbers; in the file of a logger they
+        # have another meaning.
         for index, cell in enumerate(cells):
             if "_" in cell or not (cell.isascii() or cell.strip().isascii()):
                 raise self._not_a_number(rows[index], cell)
@@ -335,7 +335,7 @@ class _Column:
 
 
 def _at(rows: Sequence[Sequence[int]], index: int) -> int:
-    """Return the number in the file of a row of all the parts."""
+    """Return the number in the file of a row, counted over all parts."""
     return next(islice(chain.from_iterable(rows), index, None))
 
 
@@ -368,7 +368,7 @@ def _shown(cell: str) -> str:
 def check_file(file: Path) -> None:
     """Refuse a file that must not be opened.
 
-    Raises a `RecordError` if there is none, it is no regular file, too long, or not to be read.
+    Raises a `RecordError` if the file does not exist, is not regular, is too long, or not readable.
     """
     try:
         status = file.stat()

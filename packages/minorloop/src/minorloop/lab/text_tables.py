@@ -2,7 +2,7 @@
 
 Files of spreadsheets and instruments differ: UTF-8, UTF-16 or Windows-1252; commas, semicolons or
 tabs between the columns; a point or a comma in decimals; lines of comments before the header; a row
-of units after it. Blocks of plain numbers are converted at once, the rest cell by cell.
+of units after it. Blocks of plain numbers are converted together, the rest cell by cell.
 """
 
 import codecs
@@ -35,9 +35,9 @@ from minorloop.lab.tables import (
 )
 
 _MAX_LINE = 1024**2
-"""Longest line that is read, in characters."""
+"""Longest line, in characters."""
 _CHUNK, BLOCK = 50_000, 8 * 1024**2
-"""Rows and characters that are converted to numbers at once."""
+"""Number of rows and characters that are converted to numbers together."""
 _LATIN = "cp1252"
 """Encoding of a file that is not UTF-8: that of Windows, which contains Latin-1."""
 _DELIMITERS = ",;\t"
@@ -45,14 +45,14 @@ _COMMENTS = ("#", "%", "//")
 _SLACK = 100
 """Separators that quoted texts may add to a line."""
 _LONGEST_CELL = 1000
-"""Most lines of a quoted cell; more mean a missing quotation mark."""
+"""Most lines of a quoted cell; more lines mean a missing quotation mark."""
 _MOST_COMMENTS = 1000
 _BEGIN, _ZEROS = 1024, 0.9
-"""Bytes at the begin of a file that tell UTF-16, and their share of zeros at one of two places."""
+"""Number of first bytes that show UTF-16, and their share of zeros at every second place."""
 _SQLITE = b"SQLite format 3\0"
 """Begin of an experiment store."""
 _LOOKED_AT, _FEWEST_NUMBERS = 50, 2
-"""Rows from which decimal separator and header are recognised, and numbers in a row below it."""
+"""Number of rows that show decimal separator and header, and of numbers in a row below it."""
 _DIVIDED = re.compile(r"\s*[-+]?\d{1,3},\d{3}(\.\d*)?\s*")
 """A number that its separator of thousands divides into two cells."""
 _UNDIVIDED = (
@@ -63,10 +63,10 @@ _UNDIVIDED = (
 
 @contextmanager
 def opened_text(file: Path, progress: Callable[[str], None], bounds: Bounds) -> Iterator[OpenTable]:
-    """Open a table; errors of reading it become a `RecordError`.
+    """Open a table; errors of reading become a `RecordError`.
 
     ``file``: the file; ``progress``: called with the share that has been read, as text; ``bounds``:
-    of the table.
+    largest table.
     """
     check_file(file)
     try:
@@ -105,7 +105,7 @@ def _encoding_of(file: Path) -> str:
             raise RecordError(f"{file} is {kind}, not a table; give a CSV, .mat or .xlsx file")
         if begin.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return "utf-16"
-        # Without its mark, UTF-16 has zeros at every second place of plain letters and digits.
+        # UTF-16 without its mark has zeros at every second place of plain letters and digits.
         zeros = [np.mean(np.frombuffer(begin[k::2], np.uint8) == 0) for k in (0, 1) if begin[k:]]
         for name, more, fewer in (("utf-16-be", 0, 1), ("utf-16-le", 1, 0)):
             if len(zeros) == 2 and zeros[more] > _ZEROS and zeros[fewer] == 0:
@@ -166,9 +166,10 @@ def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], N
 
 
 def _above_header(lines: Sequence[str]) -> int:
-    """Return how many lines are above the header: none but where the table has other columns.
+    """Return the number of lines above the header; they have other columns than the table.
 
-    Below the header, or below a row of units, is a row of as many cells, two of them numbers.
+    Below the header, or below a row of units, is a row of as many cells, at least two of them
+    numbers.
     """
     for above, line in enumerate(lines):
         delimiter = max(_DELIMITERS, key=line.count)
@@ -209,7 +210,7 @@ def _column(numbers: FloatArray, index: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class _TextRows:
-    """How the rows of a table are written."""
+    """Format of the rows of a table."""
 
     file: Path
     width: int
@@ -233,7 +234,7 @@ class _TextRows:
             if numbers is not None:
                 rows = range(row, row + numbers.shape[0])
                 found = iter([Block(partial(_column, numbers), rows)])
-            elif quoted:  # its last cell may go on in the next part
+            elif quoted:  # its last cell may continue in the next part
                 text.seek(place)
                 found = self._texts(text, row)
             else:
@@ -247,7 +248,7 @@ class _TextRows:
             progress(f"{min(read / size, 1):.0%}")
 
     def _numbers(self, part: str) -> FloatArray | None:
-        """Return a part of plain numbers, (rows, columns); None if it is anything else."""
+        """Return a part of plain numbers, (rows, columns); None if it has other content."""
         if not part.strip() or (self.decimal == "," and "." in part):
             return None
         if self.decimal == ",":
@@ -257,7 +258,7 @@ class _TextRows:
             values = np.loadtxt(lines, delimiter=self.delimiter, comments=None, ndmin=2)
         except ValueError:
             return None
-        # Blank lines are left out; where there are some, rows have other numbers.
+        # Blank lines are left out; then the numbers of rows are not consecutive.
         whole = values.shape == (part.count("\n") + (not part.endswith("\n")), self.width)
         return values if whole and np.isfinite(values).all() else None
 

@@ -31,7 +31,7 @@ _NAMES = (
 )
 """Names of a column of time, in small letters."""
 _DATES = ("date", "datum", "fecha")
-"""Those of a column with the day, if another one has the time."""
+"""Names of a column of the day, if another column has the time."""
 GAP = 5.0
 """A step of more sample intervals than this is a gap."""
 UNEVEN = 0.1
@@ -39,33 +39,31 @@ UNEVEN = 0.1
 _HOUR, _DAY = 3600.0, 86400.0
 """Step of a clock that changes to or from summer time, and of a time of day at midnight."""
 _LONG = 2 * _DAY
-"""Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
+"""Seconds from which a record in seconds may be in milliseconds: minutes then look like days."""
 _MOST_SAMPLES = 50_000_000
 """Most samples of a resampled record: its times, inputs and outputs take 1.2 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class TimeCheck:
-    """Times that never run backwards, and what was found in them."""
+    """Times that never decrease, and findings about them."""
 
     t: FloatArray
-    """Shape (T,). Times in seconds; where the clock was set, they continue with the usual interval.
-    """
+    """Shape (T,). Times in seconds; if the clock was set, they continue with the usual interval."""
     interval: float
     """Usual time between samples, the median."""
     gaps: IntArray
     """Shape (G,). Samples after which a gap follows."""
     jumps: IntArray
-    """Shape (J,). Samples after which the clock was set back, so that parts of records may follow
-    each other. Not where it was changed by an hour or set to the date: there the record continues.
-    """
+    """Shape (J,). Samples after which the clock was set back, so that another part of a record may
+    follow. If the clock was changed by an hour or set to the date, the record continues instead."""
     uneven: float
     """Share of the other steps that differ from the interval by more than a tenth of it."""
     of_breaks: tuple[str, ...] = ()
     of_steps: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     """``of_breaks``, ``of_steps`` and ``others``: findings about gaps and jumps, about uneven
-    steps, and the others, one sentence each."""
+    steps, and other findings, one sentence each."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -74,7 +72,7 @@ class TimeCheck:
 
     @property
     def breaks(self) -> IntArray:
-        """Samples after which it is not known what the input did."""
+        """Samples after which the input is unknown for a time."""
         return np.union1d(self.gaps, self.jumps)
 
 
@@ -85,8 +83,8 @@ def time_column(
 
     Raises a `RecordError` if several columns could be time.
 
-    ``headers``: headers of the columns; ``source``: where they are from, for the message; ``but``:
-    columns that are something else, by their headers or names.
+    ``headers``: headers of the columns; ``source``: their source, for the message; ``but``: columns
+    with another use, by their headers or names.
     """
     split = {header: split_time(header) for header in headers}
     split = {h: parts for h, parts in split.items() if h not in but and parts[0] not in but}
@@ -105,7 +103,7 @@ def time_column(
 
 
 def split_time(header: str) -> tuple[str, str]:
-    """Return name and unit of a column of time; ``t_ms`` is in ms too, ``[hh:mm:ss]`` no unit."""
+    """Return name and unit of a column of time; ``t_ms`` is in ms, ``[hh:mm:ss]`` is not a unit."""
     name, unit = split_header(header)
     if re.fullmatch(r"[dmyhsfjt:.,/ -]{4,}", unit.casefold()):
         return name, ""
@@ -116,12 +114,12 @@ def split_time(header: str) -> tuple[str, str]:
 
 
 def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> TimeCheck:
-    """Find gaps, clock jumps and uneven sampling; return times that never run backwards.
+    """Find gaps, clock jumps and uneven sampling; return times that never decrease.
 
-    Raises a `RecordError` if the times are not finite, or the clock stands still or is set back at
-    more than one step in ten.
+    Raises a `RecordError` if the times are not finite, or the clock stops or is set back at more
+    than one step in ten.
 
-    ``t`` (T,): times in seconds; ``name`` and ``unit``: of the column, for messages.
+    ``t`` (T,): times in seconds; ``name`` and ``unit``: name and unit of the column, for messages.
     """
     times = np.array(t, dtype=np.float64)
     if times.ndim != 1 or times.size < 2:
@@ -191,18 +189,18 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
 
 
 def _was_set(steps: FloatArray, interval: float) -> BoolArray:
-    """Return at which steps the clock was changed by an hour, to the date or at midnight."""
+    """Return whether each step is a change of the clock by an hour, to the date or at midnight."""
     off = np.abs(steps - interval)
     hour = (np.abs(off - _HOUR) <= interval) & (off > GAP * interval)
     midnight = (steps < 0) & (np.abs(off - _DAY) <= interval)
-    # Seconds, three years, from which a step is that of a clock that counted from its start and was
-    # set to the date, or back
+    # A step of three years is that of a clock that counted from its start and was set to the date,
+    # or back
     found = hour | midnight | (off > max(1e8, GAP * interval))
     return found if np.count_nonzero(found) <= max(0.01 * steps.size, 1) else np.zeros_like(found)
 
 
 def _why_no_clock(steps: FloatArray) -> str:
-    """Return why times are none, and what else can be done."""
+    """Return the reason why a column is not a time, or a remedy."""
     forward = steps[steps > 0]
     if forward.size and (steps >= 0).all():
         return (
@@ -249,13 +247,13 @@ def parse_lag(text: str) -> float | None:
 
 
 def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.inf) -> FloatArray:
-    """Return the output ``lag`` seconds after each sample, between samples on a straight line.
+    """Return the output (T,) ``lag`` seconds after each sample, by linear interpolation.
 
-    It is (T,), NaN where it is not known.
+    It is NaN if not known.
 
-    ``t`` and ``y`` (T,): times in seconds, never decreasing, and outputs; NaN where nothing was
-    measured; ``lag``: in seconds, >= 0; ``gap``: between samples further apart than this, the
-    output is not known.
+    ``t`` and ``y`` (T,): times in seconds, never decreasing, and outputs; NaN if not measured;
+    ``lag``: in seconds, >= 0; ``gap``: between samples further apart than this, the output is not
+    known.
     """
     times, values = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if as_finite("lag", lag) < 0:
@@ -266,11 +264,11 @@ def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.i
 def resample(
     t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike, interval: float, *, gap: float = np.inf
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, inputs and outputs with an even interval, on straight lines between samples.
+    """Return times, inputs and outputs with an even interval, by linear interpolation.
 
-    ``t``, ``u`` and ``y`` (T,): times in seconds, never decreasing; inputs; outputs, NaN where
-    nothing was measured; ``interval``: new interval in seconds; ``gap``: where samples are further
-    apart than this, outputs are NaN.
+    ``t``, ``u`` and ``y`` (T,): times in seconds, never decreasing; inputs; outputs, NaN if not
+    measured; ``interval``: new interval in seconds; ``gap``: between samples further apart than
+    this, outputs are NaN.
     """
     times, inputs = np.asarray(t, np.float64), np.asarray(u, np.float64)
     if not as_finite("interval", interval) > 0:
@@ -285,14 +283,14 @@ def resample(
     return even, np.interp(even, times, inputs), _at(times, np.asarray(y, np.float64), even, gap)
 
 
-def _at(t: FloatArray, y: FloatArray, wanted: FloatArray, gap: float) -> FloatArray:
-    """Interpolate at ``wanted``; NaN outside, next to a missing sample and within gaps."""
-    after = np.clip(np.searchsorted(t, wanted, side="left"), 1, t.size - 1)
+def _at(t: FloatArray, y: FloatArray, moments: FloatArray, gap: float) -> FloatArray:
+    """Interpolate at ``moments``; NaN outside, next to a missing sample and within gaps."""
+    after = np.clip(np.searchsorted(t, moments, side="left"), 1, t.size - 1)
     before = after - 1
     step = t[after] - t[before]
-    share = np.divide(wanted - t[before], step, out=np.zeros_like(wanted), where=step > 0)
+    share = np.divide(moments - t[before], step, out=np.zeros_like(moments), where=step > 0)
     found = y[before] + share * (y[after] - y[before])
     found = np.where(share >= 1, y[after], np.where(share <= 0, y[before], found))
-    outside = (wanted < t[0]) | (wanted > t[-1] + 1e-9 * (t[-1] - t[0]))
+    outside = (moments < t[0]) | (moments > t[-1] + 1e-9 * (t[-1] - t[0]))
     inside_gap = (step > gap) & (share > 0) & (share < 1)
     return np.where(outside | inside_gap, np.nan, found)

@@ -1,4 +1,4 @@
-"""Actuators that stand before another one: converted, limited, or one channel of several."""
+"""Actuators that wrap another actuator: converted, limited, or one channel of several."""
 
 import math
 from collections.abc import Callable
@@ -29,10 +29,10 @@ from minorloop.lab.records import Quantity, Record
 
 
 class WrappedActuator:
-    """The base of actuators that change what another one takes or gives.
+    """The base of actuators that change the inputs or outputs of another actuator.
 
-    ``actuator``: the other one; ``restorable``: whether it has ``checkpoint`` and ``restore`` where
-    the other one has them, so that a run restores it and does not replay it.
+    ``actuator``: the other actuator; ``restorable``: whether to offer its ``checkpoint`` and
+    ``restore``, if it has them, so that a run restores it and does not replay it.
     """
 
     checkpoint: Callable[[], dict[str, Any]]
@@ -48,7 +48,7 @@ class WrappedActuator:
 
     @property
     def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
+        """Duration of one ``exchange``, in seconds."""
         tick: float = self._actuator.tick
         return tick
 
@@ -59,7 +59,7 @@ class WrappedActuator:
         return found
 
     def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
+        """Return the time of one reading, in seconds; 0 if the actuator does not give it."""
         return self._actuator.answer_time() if isinstance(self._actuator, Timed) else 0.0
 
     def written(self, u: float) -> float:
@@ -76,10 +76,10 @@ class WrappedActuator:
 
 
 class LimitedActuator(WrappedActuator):
-    """An actuator that is sent no input beyond its limits, and made safe after any error.
+    """An actuator that gets only inputs within its limits, and is made safe after any error.
 
-    ``actuator``: its inputs have finite limits. Raises a `ParameterError` if a channel, a method or
-    a limit is missing.
+    ``actuator``: an actuator whose inputs have finite limits. Raises a `ParameterError` if a
+    channel, a method or a limit is missing.
     """
 
     def __init__(self, actuator: Any) -> None:
@@ -105,7 +105,7 @@ class LimitedActuator(WrappedActuator):
         return y
 
     def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
+        """Return the time of one reading, in seconds; 0 if the actuator does not give it."""
         found: float = self._done(super().answer_time)
         return found
 
@@ -121,7 +121,7 @@ class LimitedActuator(WrappedActuator):
             raise
         except Exception as error:
             raise SafetyError(
-                f"the actuator may still be on, switch it off by hand: {_said(error)}"
+                f"the actuator may still be on, switch it off by hand: {_described(error)}"
             ) from error
 
     def _restore(self, checkpoint: dict[str, Any]) -> None:
@@ -129,14 +129,14 @@ class LimitedActuator(WrappedActuator):
         self._actuator.restore(checkpoint)
 
     def _done(self, work: Any) -> Any:
-        """Return what was done; after an error the actuator is safe."""
+        """Return the result of ``work``; after an error the actuator is safe."""
         try:
             return work()
         except BaseException as error:
             self.safe()
             if isinstance(error, MinorloopError) or not isinstance(error, Exception):
                 raise
-            raise InstrumentError(f"the actuator failed: {_said(error)}") from error
+            raise InstrumentError(f"the actuator failed: {_described(error)}") from error
 
     def _read(self, y: npt.ArrayLike) -> Value:
         values = np.asarray(y, dtype=np.float64).reshape(-1)
@@ -150,9 +150,9 @@ class LimitedActuator(WrappedActuator):
 class SingleChannel(WrappedActuator):
     """One input of an actuator, with the others at rest, and one output, which may be converted.
 
-    ``input`` and ``output``: which input, and which output; ``conversion``: from the readings to
-    the output wanted; ``begun``: whether readings were converted in this run before: then a hold
-    without one is no error.
+    ``input`` and ``output``: numbers of input and output; ``conversion``: conversion of the
+    readings to the output; ``begun``: whether this run has converted readings before: then a hold
+    without a converted reading is not an error.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class SingleChannel(WrappedActuator):
 
     @property
     def covered(self) -> str:
-        """Which readings are covered by the conversion, for a message; empty without one."""
+        """Readings that the conversion covers, for a message; empty without a conversion."""
         return "" if self._conversion is None else self._conversion.covered
 
     def written(self, u: float) -> float:
@@ -225,8 +225,8 @@ def single_channel(
 
     It is the actuator itself if it has one of each.
 
-    ``input`` and ``output``: name, or name with unit, of a channel. The only input, and the output
-    that belongs to the input, without them.
+    ``input`` and ``output``: name, or name with unit, of a channel; by default the only input, and
+    the output that belongs to the input.
     """
     place = _named(actuator.inputs, input, "input")
     own = getattr(actuator, "measures", range(len(actuator.outputs)))
@@ -241,7 +241,7 @@ def single_channel(
 
 
 def _named(channels: tuple[Channel, ...], name: str | None, what: str) -> int:
-    """Return the number of a channel with a name; of the only one without a name."""
+    """Return the number of the channel with a name, or of the only channel without a name."""
     if name is None and len(channels) == 1:
         return 0
     for number, channel in enumerate(channels):
@@ -260,16 +260,16 @@ def _check_actuator(actuator: Any) -> None:
     missing = [name for name in needed if not hasattr(actuator, name)]
     if missing:
         raise ParameterError(
-            f"{type(actuator).__name__} is no actuator: it has no {', '.join(missing)}; see "
+            f"{type(actuator).__name__} is not an actuator: it has no {', '.join(missing)}; see "
             "minorloop.Actuator"
         )
     for channel in (*actuator.inputs, *actuator.outputs):
         if not isinstance(channel, Channel):
-            raise ParameterError(f"{channel!r} is no channel; give a minorloop.Channel")
+            raise ParameterError(f"{channel!r} is not a channel; give a minorloop.Channel")
     for channel in actuator.inputs:
         if not (math.isfinite(channel.low) and math.isfinite(channel.high)):
             raise ParameterError(f"{channel} has no limits; give the least and greatest input")
 
 
-def _said(error: Exception) -> str:
+def _described(error: Exception) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

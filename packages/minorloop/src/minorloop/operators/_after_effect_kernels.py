@@ -3,7 +3,7 @@
 The state is a *stack* and the creep. A row of the stack (capacity, 3 + P) describes one remembered
 extremum of the effective input: its value x in units of the stretched thresholds, its band, its
 fraction of that band, and the outputs there of the P planes that share the memory. Rows are ordered
-as in `_kernels`. ``creep`` (P - 1,) are the outputs of the creeping planes, which follow late.
+as in `_kernels`. ``creep`` (P - 1,) are the outputs of the creeping planes, which follow slowly.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _LEAST = 4e-16
 
 
 class TimedPlane(NamedTuple):
-    """Planes of relays that share one effective input, in the form the loops read.
+    """Planes of relays that share one effective input, in the format of the loops.
 
     levels (L + 1,), per_band (L,), buckets, per_unit: as in `_kernels.PlaneTables`, for the input;
     marks, per_mark, mark_buckets, per_mark_unit: the same for the stretched thresholds;
     nodes (L + 1, L + 1, P), bow (L, P): Everett values at the nodes times the swing of a relay, and
-    what makes them curve in a band; reversible (L + 1, P): at the levels, what follows the input
-    itself; saturation (P,): outputs with all relays off; slope: of the memoryless linear part;
-    settling: time in seconds after which the effective input is the input, 0 if it is at once;
-    times (P - 1,): seconds by which the outputs of the planes after the first follow late; none
-    where ``settling`` is positive.
+    their curvature in a band; reversible (L + 1, P): the part that follows the input itself, at the
+    levels; saturation (P,): outputs with all relays off; slope: of the memoryless linear part;
+    settling: time in seconds after which the effective input equals the input, 0 without delay;
+    times (P - 1,): time constants of the planes after the first, in seconds; empty if ``settling``
+    is positive.
     """
 
     levels: FloatArray
@@ -84,9 +84,9 @@ def _everett(nodes, bow, i, s, j, f, k):
 
 @njit(cache=True, nogil=True)
 def simulate(plane, stack, n, creep, intervals, u, y, keep=True):
-    """Fill ``y`` (T,) for inputs (T,) that last for ``intervals`` (T,); returns the rows in use.
+    """Fill ``y`` (T,) for inputs (T,) that last for ``intervals`` (T,); return the rows in use.
 
-    Unless ``keep``, the state stays as it is, and there is one input.
+    Without ``keep``, the state does not change, and there is one input.
     """
     work = np.empty((2, plane.saturation.size))
     return _simulate(plane, stack, n, creep, intervals, u, y, work, keep)
@@ -94,7 +94,7 @@ def simulate(plane, stack, n, creep, intervals, u, y, keep=True):
 
 @njit(cache=True, nogil=True)
 def _simulate(plane, stack, n, creep, intervals, u, y, work, keep):
-    """As `simulate`, with room for two numbers for each plane.
+    """As `simulate`, with ``work``, memory for two numbers of each plane.
 
     One loop with all arrays in local variables: numba counts references to the arrays of each call,
     and compiles the loop anew for a ``keep`` that is written in a call: `bool` hides it.
@@ -179,11 +179,11 @@ def begin(plane, stack):
 
 @njit(cache=True, nogil=True)
 def aim(plane, stack, n, creep, before, interval, target):
-    """Input that brings the output to the target after an interval; the state stays as it is.
+    """Input that brings the output to the target after an interval; the state does not change.
 
-    The output is monotone in the input. The side of the input before is bracketed, and the root is
-    found by inverse quadratic interpolation and bisection (Chandrupatla, Advances in Engineering
-    Software 28, 1997). A target that no input reaches gives the nearer end.
+    The output is monotone in the input. The bracket is the side of the previous input that contains
+    the root, which is found by inverse quadratic interpolation and bisection (Chandrupatla,
+    Advances in Engineering Software 28, 1997). A target out of reach gives the nearer end.
     """
     held, u, y = np.array([interval]), np.empty(1), np.empty(1)
     work = np.empty((2, plane.saturation.size))
@@ -222,7 +222,7 @@ def aim(plane, stack, n, creep, before, interval, target):
 
 @njit(cache=True, nogil=True)
 def invert(plane, stack, n, creep, before, intervals, targets, u, y):
-    """Inputs that meet the targets one after the other, and the outputs they give."""
+    """Inputs that meet the targets one after the other, and the outputs for these inputs."""
     work = np.empty((2, plane.saturation.size))
     for t in range(targets.size):
         u[t] = before = aim(plane, stack, n, creep, before, intervals[t], targets[t])

@@ -1,8 +1,8 @@
-"""Compiled loops of operators of differential type: they take and return numbers and arrays only.
+"""Compiled loops of operators of differential type: they take and return only numbers and arrays.
 
 The slope ``dz/du`` of these operators depends on the output z and on the direction of the input.
-There are two kinds. With ``levels`` (n,) of z, ``values`` (2n,) are the slopes at them, those for
-rising inputs first; between levels the slope is linear, beyond them constant. Without levels the
+There are two kinds. With ``levels`` (n,) of z, ``values`` (2n,) are the slopes at the levels, for
+rising inputs first; the slope is linear between levels and constant beyond them. Without levels the
 law is that of Bouc and Wen, with ``values`` alpha, gamma, delta and the exponent.
 """
 
@@ -16,7 +16,7 @@ _SMOOTH = 0.02
 """Step of an integration for exponents other than 1, over the length on which the slope changes:
 the fourth-order error of such a step is below 1e-10."""
 _LINEAR = 1e-300
-"""Exponents below which the exponential is a straight line; one over it is finite."""
+"""Exponents below which the exponential is a straight line; the reciprocal is finite."""
 _PARTS = 64
 _PLACES = (0.046910077030668, 0.2307653449471585, 0.5, 0.7692346550528415, 0.953089922969332)
 _WEIGHTS = (
@@ -26,7 +26,7 @@ _WEIGHTS = (
     0.2393143352496832,
     0.1184634425280945,
 )
-"""Parts of an integral, and the rule of Gauss with five points on each: rounding remains."""
+"""Parts of an integral, and the rule of Gauss with five points on each: its error is rounding."""
 
 
 @njit(cache=True, nogil=True)
@@ -148,7 +148,7 @@ def simulate(u, y, z, levels, values, out):
 
 @njit(cache=True, nogil=True)
 def _length(f, b, ahead):
-    """Return how far the input moves until z has moved by ``ahead``; infinite if it never does."""
+    """Return the change of the input that moves z by ``ahead``; infinite if there is none."""
     if math.isinf(ahead):
         return math.inf
     x = b * ahead / f
@@ -159,10 +159,10 @@ def _length(f, b, ahead):
 
 @njit(cache=True, nogil=True)
 def _integrate(z, side, rest, index, ahead, levels, values):
-    """Return z, and what is left of the input, after one step of Runge and Kutta or at a corner."""
+    """Return z, and the remaining input, after one step of Runge and Kutta or at a corner."""
     f, b = slope(z, side, index, levels, values)
     pull = abs(values[1]) + abs(values[2])
-    # The slope changes over the input in which z comes to where the law bends.
+    # The slope changes over the input that moves z to the bend of the law.
     bend = (pull / abs(values[0])) ** (1 / values[3]) * abs(values[0])
     step = min(rest, _SMOOTH / max(abs(b), bend))
     h = side * step
@@ -193,7 +193,7 @@ def _quadrature(z, end, side, index, levels, values):
 def invert(targets, y, z, low, high, share, levels, values, u, reachable):
     """Fill ``u`` (T,) with inputs that bring the output to ``targets`` (T,), from input y.
 
-    Of the way to a target at or beyond ``low`` or ``high``, only a share is gone.
+    The output moves only a ``share`` of the way to a target at or beyond ``low`` or ``high``.
     """
     for t in range(targets.size):
         target = targets[t]

@@ -3,13 +3,13 @@
 The state is a *stack*, a (capacity, 4) array whose row k describes one remembered extremum:
 
     0  value      the input there
-    1  output     what the relays gave there
-    2  band       the band of the plane it lies in
-    3  fraction   how far into that band, from 0 at its lower threshold to 1 at its upper
+    1  output     the output of the relays there
+    2  band       its band of the plane
+    3  fraction   its place in this band, from 0 at the lower threshold to 1 at the upper
 
 Even rows are minima, odd rows maxima, row 0 is negative saturation, and the last row is the
-present input. Between two reversals the output differs from the one at the last reversal by
-a single Everett value, so one sample costs one look-up however fine the plane is.
+present input. Between two reversals the output differs from that at the last reversal by a
+single Everett value, so one sample takes one look-up, for any number of bands.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _CROWDED = 8  # more thresholds than this in one bucket are searched by bisectio
 
 
 class PlaneTables(NamedTuple):
-    """A Preisach plane in the form the loops read.
+    """A Preisach plane in the format of the loops.
 
-    levels (L + 1,); per_band (L,): one over the height of each band; buckets: for equal slices
+    levels (L + 1,); per_band (L,): reciprocal height of each band; buckets: for equal slices
     of the input range, the last band that begins before the slice; per_unit: slices per unit of
     input; nodes (L + 1, L + 1): Everett values at
-    the nodes times the swing of a relay; bow (L,): what makes the surface curve inside a band;
+    the nodes times the swing of a relay; bow (L,): curvature of the surface inside a band;
     saturation: output of the relays when all are off; slope: of the memoryless linear part.
     """
 
@@ -54,9 +54,9 @@ Plane = PlaneTables
 
 @njit(**INSIDE)
 def band_of(levels, buckets, per_unit, u):
-    """Band that holds u, for u inside the grid: a bucket first, then a search within it.
+    """Band that contains u, for u inside the grid: find a bucket, then search in it.
 
-    The first bucket for an input that is not a number.
+    An input that is not a number gives the first bucket.
     """
     place = (u - levels[0]) * per_unit
     bucket = int(place) if place > 0.0 else 0
@@ -76,7 +76,7 @@ def band_of(levels, buckets, per_unit, u):
 def everett_inside(nodes, bow, i, s, j, f):
     """Everett value at alpha = fraction s of band i, beta = fraction f of band j <= i.
 
-    Bilinear in the nodes, less a bow in each band where the density is spread over the
+    It is bilinear in the nodes, minus a bow in each band if the density is spread over the
     triangles of the diagonal (piecewise uniform density).
     """
     if i == j:
@@ -89,14 +89,14 @@ def everett_inside(nodes, bow, i, s, j, f):
 
 @njit(cache=True, nogil=True)
 def simulate(plane, stack, n, u, y):
-    """Fill y with the outputs for a whole input; returns the rows in use at the end.
+    """Fill y with the outputs for a whole input; return the rows in use at the end.
 
-    An input that is not a number gives such an output, and leaves the memory as it is.
+    An input that is not a number gives such an output, and does not change the memory.
 
     Reduced memory sequence: Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1.
 
-    The present input and the extremum it departed from (the pivot) live in local variables,
-    not on the stack: reading back what was just stored costs more than all the arithmetic.
+    The present input and the last extremum (the pivot) are in local variables, not on the stack:
+    to read them back would take longer than all the arithmetic.
     """
     levels, per_band, buckets, per_unit, nodes, bow, saturation, slope = plane
     lowest, highest = levels[0], levels[-1]
@@ -189,7 +189,7 @@ def along(levels, nodes, bow, slope, pivot, rising, band, fraction):
 def _smallest_root(c0, c1, c2):
     """Smallest x >= 0 with c0 + c1 x + c2 x^2 = 0, given c0 <= 0 and a rise somewhere in [0, 1].
 
-    Written so that nothing cancels: the root is c0 over the larger of two sums. Coefficients are
+    The formula avoids cancellation: the root is c0 over the larger of two sums. Coefficients are
     divided by the largest, so that no square overflows or vanishes.
     """
     if c0 >= 0.0:
@@ -206,7 +206,7 @@ def _smallest_root(c0, c1, c2):
 def _branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
     """Input in ``band`` at which the branch from the pivot meets the target.
 
-    Inside a band the branch is a quadratic; three of its points give it exactly.
+    Inside a band the branch is quadratic; three of its points determine it exactly.
     """
     start, end, sign = (0.0, 1.0, 1.0) if rising else (1.0, 0.0, -1.0)
     if band == int(pivot[BAND]):
@@ -248,13 +248,14 @@ def _branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target):
 
 @njit(cache=True, nogil=True)
 def aim(plane, stack, n, target):
-    """Nearest input that brings the output to the target; the stack stays as it is.
+    """Nearest input that brings the output to the target; the stack does not change.
 
     A target that is not a number gives such an input.
 
     Tan, Venkataraman and Krishnaprasad, Proc. IEEE CDC 2001: go from breakpoint to breakpoint until
     the target lies before the next one, then solve the piece. Breakpoints are the thresholds and
-    the remembered extrema; passing an extremum wipes it out, and its output is on the stack.
+    the remembered extrema. An input that passes an extremum wipes it out; its output is on the
+    stack.
     """
     levels, _, _, _, nodes, bow, _, slope = plane
     value = stack[n - 1, VALUE]
@@ -288,7 +289,7 @@ def aim(plane, stack, n, target):
 
 @njit(cache=True, nogil=True)
 def invert(plane, stack, n, targets, u, y):
-    """Inputs that meet the targets one after the other, and the outputs they give."""
+    """Inputs that meet the targets one after the other, and the outputs for these inputs."""
     for t in range(targets.size):
         u[t] = aim(plane, stack, n, targets[t])
         n = simulate(plane, stack, n, u[t : t + 1], y[t : t + 1])

@@ -11,13 +11,13 @@ import math
 from numba import njit
 
 INSIDE = {"cache": True, "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of functions that only compiled ones call: an entry from Python takes half of the time of
-their compilation."""
+"""Options of functions that only compiled functions call: an entry from Python would take half of
+their compilation time."""
 
 
 @njit(cache=True, nogil=True)
 def copy(values, out):
-    """Copy numbers to the begin of an array; returns how many there are.
+    """Copy numbers to the begin of an array; return their number.
 
     A loop, because numba takes seconds to compile an assignment of one array to another.
     """
@@ -37,8 +37,8 @@ def copy_extrema(extrema, count, out):
 def wipes_out(u, top, extremum, rising):
     """Whether the present input, with index ``top`` >= 2, wipes out the two extrema before it.
 
-    It does where it passes the earlier of the two, ``extremum``. Negative saturation, entry 0, is
-    wiped out by no rise. Mayergoyz, Mathematical Models of Hysteresis, 1991, section 1.2. Takes
+    It does if it passes the earlier of the two, ``extremum``. A rise never wipes out negative
+    saturation, entry 0. Mayergoyz, Mathematical Models of Hysteresis, 1991, section 1.2. Takes
     numbers, not the array: numba counts references to an array at each call.
     """
     if rising:
@@ -48,7 +48,7 @@ def wipes_out(u, top, extremum, rising):
 
 @njit(cache=True, nogil=True)
 def push(extrema, count, u):
-    """Apply an input inside the levels to the first ``count`` extrema; returns the new count."""
+    """Apply an input inside the levels to the first ``count`` extrema; return the new count."""
     top = count - 1
     if u == extrema[top]:
         return count
@@ -63,7 +63,7 @@ def push(extrema, count, u):
 
 @njit(cache=True, nogil=True)
 def reduce(extrema, u, low, high):
-    """Fill ``extrema`` (T + 1,) with what inputs (T,) leave; returns the count, 0 at a NaN."""
+    """Fill ``extrema`` (T + 1,) with the memory of inputs (T,); return the count, 0 at a NaN."""
     extrema[0] = low
     count = 1
     for t in range(u.size):

@@ -22,7 +22,7 @@ def in_parallel(work: Callable[[int], None], rows: int) -> None:
 
 
 def filled(u: npt.ArrayLike, fill: Callable[[FloatArray, FloatArray], None]) -> Samples:
-    """Return outputs for inputs, (T,) or (S, T), of which ``fill(u, y)`` fills each signal (T,).
+    """Return outputs for inputs, (T,) or (S, T); ``fill(u, y)`` fills the outputs of one signal.
 
     Raises a `SignalError` if the inputs are not finite numbers of one of these shapes.
     """

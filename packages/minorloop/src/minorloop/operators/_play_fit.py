@@ -1,7 +1,7 @@
 """Least squares for weighted plays and dead zones.
 
-Input and output are both divided by half their range, so that no digits are lost for a field in
-1e5 A/m or a moment in 1e-7 A m2.
+Input and output are both divided by half their range, so that digits are not lost for a field of
+1e5 A/m or a moment of 1e-7 A m2.
 """
 
 from typing import NamedTuple
@@ -13,9 +13,9 @@ from minorloop.arrays import FloatArray, as_pair, frozen
 from minorloop.errors import ParameterError, SignalError
 
 _STILL = 1e-9
-"""A play that moves by a smaller share of half the input range does not move: rounding."""
+"""Smaller motions of a play, as a share of half the input range, are rounding."""
 _MOST_STEPS = 100
-"""Evaluations of the refinement, which converges within a few tens."""
+"""Most evaluations of the refinement, which converges within a few tens."""
 
 
 class _BentPlays(NamedTuple):
@@ -78,7 +78,7 @@ def choose_knots(y: FloatArray, thresholds: npt.ArrayLike) -> FloatArray:
 def fit_bent_plays(
     u: FloatArray, y: FloatArray, positions: FloatArray, knots: FloatArray
 ) -> _BentPlays:
-    """Return plays and dead zones with which ``centre + S(shift + plays)`` fits a record best.
+    """Return the plays and dead zones of the best fit ``centre + S(shift + plays)`` to a record.
 
     Raises a `SignalError` if there are fewer measured samples than unknowns.
 
@@ -91,8 +91,8 @@ def fit_bent_plays(
     across, up = _half_range(u), _half_range(y)
     centre = _middle_piece(y, knots)
     least, mean = np.zeros(plays.shape[1]), plays.mean(axis=0)
-    # Least slope of plays, in ranges of the output over that of the input: a fitted operator stays
-    # invertible, and the slope is too small to show in a record
+    # Least slope of plays, in ranges of output over input: it keeps a fitted operator invertible,
+    # and is too small to show in a record
     least[0] = 1e-4
     problem = _Bent(
         columns=_columns(plays, across),
@@ -132,7 +132,7 @@ class _Bent(NamedTuple):
 
         plays, mean = self.columns.shape[1], float(self.y.mean())
         theta = _bounded(self.columns, self.y - mean, self.least)
-        # Bounds of the slopes of the dead zones: far beyond those of loops that saturate
+        # Bounds of the slopes of the dead zones: far beyond the slopes of saturating loops
         low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 0.01)])
         high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1000.0)])
         found = least_squares(
@@ -186,13 +186,13 @@ class _Bent(NamedTuple):
 def _columns(plays: FloatArray, across: float) -> FloatArray:
     """Return the plays less their means, as columns of the bounded parameters."""
     columns = (plays - plays.mean(axis=0)) / across
-    # The column of a play that never moves is only rounding, and must get no weight.
+    # The column of a play that never moves is rounding, and must not get a weight.
     still = np.ptp(columns, axis=0) <= _STILL
     return np.where(still, 0.0, columns)
 
 
 def _bounded(columns: FloatArray, target: FloatArray, least: FloatArray) -> FloatArray:
-    """Return the least squares with lower bounds, on the triangular factor with its few rows."""
+    """Return the least-squares solution with lower bounds, from the small triangular factor."""
     from scipy.optimize import nnls
 
     table = np.column_stack([columns, target - columns @ least])

@@ -1,8 +1,8 @@
-"""Compiled loops of weighted plays: they take and return arrays only.
+"""Compiled loops of weighted plays: they take and return only arrays.
 
-``positions`` (n,) are the positions of the plays, which the loops update to those after the last
-sample. ``slopes[i]`` is the sum of the weights up to play i, the slope of the output while exactly
-the plays up to i move.
+``positions`` (n,) are the positions of the plays; the loops update them to the positions after the
+last sample. ``slopes[i]`` is the sum of the weights up to play i: the slope of the output while
+exactly the plays up to i move.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def aim(target, radii, slopes, positions):
     """Return the input for one target, along the branch from the present state.
 
     On this branch the plays begin to move in the order of their radii. The pieces of the branch are
-    those of the analytic inverse, but a steep piece does not amplify rounding errors of a flat one.
+    those of the analytic inverse, but rounding errors of a flat piece do not grow on a steep piece.
     """
     last = radii.size - 1
     if math.isinf(positions[0]):

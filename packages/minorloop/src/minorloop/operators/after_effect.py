@@ -45,7 +45,7 @@ class _AfterEffectState:
     """State of an operator with after-effect."""
 
     memory: Memory
-    """Remembered extrema of the effective input; the last one is its present value."""
+    """Remembered extrema of the effective input; the last entry is its present value."""
     u: float
     """The last input."""
     creep: tuple[float, ...]
@@ -53,7 +53,7 @@ class _AfterEffectState:
 
 
 State: TypeAlias = "Start | _AfterEffectState"
-"""A state, or a memory with which everything has settled."""
+"""A state, or a memory at which the operator has settled."""
 
 
 def _none() -> FloatArray:
@@ -69,10 +69,10 @@ class AfterEffect(ByValue, Drawn):
 
         dv/dt = S / T sinh((u - v) / S)
 
-    While u is held, v approaches it with the logarithm of time, S ln(t), up to t = T. To the
-    relaying plane this is a threshold that relaxes. With S much greater than the range, the law is
+    While u is held, v approaches it with the logarithm of time, S ln(t), up to t = T. For the plane
+    of relays, this is a threshold that relaxes. With S much greater than the range, the law is
     linear: the relays are viscous. The weights of a reversible diagonal, and the slope, respond to
-    u itself. Instead of a field, every cell may have weights whose output follows late, with one of
+    u itself. Instead of a field, every cell may have weights whose output follows with one of
     several time constants::
 
         y = plane[v, u] + sum over i of lag(times[i])[creep[i][v, u]]
@@ -96,15 +96,15 @@ class AfterEffect(ByValue, Drawn):
     """
 
     plane: Preisach
-    """Thresholds, weights that respond at once, offset, relay, diagonal and slope."""
+    """Thresholds, weights without creep, offset, relay, diagonal and slope."""
     field: FloatArray = parameter(default_factory=_none)
-    """Fluctuation field S in the unit of the input, of all bands or, (L,), of each; 0 for none."""
+    """Fluctuation field S in the unit of the input, for all bands or (L,) for each; 0 for none."""
     settling: float = 0.0
     """Settling time T of the effective input in seconds; 0 without a field."""
     times: FloatArray = parameter(default_factory=_none)
     """Shape (n,). Time constants of the creep in seconds, increasing."""
     creep: FloatArray = parameter(default_factory=_none)
-    """Shape (n, L, L). Weights that creep with each time constant, in the unit of the output; of
+    """Shape (n, L, L). Weights that creep with each time constant, in the unit of the output, with
     any sign."""
 
     def __post_init__(self) -> None:
@@ -149,18 +149,18 @@ class AfterEffect(ByValue, Drawn):
 
     @cached_property
     def settled(self) -> Preisach:
-        """The operator for inputs that are held for long: plane and creep together."""
+        """The operator for inputs that are held for a long time: plane and creep together."""
         base, weights = self.plane, self.plane.weights + self.creep.sum(axis=0)
         return Preisach(base.levels, weights, base.offset, base.relay, base.diagonal, base.slope)
 
     @property
     def range(self) -> tuple[float, float]:
-        """Least and greatest settled output over the levels; for a time it may be exceeded."""
+        """Least and greatest settled output over the levels; outputs may exceed it for a time."""
         return self.settled.range
 
     @cached_property
     def monotone(self) -> bool:
-        """Whether the output after any interval rises with the input that is held in it.
+        """Whether the output after any interval rises with the input during it.
 
         It does if plane and creep up to each time constant together are monotone.
         """
@@ -173,7 +173,7 @@ class AfterEffect(ByValue, Drawn):
     def simulate(self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative") -> Samples:
         """Return the outputs for inputs, (T,) or (S, T), that are held between samples.
 
-        With a memory as the start, everything has settled. As `TimedModel.simulate` otherwise.
+        If the start is a memory, the operator has settled there. Else as `TimedModel.simulate`.
         """
         steps = intervals(as_times(t))
 
@@ -196,8 +196,8 @@ class AfterEffect(ByValue, Drawn):
     ) -> Inversion:
         """Return inputs, held between samples, with which the output meets a target at each time.
 
-        The output at t[k] is monotone in the input that is held since t[k - 1]; its root is solved
-        to rounding. Inputs lie inside the levels. Which outputs can be reached depends on the past.
+        The output at t[k] is monotone in the input that is held since t[k - 1]; its root is exact
+        to rounding. Inputs lie inside the levels. The reach of the output depends on the past.
         Parameters and errors are those of `TimedModel.invert`.
         """
         check_unreachable_option(unreachable)
@@ -311,7 +311,7 @@ class AfterEffect(ByValue, Drawn):
 
 
 class TimedTracker:
-    """An operator with after-effect that follows one live input and owns its state.
+    """An operator with after-effect that follows a live input and keeps its state.
 
     ``model``: the operator; ``start``: state before the first sample.
     """
@@ -328,7 +328,7 @@ class TimedTracker:
         """Present state."""
         values = self._stack[: self._rows, _kernels.VALUE]
         extrema = np.interp(values, self.model.marks, self.model.plane.levels)
-        # Two extrema that differ by rounding only may become equal in the unit of the input.
+        # Two extrema that differ only by rounding may become equal in the unit of the input.
         levels = self.model.plane.levels
         memory = Memory.after(extrema, low=float(levels[0]), high=float(levels[-1]))
         return _AfterEffectState(memory, self._before, tuple(self._creep.tolist()))
@@ -348,14 +348,14 @@ class TimedTracker:
         return y
 
     def peek(self, u: float, interval: float) -> float:
-        """Return the output after an input that would be held for an interval."""
+        """Return the output after an input for an interval; the state does not change."""
         return self._look(u, interval, False)[0]
 
     def aim(self, y: float, interval: float, unreachable: Unreachable = "raise") -> float:
         """Return the input that, held for an interval, brings the output to y at its end.
 
-        The state stays as it is. ``"clip"`` gives the nearer end of the levels. Parameters and
-        errors are those of `LiveTracker.aim`; an interval that is not positive is a
+        The state does not change. ``"clip"`` gives the nearer end of the levels. Parameters and
+        errors are those of `LiveTracker.aim`; an interval that is not positive raises a
         `ParameterError`.
         """
         self.model.require_monotone()
@@ -376,7 +376,7 @@ class TimedTracker:
         return other
 
     def _look(self, u: float, interval: float, keep: bool) -> tuple[float, int]:
-        """Return output and rows in use after an input; ``keep`` it as the present state or not."""
+        """Return output and rows in use after an input; ``keep`` updates the present state."""
         held, inputs = np.array([as_seconds("interval", interval)]), np.array([as_finite("u", u)])
         y, tables = np.empty(1), self._tables
         rows = _kernels.simulate(

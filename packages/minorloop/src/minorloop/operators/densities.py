@@ -1,9 +1,9 @@
 """Parametric densities on the Preisach plane.
 
-Each is a callable ``density(alpha, beta)``, vectorised, in the unit of the output over that of
-the input squared; zero where alpha < beta. ``mass`` is its integral over the half-plane
-alpha >= beta, in the unit of the output. All but the uniform one have tails. A model does not
-contain the part beyond its levels, which is small for a Gaussian and large for a Lorentzian. A
+A density is a vectorised callable ``density(alpha, beta)``, in the unit of the output over that of
+the input squared; it is zero for alpha < beta. ``mass`` is its integral over the half-plane
+alpha >= beta, in the unit of the output. All densities but the uniform one have tails. A model does
+not contain the part beyond its levels, which is small for a Gaussian and large for a Lorentzian. A
 number that is not finite, a spread that is not positive and a negative coercive field raise a
 `ParameterError`.
 
@@ -28,7 +28,8 @@ from minorloop.errors import ParameterError
 class _Shape(NamedTuple):
     """A function of integral 1 and spread 1: its values, and its integral up to a place.
 
-    ``difference``: twice its spread, over the spread of the difference of two such numbers.
+    ``difference``: twice its spread over the spread of the difference of two numbers of this
+    distribution.
     """
 
     density: Callable[[FloatArray], FloatArray]
@@ -61,7 +62,7 @@ class _Density:
 
 @dataclass(frozen=True)
 class _Factored(_Density):
-    """A product of one function in both thresholds: up above the centre, and down below it."""
+    """A product of a function of each threshold: up above the centre, and down below it."""
 
     _shape: ClassVar[_Shape]
 
@@ -86,7 +87,7 @@ class _Factored(_Density):
 
 @dataclass(frozen=True)
 class _InMeanAndWidth(_Density):
-    """A product of one function in the mean and in the half-width of the thresholds."""
+    """A product of a function of the mean and of the half-width of the thresholds."""
 
     _shape: ClassVar[_Shape]
 
@@ -96,7 +97,7 @@ class _InMeanAndWidth(_Density):
     """Standard deviation, or half-width at half-maximum, of the mean of the thresholds; positive.
     """
     spread_width: float
-    """The same of their half-width; positive."""
+    """Standard deviation, or half-width at half-maximum, of their half-width; positive."""
     mass: float = 1.0
     """Integral over the half-plane alpha >= beta, in the unit of the output."""
     centre: float = 0.0

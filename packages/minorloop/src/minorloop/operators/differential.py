@@ -1,8 +1,8 @@
 """Operators of differential type: the slope of the output depends on the output itself.
 
 A law ``dz/du`` for rising and another for falling inputs gives loops without relays or plays. Its
-memory is one number, so minor loops need not close; a Preisach operator never describes that. The
-law of Bouc and Wen is one of these operators. It is used as a force in a vibrating structure
+memory is one number, so minor loops need not close, unlike those of a Preisach operator. The law of
+Bouc and Wen is one of these operators. It is used as a force in a vibrating structure
 (`dynamics.oscillator`).
 """
 
@@ -41,7 +41,7 @@ DifferentialStart: TypeAlias = (
 """Input and output before the first sample, or the name of a start state."""
 
 _LEAST_EXPONENT = 0.5
-"""Below it the slope changes too abruptly at z = 0 to be integrated; estimates of 1 are near it."""
+"""Least exponent: below it, the slope changes too abruptly at z = 0 for an integration."""
 
 
 class Differential(ABC):
@@ -58,7 +58,7 @@ class Differential(ABC):
     @property
     @abstractmethod
     def law(self) -> tuple[FloatArray, FloatArray]:
-        """Levels and values of the law, as the compiled loops take them."""
+        """Levels and values of the law, for the compiled loops."""
 
     @property
     @abstractmethod
@@ -120,9 +120,9 @@ class Differential(ABC):
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, by the shortest way.
 
-        Targets at or beyond a limit are out of reach; ``"clip"`` goes 99.9 % of the way to it.
-        There is no inverse if the output falls while the input rises at some output within the
-        limits.
+        Targets at or beyond a limit are out of reach; ``"clip"`` goes 99.9 % of the way to the
+        limit. There is no inverse if the output falls while the input rises at some output within
+        the limits.
         """
         check_unreachable_option(unreachable)
         wanted = as_signal(targets, name="targets")
@@ -134,8 +134,7 @@ class Differential(ABC):
             )
         low, high = self.range
         u, reachable = np.empty_like(wanted), np.empty(wanted.shape, dtype=np.bool_)
-        # Share of the way to a limit that a clipped target goes: the limit itself needs infinite
-        # input
+        # A clipped target goes 99.9 % of the way to a limit, which itself needs an infinite input
         _differential_kernels.invert(wanted, before, z, low, high, 0.999, *self.law, u, reachable)
         if not np.isfinite(u).all():
             raise NotInvertibleError(
@@ -168,8 +167,8 @@ class Differential(ABC):
 class BoucWen(Differential):
     """The law ``dz/du = alpha - (gamma sign(du z) + delta) |z|^exponent`` of Bouc and Wen.
 
-    With the usual ``beta``, give the products: only they can be seen in a loop. For an exponent
-    of 1 steps are exact; for others they are integrated to about seven digits.
+    With the usual ``beta``, give the products, because a loop shows only these. Steps are exact for
+    an exponent of 1, and integrated to about seven digits for others.
 
     Raises a `ParameterError` if a number is not finite or out of its range.
 
@@ -188,9 +187,9 @@ class BoucWen(Differential):
     """Slope at z = 0, positive."""
     gamma: float
     delta: float
-    """Pull of z back to zero; ``gamma + delta > 0`` limits the output."""
+    """Restoring terms of z; ``gamma + delta > 0`` limits the output."""
     exponent: float = 1.0
-    """At least 0.5, in most texts 1 or more; nu there."""
+    """Exponent nu, at least 0.5, in most texts 1 or more."""
 
     def __post_init__(self) -> None:
         for name in ("alpha", "gamma", "delta", "exponent"):

@@ -21,7 +21,7 @@ from minorloop.operators.tracker import StepTracker
 class DeadZones(ByValue):
     """A weighted sum of one-sided dead zones: piecewise linear, monotone, through the origin.
 
-    Placed after symmetric plays it bends their loops into saturating, asymmetric ones.
+    After symmetric plays, it makes their loops saturating and asymmetric.
 
     ``S(x) = sum of weights[k] * d_k(x)``, where ``d_k(x)`` is ``max(x - s, 0)`` for a threshold
     s > 0, ``min(x - s, 0)`` for s < 0, and ``x`` for s = 0.
@@ -35,7 +35,7 @@ class DeadZones(ByValue):
     """
 
     thresholds: FloatArray
-    """Shape (K,). Strictly increasing, in the unit of x; a zero among them is the linear term."""
+    """Shape (K,). Strictly increasing, in the unit of x; threshold zero is the linear term."""
     weights: FloatArray
     """Shape (K,). Change of slope at each threshold, away from the origin; for threshold zero the
     slope at the origin."""
@@ -51,8 +51,8 @@ class DeadZones(ByValue):
 
         Raises a `ParameterError` if a knot is zero or the lengths differ.
 
-        ``knots`` (K,): where the slope changes, strictly increasing, none of them zero; may be
-        empty; ``slopes`` (K + 1,): slope of each piece, from left to right.
+        ``knots`` (K,): points where the slope changes, strictly increasing, not zero; may be empty;
+        ``slopes`` (K + 1,): slope of each piece, from left to right.
         """
         knots, slopes = np.asarray(knots, dtype=np.float64), np.asarray(slopes, dtype=np.float64)
         if knots.ndim != 1 or slopes.shape != (knots.size + 1,):
@@ -74,7 +74,7 @@ class DeadZones(ByValue):
 
     @cached_property
     def slopes(self) -> FloatArray:
-        """Slope of each piece, one more than knots."""
+        """Slope of each piece; there is one piece more than knots."""
         negative, positive = self.thresholds < 0, self.thresholds > 0
         straight = self.weights[~(negative | positive)].sum()
         below = straight + np.cumsum(self.weights[negative][::-1])[::-1]
@@ -139,11 +139,11 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
     """
 
     plays: PrandtlIshlinskii
-    """H; its offset shifts the loop along the curve S."""
+    """The operator H; its offset shifts the loop along the curve S."""
     zones: DeadZones
-    """S."""
+    """The curve S."""
     offset: float = 0.0
-    """Added to the output."""
+    """Offset of the output."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.plays, PrandtlIshlinskii):
@@ -176,14 +176,14 @@ class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
         u : (T,) array_like
             Inputs.
         y : (T,) array_like
-            Outputs; NaN where nothing was measured.
+            Outputs; NaN if not measured.
         radii : int or (n,) array_like
-            Radii, the first of them zero, or their number: evenly spaced from zero to just below
-            half the range of the input.
+            Radii, of which the first is zero, or their number: they are then evenly spaced from
+            zero to just below half the range of the input.
         thresholds : int or (K,) array_like
-            Outputs at which the slope of S changes, strictly increasing, or their number: spread
-            over the range of the outputs, denser towards its ends. With 0, S is straight, and
-            ``plays`` alone describe the record.
+            Outputs at which the slope of S changes, strictly increasing, or their number: they are
+            then spread over the range of the outputs, denser towards its ends. With 0, S is
+            straight, and ``plays`` alone describe the record.
         start : start state
             State before the first sample.
         """

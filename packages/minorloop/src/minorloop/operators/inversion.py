@@ -14,7 +14,7 @@ Unreachable: TypeAlias = Literal["raise", "clip"]
 
 
 _SHOWN = 12
-"""Rows of a printed table: half of a terminal of 24 lines."""
+"""Most rows of a printed table: half of a terminal of 24 lines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +28,15 @@ class Inversion(Drawn):
     residual: FloatArray
     """Shape (T,). ``y - target``."""
     reachable: BoolArray
-    """Shape (T,). Whether the target lies within what the model can reach."""
+    """Shape (T,). Whether the target lies within the range of the model."""
     sd: FloatArray | None = None
-    """Shape (T,). Standard deviation of a reading of the actuator's output, where it is known."""
+    """Shape (T,). Standard deviation of a reading of the actuator's output; None if not known."""
     warnings: tuple[str, ...] = ()
-    """Why the model that was inverted is not to be trusted."""
+    """Reasons not to trust the inverted model."""
 
     @property
     def targets(self) -> FloatArray:
-        """(T,) wanted outputs."""
+        """(T,) target outputs."""
         return self.y - self.residual
 
     @property
@@ -80,8 +80,8 @@ def as_signal(values: npt.ArrayLike, *, name: str) -> FloatArray:
 
 
 def within_reach(targets: FloatArray, low: float, high: float) -> BoolArray:
-    """Return which targets lie between the least and the greatest output, except for rounding."""
-    # A target counts as reachable up to this share of the range beyond it: rounding of outputs
+    """Return whether each target lies between the least and greatest output, within rounding."""
+    # Share of the range beyond it within which a target counts as reachable: rounding of outputs
     slack = 1e-12 * (high - low)
     return (targets >= low - slack) & (targets <= high + slack)
 
@@ -89,10 +89,10 @@ def within_reach(targets: FloatArray, low: float, high: float) -> BoolArray:
 def as_targets(
     targets: npt.ArrayLike, low: float, high: float, unreachable: Unreachable
 ) -> tuple[FloatArray, BoolArray]:
-    """Return targets (T,), and which of them lie between the least and the greatest output.
+    """Return targets (T,), and whether each lies between the least and the greatest output.
 
     Raises an `UnreachableError` if one does not and ``unreachable="raise"``; a `SignalError` or a
-    `ParameterError` if targets or option are wrong.
+    `ParameterError` if targets or option are invalid.
     """
     check_unreachable_option(unreachable)
     wanted = as_signal(targets, name="targets")
@@ -128,7 +128,7 @@ def as_reachable(y: float, low: float, high: float, unreachable: Unreachable) ->
     """
     check_unreachable_option(unreachable)
     target = as_finite("target", y)
-    if not low <= target <= high:  # one inside, of a live loop, needs no arrays
+    if not low <= target <= high:  # a target inside, as in a live loop, does not need arrays
         as_targets([target], low, high, unreachable)
     return min(max(target, low), high)
 

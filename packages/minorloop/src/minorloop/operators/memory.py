@@ -1,8 +1,8 @@
 """The reduced memory sequence: the state of a Preisach operator.
 
-The operator remembers alternating minima and maxima, each pair inside the one before it; all other
-inputs have been wiped out. The first entry is the minimum of negative saturation, the last one the
-present input.
+The operator remembers alternating minima and maxima, each pair inside the previous pair; all other
+inputs have been wiped out. The first entry is the minimum of negative saturation, the last entry
+the present input.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Saturation: TypeAlias = Literal["negative", "positive", "demagnetised"]
 
 Start: TypeAlias = "Memory | Saturation"
 StartOfCurve: TypeAlias = "Memory | Saturation | Literal['as-left']"
-"""Memory before a curve; ``"as-left"``: the one that the previous curve left."""
+"""Memory before a curve; ``"as-left"``: the memory that the previous curve left."""
 
 ROOM = 32
-"""Default number of extrema that a memory of bounded length holds."""
+"""Default number of extrema in a memory of bounded length."""
 LEAST_ROOM, MOST_ROOM = 6, 10_000
-"""Bounds of that number: dropping a loop needs four extrema between the start and the present
+"""Bounds of that number. To drop a loop, four extrema must be between the start and the present
 input; 10,000 extrema take 400 kB, more than a history needs."""
 
 
@@ -34,7 +34,7 @@ input; 10,000 extrema take 400 kB, more than a history needs."""
 class Memory:
     """Remembered extrema, oldest first, ending with the present input.
 
-    Raises a `ParameterError` if there is none, one is not finite, or they do not nest.
+    Raises a `ParameterError` if there are no extrema, one is not finite, or they do not nest.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Memory:
         count = _kernels.reduce(extrema, values, float(low), float(high))
         if not count:
             index = int(np.argmax(np.isnan(values)))
-            raise ParameterError(f"input {index} is NaN; leave out what was not applied")
+            raise ParameterError(f"input {index} is NaN; give only applied inputs")
         return cls(extrema[:count].tolist())
 
     @classmethod
@@ -93,12 +93,12 @@ class Memory:
 
     @classmethod
     def demagnetised(cls, low: float, high: float) -> Memory:
-        """After an oscillation that shrinks evenly from the whole plane to its middle.
+        """Memory after an oscillation that shrinks evenly from the whole plane to its middle.
 
-        The swing shrinks by 1/512 of the plane a turn, so a plane symmetric about its middle
-        is left within about 1/512 of its range of its middle output. The ends are as of `after`.
+        The swing shrinks by 1/512 of the plane per turn. A plane that is symmetric about its middle
+        then has its middle output to within about 1/512 of its range. The ends are as of `after`.
         """
-        # Turns of the oscillation: the middle output is reached to about 1/512 of the range
+        # Turns of the oscillation, for the middle output to within about 1/512 of the range
         turns = 512
         middle, half = (low + high) / 2, (high - low) / 2
         shrink = 1 - np.arange(2 * turns) / (2 * turns - 1)

@@ -1,6 +1,6 @@
-"""Protocols of models and results: what their methods take, return and refuse is said here.
+"""Protocols of models and results, with parameters, results and errors of their methods.
 
-An implementation says only what differs. ``T`` is the number of samples, ``S`` of signals.
+An implementation documents only differences. ``T`` is the number of samples, ``S`` of signals.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ class Operator(Protocol):
         Parameters
         ----------
         targets : (T,) array_like
-            Wanted outputs, in order.
+            Target outputs, in order.
         start : start state
             State before the first input, as of `simulate`.
         unreachable : {"raise", "clip"}
-            What to do about targets beyond the reach: refuse them, or go as near as possible.
+            Treatment of targets out of reach: raise an error, or go as near as possible.
 
         Returns
         -------
         Inversion
-            Inputs, their outputs, residuals, and which targets were reachable.
+            Inputs, their outputs, residuals, and whether each target was reachable.
 
         """
 
@@ -91,7 +91,7 @@ class LiveOperator(Operator, Protocol):
         memory : start state
             State before the input.
         y : float
-            Wanted output, in its unit.
+            Target output, in its unit.
         unreachable : {"raise", "clip"}
             As of `invert`.
         """
@@ -107,7 +107,7 @@ class LiveOperator(Operator, Protocol):
 
 
 class LiveTracker(Protocol):
-    """A model that follows one live input and owns its memory."""
+    """A model that follows one live input and keeps its memory."""
 
     def push(self, u: float) -> float:
         """Return the output after the next input, and update the memory.
@@ -120,11 +120,11 @@ class LiveTracker(Protocol):
         u : float
             The next input, in its unit.
         interval : float
-            Seconds for which it is held, for a model in time.
+            Seconds for which the input is held, for a model in time.
         """
 
     def peek(self, u: float) -> float:
-        """Return the output for a next input; the memory stays as it is.
+        """Return the output for a next input; the memory does not change.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class LiveTracker(Protocol):
         """
 
     def aim(self, y: float, unreachable: Unreachable = ...) -> float:
-        """Return the input that brings the output to y; the memory stays as it is.
+        """Return the input that brings the output to y; the memory does not change.
 
         Parameters
         ----------
@@ -161,9 +161,9 @@ class TimedModel(Protocol):
         start : start state
             Memory before ``before`` was applied.
         before : float, optional
-            Input at which the model had settled before; the first of ``u`` if not given.
+            Input at which the model had settled before; by default the first of ``u``.
         between : {"held", "straight"}
-            The signal between samples, where it can be chosen.
+            The signal between samples, if it can be chosen.
 
         Returns
         -------
@@ -189,16 +189,16 @@ class TimedModel(Protocol):
         Parameters
         ----------
         state, memory : start state, or state that `step` returned
-            State before; it is not changed.
+            State before the input; it does not change.
         u, x : float
             The input, in its unit.
         interval : float
-            In seconds.
+            Duration of the input in seconds.
         """
 
 
 class Result(Protocol):
-    """What an identification returns."""
+    """Result of an identification."""
 
     def predict(
         self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
@@ -213,13 +213,13 @@ class Result(Protocol):
         t : (T,) array_like
             Strictly increasing times in seconds, for a model in time.
         u : (T,) array_like
-            Inputs. Before the first one, that input is assumed to be applied.
+            Inputs. The first input is assumed to be applied before.
         bands : float, optional
             Probability, such as 0.9, that each output lies within its band.
         curves : (T,) array_like, optional
             Label of the curve of each input; the memory is reset where it changes.
         start : start state
-            Memory before the first input, where it is not that of a record.
+            Memory before the first input, if it is not that of a record.
 
         Returns
         -------
@@ -238,5 +238,5 @@ class Result(Protocol):
         targets, before, filter_time, unreachable
             As of the model's own `invert`.
         start : start state, optional
-            Memory before the first input; that of the record if not given.
+            Memory before the first input; by default that of the record.
         """

@@ -21,8 +21,8 @@ RELAYS: tuple[Relay, ...] = get_args(Relay)
 """Whether the output of a relay is -1 or +1, or 0 or 1."""
 
 _QUADRATURE_ORDER = 8
-"""Exact for polynomials up to degree 15 in each cell, so also for densities that change much
-within a cell."""
+"""Quadrature that is exact for polynomials up to degree 15 in each cell, for densities that change
+much within a cell."""
 
 
 def swing(relay: Relay) -> float:
@@ -36,7 +36,7 @@ def off_output(relay: Relay) -> float:
 
 
 def relay_outputs(relay: Relay, on: FloatArray) -> FloatArray:
-    """Return the mean output of relays of unit weight of which a share, from 0 to 1, is on."""
+    """Return the mean output of relays of unit weight, of which the share ``on``, 0 to 1, is on."""
     return off_output(relay) + swing(relay) * on
 
 
@@ -56,7 +56,7 @@ def nodes_from_weights(weights: FloatArray) -> FloatArray:
 def weights_from_nodes(nodes: FloatArray) -> FloatArray:
     """(L, L) cell weights from Everett values at the nodes, their mixed differences.
 
-    ``nodes`` (L + 1, L + 1): everett values, the upper triangle and the diagonal are zero.
+    ``nodes`` (L + 1, L + 1): Everett values; the upper triangle and the diagonal are zero.
     """
     lower = np.tril(nodes, -1)
     return np.tril(lower[1:, :-1] - lower[:-1, :-1] - lower[1:, 1:] + lower[:-1, 1:])
@@ -134,7 +134,7 @@ def extremes(
 ) -> tuple[float, float]:
     """Return the least and greatest of slope*u plus the switched-on weight times ``swing``.
 
-    All memories whose extrema are thresholds are compared. The switched-on region is a staircase
+    It compares all memories whose extrema are thresholds. The switched-on region is a staircase
     that falls from left to right and ends at the present input. Dynamic programming adds columns
     from the diagonal outwards and keeps the best staircase of each height.
     """

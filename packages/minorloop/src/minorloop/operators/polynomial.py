@@ -32,8 +32,8 @@ _LARGEST = 1e300
 class Polynomial(ByValue, Drawn):
     """A curve without memory, ``y = sum of coefficients[k] * u**k`` on [low, high].
 
-    Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``, which they
-    have in common with those of operators.
+    Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``; they exist
+    because operators have them.
 
     Raises a `ParameterError` if there is no coefficient, a number is not finite, or ``low`` is not
     below ``high``.
@@ -51,7 +51,7 @@ class Polynomial(ByValue, Drawn):
     """
 
     coefficients: FloatArray
-    """Shape (degree + 1,). Constant first, in the unit of the output over powers of that of the
+    """Shape (degree + 1,). Constant first, in the unit of the output over powers of the unit of the
     input."""
     low: float
     high: float
@@ -98,11 +98,11 @@ class Polynomial(ByValue, Drawn):
         Parameters
         ----------
         u, y : (T,) array_like
-            Inputs, and outputs with NaN where nothing was measured.
+            Inputs, and outputs with NaN if not measured.
         degree : int
             Degree of the polynomial, at least 1.
         low, high : float, optional
-            Range of inputs; that of the record if not given.
+            Range of inputs; by default that of the record.
         """
         degree = as_whole("degree", degree, 1)
         inputs, outputs = as_pair(u, y)
@@ -131,10 +131,10 @@ class Polynomial(ByValue, Drawn):
 
     @cached_property
     def monotone_stretch(self) -> tuple[float, float]:
-        """Of the intervals in which the curve is monotone, that with the widest range of output."""
+        """Interval of a monotone curve with the widest range of output."""
         turns = self._turns
         outputs = self._at(turns)
-        # Changes by a smaller share of the output range are rounding and have no direction
+        # Smaller changes, as a share of the output range, are rounding and have no direction
         flat = 1e-12 * (outputs.max() - outputs.min())
         best, begin, direction = (self.low, self.low), 0, 0.0
         span = 0.0
@@ -163,7 +163,7 @@ class Polynomial(ByValue, Drawn):
     ) -> Inversion:
         """Return inputs in [low, high] that bring the output to each target; the start is ignored.
 
-        There is no inverse if the curve is not monotone there; `monotone_stretch` is where it is.
+        There is no inverse if the curve is not monotone; `monotone_stretch` gives an interval.
         """
         self._require_monotone()
         wanted, reachable = as_targets(targets, *self.range, unreachable)
@@ -172,7 +172,7 @@ class Polynomial(ByValue, Drawn):
         return Inversion(u, y, y - wanted, reachable)
 
     def step(self, memory: object, u: float) -> tuple[float, object]:
-        """Return the output for one input, and the memory, which is ignored, unchanged."""
+        """Return the output for one input, and the memory, which is ignored and unchanged."""
         return float(self.simulate([as_finite("u", u)])[0]), memory
 
     def aim(self, memory: object, y: float, unreachable: Unreachable = "raise") -> float:
@@ -187,7 +187,7 @@ class Polynomial(ByValue, Drawn):
     def _turns(self) -> FloatArray:
         """Ends of the range, and the candidates for extrema of the curve between them."""
         slope = polynomial.polyder(self.coefficients)
-        # A leading term that is negligible on the range would put roots near infinity.
+        # A leading term that is negligible on the range would give roots near infinity.
         terms = np.abs(slope) * max(abs(self.low), abs(self.high)) ** np.arange(slope.size)
         # A term of the slope below this share of the largest is less than its rounding error
         slope = slope[: np.max(np.nonzero(terms > 1e-17 * terms.max())[0], initial=0) + 1]
@@ -216,10 +216,10 @@ class Polynomial(ByValue, Drawn):
     def _require_monotone(self) -> None:
         low, high = self.monotone_stretch
         if low == high:
-            raise NotInvertibleError("the polynomial is constant; fit one of a higher degree")
+            raise NotInvertibleError("the polynomial is constant; fit a higher degree")
         if not self.invertible:
             raise NotInvertibleError(
-                f"the polynomial is not monotone in [{self.low:g}, {self.high:g}] but in "
+                f"the polynomial is not monotone in [{self.low:g}, {self.high:g}], only in "
                 f"[{low:g}, {high:g}]; use Polynomial(coefficients, *model.monotone_stretch), or a "
                 "lower degree"
             )

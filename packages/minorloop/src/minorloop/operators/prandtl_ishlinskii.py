@@ -1,6 +1,7 @@
 """The Prandtl-Ishlinskii operator: weighted plays, with an analytic inverse.
 
-Its loops are symmetric and do not saturate; those of `GeneralisedPrandtlIshlinskii` can do both.
+Its loops are symmetric and do not saturate; loops of `GeneralisedPrandtlIshlinskii` may be
+asymmetric and saturate.
 """
 
 from dataclasses import dataclass
@@ -58,9 +59,9 @@ class PrandtlIshlinskii(ByValue, Drawn):
     radii: FloatArray
     """Shape (n,). Slack of each play in the unit of the input; >= 0, strictly increasing."""
     weights: FloatArray
-    """Shape (n,). In the unit of the output over that of the input; any sign."""
+    """Shape (n,). Weights of any sign, in the unit of the output over that of the input."""
     offset: float = 0.0
-    """Added to the output."""
+    """Offset of the output."""
 
     def __post_init__(self) -> None:
         radii, weights = as_paired(self.radii, self.weights, name="radii")
@@ -78,7 +79,7 @@ class PrandtlIshlinskii(ByValue, Drawn):
 
     @cached_property
     def slopes(self) -> FloatArray:
-        """(n,) cumulative sums of the weights: slopes while the plays up to the i-th move."""
+        """(n,) cumulative sums of the weights: slopes while the plays up to play i move."""
         return frozen(np.cumsum(self.weights))
 
     @property
@@ -95,7 +96,7 @@ class PrandtlIshlinskii(ByValue, Drawn):
         """Return the (n,) play positions of a start state; infinite for both saturations.
 
         Raises a `ParameterError` if the name is unknown, or no input leads to these positions:
-        neighbours lie no further apart than the difference of their radii.
+        neighbours differ by at most the difference of their radii.
 
         Parameters
         ----------
@@ -136,10 +137,10 @@ class PrandtlIshlinskii(ByValue, Drawn):
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, branch by branch.
 
-        They are those of the analytic inverse, which consists of plays too, but residuals are
+        The inputs are those of the analytic inverse, which also consists of plays. Residuals are
         rounding errors even if the slopes of the operator differ by many orders of magnitude. Plays
-        reach every target. There is no inverse if there is no linear term, or a cumulative sum of
-        the weights is not positive.
+        reach every target. There is no inverse without a linear term, or if a cumulative sum of the
+        weights is not positive.
         """
         check_unreachable_option(unreachable)
         wanted = as_signal(targets, name="targets")
@@ -178,7 +179,7 @@ class PrandtlIshlinskii(ByValue, Drawn):
         if not np.isfinite(positions).all():
             index = int(np.argmin(np.isfinite(positions)))
             raise ParameterError(f"start[{index}] is {positions[index]}; all must be finite")
-        # Share of the largest position by which positions may be inconsistent: rounding
+        # Positions may be inconsistent by this share of the largest position: rounding
         slack = 1e-12 * (np.abs(positions).max() + self.radii[-1])
         apart = np.abs(np.diff(positions)) - np.diff(self.radii)
         if (apart > slack).any():
@@ -209,8 +210,8 @@ def as_paired(
 ) -> tuple[FloatArray, FloatArray]:
     """Return strictly increasing places and their weights, both read-only.
 
-    Raises a `ParameterError` if there is none, they do not increase, lengths differ, or a number is
-    not finite.
+    Raises a `ParameterError` if there are no places, they do not increase, lengths differ, or a
+    number is not finite.
     """
     try:
         first, second = frozen(places), frozen(weights)

@@ -32,8 +32,8 @@ from minorloop.operators.tracker import Tracker
 Diagonal: TypeAlias = Literal["uniform", "reversible"]
 
 _LARGEST = 1e300
-"""Largest sum of the terms of an output: far enough below the largest float, 1.8e308, for sums and
-differences of outputs."""
+"""Largest sum of the terms of an output: sums and differences of outputs do not overflow (1.8e308).
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Preisach(ByValue, Drawn):
     [levels[i], levels[i + 1]], beta in [levels[j], levels[j + 1]], in the unit of the output. Zero
     above the diagonal. Negative weights are legal."""
     offset: float = 0.0
-    """Added to the output."""
+    """Offset of the output."""
     relay: Relay = "bipolar"
     """Whether the output of a relay is -1 or +1, bipolar, or 0 or 1, unipolar."""
     diagonal: Diagonal = "uniform"
@@ -96,8 +96,8 @@ class Preisach(ByValue, Drawn):
         levels : (L + 1,) array_like
             Thresholds.
         density : (L, L) array_like or callable
-            The value in each cell, or ``density(alpha, beta)``, vectorised, which is integrated
-            over each cell; unit of the output per squared unit of the input.
+            The value in each cell, or a vectorised function ``density(alpha, beta)``, which is
+            integrated over each cell; unit of the output per squared unit of the input.
         **options
             ``offset``, ``relay``, ``diagonal``, ``slope`` of `Preisach`.
         """
@@ -126,7 +126,7 @@ class Preisach(ByValue, Drawn):
 
     @cached_property
     def range(self) -> tuple[float, float]:
-        """Least and greatest output over the grid, slope included."""
+        """Least and greatest output over the grid, with the slope."""
         if self.monotone:
             low, high = self.simulate(self.levels[[0, -1]])
             return float(low), float(high)
@@ -142,7 +142,7 @@ class Preisach(ByValue, Drawn):
         bow = self.diagonal == "uniform"
         rate = plane.slack(self.levels, weights, slope, self.swing, bow)
         steepest = np.abs(weights).sum() / np.diff(self.levels).min() + abs(slope)
-        # A slope may be negative by this share of the steepest one: rounding of sums of weights
+        # A slope may be negative by this share of the steepest slope: rounding of sums of weights
         return bool(rate >= -1e-13 * steepest)
 
     def everett(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
@@ -186,9 +186,9 @@ class Preisach(ByValue, Drawn):
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, by the exact right inverse.
 
-        Of all such inputs inside the grid, each is the nearest to the input before it. For a target
-        equal to the present output, the input does not change. Parameters, result and errors are
-        those of `Operator.invert`.
+        Each input is the possible input inside the grid that is nearest to the previous input. For
+        a target equal to the present output, the input does not change. Parameters, result and
+        errors are those of `Operator.invert`.
         """
         self.require_monotone()
         wanted, reachable = as_targets(targets, *self.range, unreachable)
@@ -247,7 +247,7 @@ class Preisach(ByValue, Drawn):
         Parameters
         ----------
         room : int
-            Number of further reversals that the state has room for.
+            Number of further reversals for which the state has room.
 
         Returns
         -------

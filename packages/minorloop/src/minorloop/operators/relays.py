@@ -1,8 +1,8 @@
 """The relay-by-relay model: one relay for each pair of levels.
 
-Many papers draw and program the Preisach model in this way; it is here for comparison. Each relay
-has the thresholds (alpha, beta) = (levels[a], levels[b]). Inputs act only when they cross a level,
-and the resolution of the stepping inverse is that of the levels.
+Many papers draw and program the Preisach model in this way; this model serves for comparison. Each
+relay has the thresholds (alpha, beta) = (levels[a], levels[b]). Inputs act only when they cross a
+level, and the resolution of the stepping inverse is that of the levels.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ RelayStart: TypeAlias = Literal["negative", "positive"]
 class RelayModel(ByValue, Drawn):
     """Weighted relays on level pairs.
 
-    A relay at (alpha, beta) switches on when the input reaches alpha and off when it falls
-    below beta; in between it keeps its state. So an input that rises to level k switches on the
-    row alpha = levels[k], and one that falls below level k switches off the column
+    A relay at (alpha, beta) switches on when the input reaches alpha and off when it falls below
+    beta; between them it keeps its state. So an input that rises to level k switches on the row
+    alpha = levels[k], and an input that falls below level k switches off the column
     beta = levels[k].
 
     Raises a `ParameterError` if levels do not increase, shapes disagree, or a number is not finite.
@@ -64,7 +64,7 @@ class RelayModel(ByValue, Drawn):
     """Shape (N, N). ``weights[a, b]``, b <= a, is the weight of the relay at (levels[a],
     levels[b]), in the unit of the output; zero above the diagonal."""
     offset: float = 0.0
-    """Added to the output."""
+    """Offset of the output."""
     relay: Relay = "bipolar"
     """Whether the output of a relay is -1 or +1, bipolar, or 0 or 1, unipolar."""
 
@@ -104,8 +104,8 @@ class RelayModel(ByValue, Drawn):
     ) -> RelayModel:
         """Fit unipolar relays to settled outputs by least squares.
 
-        Reversal curves to every level, from rest at the lowest, have as many inputs as there are
-        relays. Then ``signed`` weights solve the square system of Sohn and colleagues,
+        Reversal curves to every level, from rest at the lowest level, have as many inputs as there
+        are relays. Then ``signed`` weights solve the square system of Sohn and colleagues,
         SWNT-reinforced polyaniline fibres, Eq. 3. The relay at the lowest level is always on: its
         weight is the offset.
 
@@ -115,9 +115,9 @@ class RelayModel(ByValue, Drawn):
         Parameters
         ----------
         u : (T,) array_like
-            Inputs, in order, from negative saturation; none is below the lowest level.
+            Inputs, in order, from negative saturation, not below the lowest level.
         y : (T,) array_like
-            Settled outputs; NaN where nothing was measured.
+            Settled outputs; NaN if not measured.
         levels : (N,) array_like
             Thresholds.
         signed : bool
@@ -156,7 +156,7 @@ class RelayModel(ByValue, Drawn):
         inputs = self._on_levels(as_signal(u, name="u"))
         extrema = Memory.after([*past, *inputs], low=levels[0], high=levels[-1]).extrema
         on = np.zeros(self.weights.shape)
-        # Of each maximum and the minimum after it, the relays between both are on.
+        # The relays between each maximum and the next minimum are on.
         for most, least in zip(extrema[1::2], [*extrema[2::2], np.inf], strict=False):
             on[np.ix_(self.levels <= most, self.levels <= least)] = 1.0
         return np.tril(on)
@@ -196,12 +196,12 @@ class RelayModel(ByValue, Drawn):
 
     @cached_property
     def _plane(self) -> Preisach:
-        """The operator that these relays are on the levels, and on one below all of them."""
+        """The equivalent operator on the levels and an additional level below them."""
         below = 2 * self.levels[0] - self.levels[1]
         return Preisach(np.append(below, self.levels), self.weights, self.offset, self.relay)
 
     def _on_levels(self, u: Samples) -> Samples:
-        """Return the highest level that each input reaches, or the one below all of them."""
+        """Return the highest level that each input reaches, or the additional level below."""
         return self._plane.levels[np.searchsorted(self.levels, u, side="right")]
 
     def _start(self, start: str) -> Memory:

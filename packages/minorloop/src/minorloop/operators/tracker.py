@@ -1,4 +1,4 @@
-"""Operators that follow one live input, as `LiveTracker` says."""
+"""Operators that follow one live input: implementations of `LiveTracker`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _AnyMemory = TypeVar("_AnyMemory")
 
 
 class Tracker:
-    """A Preisach operator that follows one live input and owns its memory.
+    """A Preisach operator that follows one live input and keeps its memory.
 
     ``model``: the operator; ``start``: memory before the first sample.
     """
@@ -56,8 +56,8 @@ class Tracker:
             self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
 
     def peek(self, u: float) -> float:
-        """Return the output for a next input; the memory stays as it is."""
-        # One input adds at most one row; of the rows after the present ones none is read.
+        """Return the output for a next input; the memory does not change."""
+        # One input adds at most one row; rows after the present ones are not read.
         stack = np.empty((self._rows + 2, self._stack.shape[1]))
         stack[: self._rows] = self._stack[: self._rows]
         self._advance(stack, u)
@@ -71,7 +71,7 @@ class Tracker:
         return int(_kernels.simulate(self._tables, stack, self._rows, self._u, self._y))
 
     def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the nearest input that brings the output to y; the memory stays as it is."""
+        """Return the nearest input that brings the output to y; the memory does not change."""
         self.model.require_monotone()
         low, high = self.model.range
         target = as_reachable(y, low, high, unreachable)
@@ -86,7 +86,7 @@ class Tracker:
 
 
 class StepTracker(Generic[_AnyMemory]):
-    """An operator that follows one live input and owns its memory.
+    """An operator that follows one live input and keeps its memory.
 
     ``model``: for example `PrandtlIshlinskii`; ``memory``: memory before the first sample.
     """
@@ -103,11 +103,11 @@ class StepTracker(Generic[_AnyMemory]):
         return float(y)
 
     def peek(self, u: float) -> float:
-        """Return the output for a next input; the memory stays as it is."""
+        """Return the output for a next input; the memory does not change."""
         return float(self.model.step(self.memory, u)[0])
 
     def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the input that brings the output to y; the memory stays as it is."""
+        """Return the input that brings the output to y; the memory does not change."""
         return float(self.model.aim(self.memory, y, unreachable))
 
     def copy(self) -> StepTracker[_AnyMemory]:

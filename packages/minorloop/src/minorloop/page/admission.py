@@ -24,7 +24,7 @@ _HEADERS = {
 
 
 class Admission:
-    """Admits requests with the key or the cookie, from pages of this server only."""
+    """Admits requests that have the key or the cookie and come from pages of this server."""
 
     def __init__(self, app: ASGIApp, authentication: Authentication) -> None:
         self._app, self._authentication = app, authentication
@@ -63,9 +63,9 @@ class Admission:
         return None
 
     def _welcome(self, request: Request) -> Response:
-        # A path with two slashes at the beginning would name another host.
+        # A path that begins with two slashes would name another host.
         response = RedirectResponse("/" + request.url.path.lstrip("/"), status_code=303)
-        # A proxy sets the header if browsers use https; a false one only harms its own sender.
+        # A proxy sets the header if browsers use https; a false header harms only its sender.
         proxied = request.headers.get("x-forwarded-proto", "") == "https"
         response.set_cookie(
             self._authentication.cookie,
@@ -78,7 +78,7 @@ class Admission:
 
 
 def _with_headers(send: Send, host: str | None) -> Send:
-    """Add the security headers; ``host`` is where pages may open their websocket."""
+    """Add the security headers; pages may open their websocket at ``host``."""
     sockets = "" if host is None else f" ws://{host} wss://{host}"
     headers = {"Content-Security-Policy": _POLICY.format(sockets=sockets), **_HEADERS}
     extra = [(name.lower().encode(), value.encode()) for name, value in headers.items()]

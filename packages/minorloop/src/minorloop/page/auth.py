@@ -1,4 +1,4 @@
-"""Authentication: a key that is new at every start, and requests of this server's pages only."""
+"""Authentication: a key that is new at every start, and the origin of requests."""
 
 import ipaddress
 import re
@@ -11,7 +11,7 @@ from pathlib import Path
 from minorloop.errors import ParameterError
 
 WAITING = 128
-"""Connections that wait before the server accepts them, and that it accepts in a turn."""
+"""Most connections that wait until the server accepts them, and that it accepts together."""
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::[0-9]{1,5})?", re.I)
 """A Host header that is safe to repeat in an answer: an address or a name, and a port."""
@@ -19,12 +19,12 @@ _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::[0-9]{1,
 
 @dataclass(frozen=True)
 class Authentication:
-    """Keys and host names that requests are checked against."""
+    """Keys and host names to check requests against."""
 
     host: str
     """Address on which the server listens."""
     key: str = field(default_factory=lambda: secrets.token_urlsafe(24))
-    """Part of the printed address."""
+    """Key in the printed address."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """Cookie of a browser that has sent the key."""
     port: int = 0
@@ -42,7 +42,7 @@ class Authentication:
         return secrets.compare_digest((key or "").encode(), self.key.encode())
 
     def has_token(self, cookies: str | None) -> bool:
-        """Return whether a Cookie header holds the token, among any others."""
+        """Return whether a Cookie header contains the token."""
         token = self.token.encode()
         found = False
         for pair in (cookies or "").split(";"):
@@ -72,18 +72,18 @@ class Authentication:
 
 @dataclass(frozen=True, kw_only=True)
 class Serving:
-    """Where a server listens, and whom it admits."""
+    """Socket on which a server listens, and its authentication."""
 
     authentication: Authentication
     listening: socket.socket
-    """Bound; a restarted server uses the same."""
+    """Bound socket; a restarted server uses the same."""
     certificate: Path | None = None
     private_key: Path | None = None
-    """Files, for https."""
+    """Files of certificate and private key, for https."""
 
     @property
     def address(self) -> str:
-        """What a browser opens, with the key."""
+        """Address for the browser, with the key."""
         known = self.authentication
         scheme = "http" if self.certificate is None else "https"
         place = f"{scheme}://{_shown(known.host)}:{known.port}"
@@ -95,10 +95,7 @@ class Serving:
 def check_address(
     port: int, name: str | None, certificate: Path | None, private_key: Path | None
 ) -> None:
-    """Refuse a port, the name of a proxy, or files for https that cannot be used.
-
-    Raises a `ParameterError`.
-    """
+    """Raise a `ParameterError` for an invalid port, name of a proxy, or file for https."""
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
     if name is not None and re.fullmatch(r"[A-Za-z0-9._-]{1,253}", name) is None:
@@ -115,9 +112,9 @@ def check_address(
 def listen(
     host: str, port: int, name: str | None, certificate: Path | None, private_key: Path | None
 ) -> Serving:
-    """Listen on an address; a port in use, or a host that is none, is refused.
+    """Listen on an address.
 
-    Raises a `ParameterError`.
+    Raises a `ParameterError` if the port is in use, or the host is invalid.
     """
     listening = _listening(host, port)
     authentication = Authentication(host, port=listening.getsockname()[1], name=name)
@@ -149,7 +146,7 @@ def _listening(host: str, port: int) -> socket.socket:
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((host, port))
-        found.listen(WAITING)  # clients that connect before the server has started wait
+        found.listen(WAITING)  # clients that connect before the start of the server wait
     except OSError as error:
         found.close()
         other = "--host" if isinstance(error, socket.gaierror) else "--port"

@@ -1,8 +1,9 @@
-"""Limits of connections that have not sent the key.
+"""Limits of unauthenticated connections.
 
-A connection is a stranger until it has sent a request with the key or the cookie. Strangers are
-limited in number and in time. When one too many connects, the oldest is closed, so that a user who
-sends the key at once is always served. A handshake of TLS counts as part of the connection.
+A connection is unauthenticated until it has sent a request with the key or the cookie. The number
+and the time of these connections are limited. If there is one too many, the oldest is closed. So a
+user who sends the key immediately is always served. A handshake of TLS counts as part of the
+connection.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ _SWEEP = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Limits of strangers."""
+    """Limits of unauthenticated connections."""
 
-    strangers: int = 128
-    """Number of strangers in all."""
+    unauthenticated: int = 128
+    """Most unauthenticated connections."""
     each: int = 32
-    """Number from one address; this machine's own addresses may be those of a proxy, and have the
-    common limit only."""
+    """Most unauthenticated connections from one address. Addresses of this machine may be those of
+    a proxy, so only the common limit applies to them."""
     header: float = 5.0
     """Seconds from a connection to the end of a request with the key."""
 
@@ -44,64 +45,64 @@ class Connection(socket.socket):
     deadline: float
 
     def drop(self) -> None:
-        """Shut it down; its transport then reads an end and closes it."""
+        """Shut the connection down; its transport then reads an end and closes it."""
         self.listener.forget(self)
         with contextlib.suppress(OSError):
             self.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Close it; it is no stranger any more."""
+        """Close the connection, and remove it from the list."""
         self.listener.forget(self)
         super().close()
 
 
 class Listener(socket.socket):
-    """A listening socket that keeps a list of its strangers, and takes a bound one over."""
+    """A listening socket, from a bound one, with a list of its unauthenticated connections."""
 
     def __init__(self, listening: socket.socket, limits: Limits | None = None) -> None:
         super().__init__(fileno=listening.detach())
         self._limits = limits or Limits()
-        self._strangers: dict[tuple[Any, ...], Connection] = {}  # the oldest first
+        self._unauthenticated: dict[tuple[Any, ...], Connection] = {}  # the oldest first
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """Accept the next connection; one that is one too many closes the oldest stranger."""
+        """Accept the next connection; with too many, close the oldest unauthenticated one."""
         accepted, peer = super().accept()
         found = Connection(self.family, self.type, self.proto, fileno=accepted.detach())
         found.listener, found.peer = self, peer[:2]
         found.deadline = time.monotonic() + self._limits.header
-        self._strangers[found.peer] = found
+        self._unauthenticated[found.peer] = found
         self._make_room(found.peer[0])
         return found, peer
 
     def admit(self, peer: Any) -> None:
-        """Count the connection from an address and a port as known: it has sent the key."""
-        self._strangers.pop(tuple(peer or ())[:2], None)
+        """Mark the connection from an address and a port as authenticated."""
+        self._unauthenticated.pop(tuple(peer or ())[:2], None)
 
     def forget(self, connection: Connection) -> None:
-        """Remove a connection from the list; another one may have its address and port."""
-        if self._strangers.get(connection.peer) is connection:
-            del self._strangers[connection.peer]
+        """Remove a connection from the list; another connection may have its address and port."""
+        if self._unauthenticated.get(connection.peer) is connection:
+            del self._unauthenticated[connection.peer]
 
     def sweep(self, now: float) -> None:
-        """Drop the strangers past their deadline."""
-        for connection in list(self._strangers.values()):
+        """Drop the unauthenticated connections past their deadline."""
+        for connection in list(self._unauthenticated.values()):
             if connection.deadline < now:
                 connection.drop()
 
     async def sweeping(self) -> None:
-        """Drop such strangers, forever."""
+        """Drop such connections, without end."""
         while True:
             await asyncio.sleep(_SWEEP)
             self.sweep(time.monotonic())
 
     def _make_room(self, address: str) -> None:
-        """Drop the oldest stranger of an address with too many, or of the address with most."""
-        of_each = Counter(host for host, _ in self._strangers)
+        """Drop the oldest unauthenticated connection of an address with too many or with most."""
+        of_each = Counter(host for host, _ in self._unauthenticated)
         if is_loopback(address) or of_each[address] <= self._limits.each:
-            if len(self._strangers) <= self._limits.strangers:
+            if len(self._unauthenticated) <= self._limits.unauthenticated:
                 return
             address = max(of_each, key=lambda each: of_each[each])  # the oldest among equals
-        next(each for each in self._strangers.values() if each.peer[0] == address).drop()
+        next(each for each in self._unauthenticated.values() if each.peer[0] == address).drop()
 
 
 def mark(scope: MutableMapping[str, Any], listener: Listener) -> None:

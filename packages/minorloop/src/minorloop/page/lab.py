@@ -26,11 +26,11 @@ from minorloop.page.workers import Workers
 STATIC = Path(__file__).parent / "static"
 """Folder of the page."""
 _LONGEST_REQUEST = 512 * 1024
-"""Bytes of a request other than a file; 10,000 targets fit into it."""
+"""Most bytes of a request other than a file; 10,000 targets fit into it."""
 _LONGEST_NAME = 120
-"""Bytes of the name under which a file is kept; systems allow 255."""
+"""Most bytes of the name under which a file is stored; systems allow 255."""
 _MOST_JOBS = 32
-"""Requests that may compute or wait at once."""
+"""Most requests that compute or wait at the same time."""
 _PAUSE, _WHOLE = 10.0, 600.0
 """Most seconds without a byte, and for a whole body."""
 
@@ -69,13 +69,13 @@ class _Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _Targets(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Wanted outputs, in order."""
+    """Target outputs, in order."""
 
     targets: Annotated[list[float], msgspec.Meta(max_length=10_000)]
     start: Literal["negative", "positive", "demagnetised"] = "negative"
 
 
-# Made while the module is imported: a decoder is made slowly, and not for the first user.
+# Made at import, because it takes time that the first user would have to wait for.
 _choices = msgspec.json.Decoder(_Choice)
 _asked: dict[str, msgspec.json.Decoder[Any]] = {
     "move": msgspec.json.Decoder(_Move),
@@ -92,7 +92,7 @@ class _RefusedError(Exception):
 
 
 def _answered(work: Callable[[Any, Request], Awaitable[Response]]) -> Any:
-    """Return a method whose refusals are answers."""
+    """Return a method that answers a refusal with a response."""
 
     @wraps(work)
     async def answer(lab: Any, request: Request) -> Response:
@@ -109,8 +109,8 @@ def _answered(work: Callable[[Any, Request], Awaitable[Response]]) -> Any:
 class LabPage:
     """Uploaded files and the workers that compute with them.
 
-    ``workers`` are the simultaneous identifications; another one answers what is quick. Uploads are
-    kept in ``folder``; in the system's folder for temporary files without it.
+    ``workers`` is the number of simultaneous identifications; a further worker answers quick
+    requests. Uploads are kept in ``folder``, by default in the system's folder for temporary files.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class LabPage:
         self._expiring = asyncio.create_task(self._uploads.expire())
 
     async def open(self, request: Request) -> Response:
-        """Return the page, and start the workers, which takes longer than to choose a file."""
+        """Return the page, and start the workers, which takes longer than the choice of a file."""
         self._workers.start()
         self._quick.start()
         return page_of(STATIC / "lab.html")
@@ -162,7 +162,7 @@ class LabPage:
         return JSONResponse({"user": upload.key, **described})
 
     async def _received(self, request: Request, size: int) -> Upload:
-        """Write the file of a request to disk; nothing is left of an incomplete one."""
+        """Write the file of a request to disk; remove an incomplete file."""
         name = _name(request.query_params.get("name", ""))
         upload = await self._uploads.add(name, size)
         try:
@@ -191,7 +191,7 @@ class LabPage:
 
     @_answered
     async def _identify(self, request: Request) -> Response:
-        """Send stages and the result, a line of JSON each."""
+        """Send stages and the result, each as a line of JSON."""
         upload = self._upload(request)
         choice = await _decoded(request, _choices)
         return StreamingResponse(
@@ -226,7 +226,7 @@ class LabPage:
         upload, name = self._upload(request, 404), request.path_params["file"]
         file = upload.folder / name
         if name not in RESULTS or not file.is_file():
-            raise _RefusedError("there is no such file yet", 404)
+            raise _RefusedError("this file does not exist yet; identify a model first", 404)
         return FileResponse(file, filename=name, headers={"Cache-Control": "no-store"})
 
     def _upload(self, request: Request, status: int = 422) -> Upload:
@@ -248,7 +248,7 @@ class LabPage:
 
 
 def application(authentication: Authentication, lab: LabPage) -> Starlette:
-    """Return the application that serves the lab page alone."""
+    """Return the application that serves only the lab page."""
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -264,21 +264,21 @@ def application(authentication: Authentication, lab: LabPage) -> Starlette:
 
 
 def page_of(file: Path) -> Response:
-    """Return a page that `make pages` has built, or what to do if it has not."""
+    """Return a page that `make pages` has built, or a sentence on how to build it."""
     if not file.is_file():
         return plain(503, "the pages are not built; run 'make pages', which needs node, and reload")
     return FileResponse(file, headers={"Cache-Control": "no-cache"})
 
 
 def files_of(folder: Path, path: str) -> list[BaseRoute]:
-    """Return the route of what the pages of a folder load, if they are built."""
+    """Return the route of the files that the pages of a folder load, if they are built."""
     return [Mount(path, StaticFiles(directory=folder))] if folder.is_dir() else []
 
 
 async def _while_connected(request: Request, work: Coroutine[Any, Any, dict[str, Any]]) -> Any:
     """Return the result of some work; cancel it if the page closes."""
     job = asyncio.ensure_future(work)
-    # After the body, only the end of the connection comes.
+    # After the body, the next event is the end of the connection.
     closed = asyncio.ensure_future(request.receive())
     try:
         await asyncio.wait((job, closed), return_when=asyncio.FIRST_COMPLETED)
@@ -297,14 +297,14 @@ _CLOSED = "the page was closed"
 def _too_large(most: int) -> _RefusedError:
     shown = f"{most >> 20} MiB" if most >> 20 else f"{most >> 10} KiB"
     return _RefusedError(
-        f"what was sent is larger than {shown}; give a smaller file, or use "
+        f"the request is larger than {shown}; give a smaller file, or use "
         "'minorloop identify' on the command line",
         413,
     )
 
 
 def _length(request: Request, most: int) -> int:
-    """Return the announced bytes of a body; the most allowed if they are not announced."""
+    """Return the announced bytes of a body, or the largest allowed number."""
     announced = request.headers.get("content-length")
     length = most if announced is None else int(announced)
     if length > most:
@@ -313,7 +313,7 @@ def _length(request: Request, most: int) -> int:
 
 
 async def _chunks(request: Request, most: int) -> AsyncIterator[bytes]:
-    """Yield the parts of a body; refuse one that is too large or too slow."""
+    """Yield the parts of a body; refuse a body that is too large or too slow."""
     size, end = 0, time.monotonic() + _WHOLE
     stream = aiter(request.stream())
     try:
@@ -346,7 +346,7 @@ def _line(report: dict[str, Any]) -> bytes:
 
 
 def _name(given: str) -> str:
-    """Return a file name that stays in its folder and that file systems accept."""
+    """Return a file name that stays inside its folder and that file systems accept."""
     last = given[-10 * _LONGEST_NAME :].replace("\\", "/").rsplit("/", 1)[-1]
     plain = re.sub(r"[^\w .()+-]", "_", last)[-80:]
     while len(plain.encode()) > _LONGEST_NAME:

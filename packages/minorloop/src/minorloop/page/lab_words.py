@@ -23,13 +23,13 @@ FIELDS = {
 }
 """Labels of the fields of the page, by the options of the command line."""
 ELSEWHERE = frozenset({"flip", "signed"})
-"""Options of the command line that advice names and that the page does not have."""
+"""Options of the command line in advice that the page does not have."""
 _VALUES = {"auto": "automatic", "as-left": "as left by the last one"}
 
 _ASSIGNED = r"(?:[a-z_]+=(?:\"[^\"]*\"|[\w.]+)(?: or [a-z_]+=[\w.]+)*|\"[a-z-]+\") "
 _OPTION = r"--([a-z-]+)(?: (COLUMN|auto|none|output|as-left|operator|linear|[\d.]+)(?![\w.]*\w))?"
 _GROUPED = re.compile(r"--(?:law|record) (\w+)(?:[=:](?:first=)?([\w:-]+))?")
-"""A key of an option of the command line that has several."""
+"""A key of an option of the command line that has several keys."""
 _PAIR = re.compile(rf"(?:{_ASSIGNED})?\({_OPTION}\)")
 _BARE = re.compile(_OPTION)
 
@@ -43,13 +43,13 @@ def on_page(sentence: str) -> str:
 
 
 def _single(found: re.Match[str]) -> str:
-    """Return a key of several as an option of its own."""
+    """Return one of several keys as a separate option."""
     value = found[2] if found[2] not in ("yes", "A:B", "N") else None
     return f"--{found[1].replace('_', '-')}" + (f" {value}" if value else "")
 
 
 def _field(found: re.Match[str]) -> str:
-    """Return a field and its value in words; an option that the page lacks as it is."""
+    """Return a field and its value in words; an option without a field does not change."""
     option, value = found.groups()
     if option not in FIELDS:
         return f"--{option}{f' {value}' if value else ''} of the command minorloop"

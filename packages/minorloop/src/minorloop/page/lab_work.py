@@ -1,7 +1,7 @@
 """Tasks of the lab page, which run in worker processes.
 
-A task is a generator whose reports are sent to the page. Each file has a folder of its own, and the
-worker changes into it, so that messages contain the name of the file only.
+A task is a generator whose reports are sent to the page. Each file has its own folder, and the
+worker changes into it, so that messages contain only the name of the file.
 """
 
 import os
@@ -38,7 +38,7 @@ from minorloop.page.uploads import INPUTS, MODEL, REPORT
 Reports: TypeAlias = Iterator[dict[str, Any]]
 
 _SHOWN, _PREVIEWED = 2500, 400
-"""Points of a curve that are sent to the page."""
+"""Most points of a curve for the page."""
 # Limits that keep a task within the time and memory of a worker.
 _MOST_LEVELS, _MOST_TARGETS = 100, 10_000
 _BOUNDS = Bounds(
@@ -48,7 +48,7 @@ _BOUNDS = Bounds(
 
 
 def warm_up() -> None:
-    """Compile what the first user would wait for."""
+    """Compile kernels for which the first user would have to wait."""
     u = np.concatenate([np.linspace(0, 1, 40), np.linspace(1, 0.2, 40), np.linspace(0.2, 1, 40)])
     rng = np.random.default_rng(0)
     model = identify(u, u**2 + rng.normal(0, 0.01, u.size), Plane(4), holdout=0.2).model
@@ -83,7 +83,7 @@ def look(folder: str, name: str) -> Reports:
         trouble = next((c["trouble"] for c in columns if "trouble" in c), "")
         raise RecordError(trouble or f"{name} has one column; give an input and an output")
     time = None
-    with suppress(RecordError):  # two columns could be time, or it is no clock
+    with suppress(RecordError):  # two columns could be time, or the column is not a clock
         if time := time_column([header for header, _ in found]):
             read_times(name, time)
     yield {"name": name, "columns": columns, "time": time}
@@ -107,8 +107,8 @@ def identify_file(
 ) -> Reports:
     """Identify a model; report stages, the result, and the end of the report.
 
-    Columns, rows and options are those of the lab page; ``creep`` and ``rate`` name laws of time
-    in the plane to compare, as in `minorloop.Viscosity`. The others are those of
+    Columns, rows and options are those of the lab page; ``creep`` and ``rate`` name laws of time to
+    compare, as in `minorloop.Viscosity`. Further options are those of
     `minorloop.identification.pipeline.Options`.
     """
     os.chdir(folder)
@@ -180,11 +180,11 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
 
 
 def _shown(found: Fit[Any], log: Record, seconds: float) -> dict[str, Any]:
-    """Return what the page shows of a result.
+    """Return the content of the page for a result.
 
-    Lines of the loop are interrupted at null. In ``rows`` are times where they are known, and
-    ``held`` is the first of them that was held out. With dynamics, the loop is that of the operator
-    and the others are of the whole model.
+    Lines of the loop are interrupted at null. ``rows`` are times if they are known, and ``held`` is
+    the first held-out row. With dynamics, the loop is that of the operator; the other curves are of
+    the whole model.
     """
     shown, plane = _few(found.u.size, _SHOWN), found.plane
     static = getattr(found, "static", found)
@@ -225,7 +225,7 @@ def _shown(found: Fit[Any], log: Record, seconds: float) -> dict[str, Any]:
 
 
 def _model(folder: str) -> modelfile.ModelFile:
-    """Return the model that was identified in a folder."""
+    """Return the identified model in a folder."""
     file = Path(folder) / MODEL
     if not file.is_file():
         raise ParameterError("there is no model yet; identify one first")
@@ -238,7 +238,7 @@ def _loaded(file: str, changed: int) -> modelfile.ModelFile:
 
 
 def _preisach(known: modelfile.ModelFile) -> Preisach:
-    assert isinstance(known.operator, Preisach)  # the only kind that is identified here
+    assert isinstance(known.operator, Preisach)  # the only kind that the page identifies
     return known.operator
 
 

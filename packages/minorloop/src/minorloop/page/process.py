@@ -1,16 +1,16 @@
-"""What a process does to itself: name, niceness, limits, and to end with its parent."""
+"""Set name, niceness and limits of this process, and end it with its parent."""
 
 import contextlib
 import ctypes
 import os
 
 BEGINNING = 180.0
-"""Seconds in which a process must start, on a busy machine."""
+"""Longest start of a process on a busy machine, in seconds."""
 _SET_DEATH_SIGNAL, _SET_NAME = 1, 15  # of prctl
 
 
 def bind_to_parent(name: str, death: int) -> None:
-    """Name this process and have Linux signal it when its parent ends; elsewhere do nothing."""
+    """Name this process, and let Linux signal it when its parent ends; no effect elsewhere."""
     with contextlib.suppress(OSError, AttributeError):
         system = ctypes.CDLL(None)
         system.prctl(_SET_NAME, name.encode()[:15], 0, 0, 0)
@@ -18,17 +18,17 @@ def bind_to_parent(name: str, death: int) -> None:
 
 
 def be_nice(by: int) -> None:
-    """Change the niceness of this process; few systems allow less of it."""
+    """Change the niceness of this process; few systems allow a decrease."""
     with contextlib.suppress(OSError, AttributeError):
         os.nice(by)
 
 
 def limit_resources(memory: int, file: int) -> None:
-    """Limit this process to bytes of memory for data, and of each file that it writes.
+    """Limit the bytes of memory for data of this process, and of each file that it writes.
 
     An allocation beyond the limit then raises `MemoryError`, and a write `OSError`. Address space
-    is no measure: libraries reserve more of it than they use. Windows has no such limits, and
-    macOS does not enforce that of memory.
+    is not limited, because libraries reserve more than they use. Windows has no such limits, and
+    macOS does not enforce the limit of memory.
     """
     with contextlib.suppress(ImportError):
         import resource

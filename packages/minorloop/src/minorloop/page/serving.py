@@ -1,8 +1,8 @@
-"""Run the server of the pages with uvicorn, with limits for strangers.
+"""Run the server of the pages with uvicorn, with limits for unauthenticated connections.
 
 uvicorn limits neither the time of a slow request nor the number of connections (its
-``limit_concurrency`` refuses a known user with all others). The listening socket does both. The
-protocol below answers requests that are too long, in such a way that the answer arrives.
+``limit_concurrency`` also refuses authenticated users). The listening socket limits both. The
+protocol below answers requests that are too long so that the answer arrives.
 """
 
 import asyncio
@@ -22,9 +22,10 @@ from minorloop.page.auth import WAITING, Serving
 from minorloop.page.connections import Limits, Listener, mark
 
 LONGEST_HEADER = 8000
-"""Bytes of the address of a request, and of each header; the websocket library allows no more."""
+"""Most bytes of the address of a request, and of each header: the limit of the websocket library.
+"""
 _LONGEST_HEAD, _MOST_HEADERS = 1 << 16, 100
-"""Bytes and number of all headers of a request."""
+"""Most bytes and largest number of all headers of a request."""
 _LONG = (
     f"the address of the request or one of its headers is longer than {LONGEST_HEADER} bytes, or "
     f"there are more than {_MOST_HEADERS} headers; shorten the name of the file, or remove the "
@@ -42,7 +43,7 @@ def serve(
 ) -> None:
     """Serve an application until a signal ends it; the socket is closed at the end.
 
-    It may run again with the same authentication: browsers that have the cookie stay connected. A
+    It may run again with the same authentication: browsers with the cookie stay connected. A
     subclass of ``server`` may decide when it ends.
     """
     listener = Listener(how.listening, limits)
@@ -82,7 +83,7 @@ async def _served(server: uvicorn.Server, listener: Listener) -> None:
 class _Marking:
     """Writes the connection of each request into its scope.
 
-    A request that is cut off when the server ends is no error of the application.
+    A request that is cut off at the end of the server is not an error of the application.
     """
 
     def __init__(self, app: ASGIApp, listener: Listener) -> None:
@@ -118,7 +119,7 @@ class _Http(H11Protocol):
         self._refuse(hint, _LONG if hint == 431 else _UNREADABLE)
 
     def shutdown(self) -> None:
-        """Close the connection, also one that was refused."""
+        """Close the connection, also after a refusal."""
         if self._refused:
             self.transport.close()
         else:
@@ -150,7 +151,7 @@ class _Http(H11Protocol):
 
 
 class Sockets(WebSocketsSansIOProtocol):
-    """Websocket protocol that may already be closing when the server ends.
+    """Websocket protocol whose connection may already be closing at the end of the server.
 
     A text that is not UTF-8 closes the connection with a reason, instead of a traceback in the log.
     """
@@ -176,7 +177,7 @@ class Sockets(WebSocketsSansIOProtocol):
 
 
 class RateLimitedLog(logging.Filter):
-    """Log filter that lets few messages through in some seconds."""
+    """Log filter that passes at most ``most`` messages in ``seconds``."""
 
     def __init__(self, most: int = 5, seconds: float = 10.0) -> None:
         super().__init__()
@@ -184,7 +185,7 @@ class RateLimitedLog(logging.Filter):
         self._began, self._count = -seconds, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether a message may pass; the first after a pause says how many did not."""
+        """Return whether a message may pass; the first after a pause gives the number left out."""
         now = time.monotonic()
         if now - self._began >= self._seconds:
             missing, self._began, self._count = self._count - self._most, now, 0

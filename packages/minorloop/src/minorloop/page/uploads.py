@@ -1,6 +1,6 @@
 """Uploads of the lab page: a folder for each file, a quota for all, and a limited time.
 
-Unfinished uploads count in full.
+Unfinished uploads count with their full size.
 """
 
 import asyncio
@@ -20,9 +20,9 @@ from minorloop.errors import OutputError
 
 _PREFIX = "minorloop-lab-"
 MODEL, REPORT, INPUTS = RESULTS = "model.json", "report.html", "inputs.csv"
-"""Results in the folder of a file."""
+"""Names of results in the folder of a file."""
 _BLOCK = 1 << 18
-"""Bytes that are written at once."""
+"""Bytes of a block to write."""
 _T = TypeVar("_T")
 
 
@@ -35,15 +35,15 @@ class Quota:
     """Limits of uploads."""
 
     file: int = 32 * 1024**2
-    """Bytes of a file."""
+    """Most bytes of a file."""
     disk: int = 1024**3
-    """Bytes of all, with those that their results may have."""
+    """Most bytes of all files, with the bytes reserved for their results."""
     files: int = 64
-    """Number of all."""
+    """Most files."""
     result: int = 5 * 1024**2 // 2
-    """Bytes of each result of a file, which a worker cannot exceed."""
+    """Most bytes of each result of a file; a worker cannot exceed it."""
     memory: int = 2 * 1024**3
-    """Bytes of memory of each worker, which it cannot exceed."""
+    """Most bytes of memory of each worker; it cannot exceed it."""
     kept: float = 4 * 3600.0
     """Seconds without use after which a file is removed."""
     spared: float = 60.0
@@ -69,7 +69,7 @@ class Upload:
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:
-        """Keep the file from being removed during the block."""
+        """Context in which the file is not removed."""
         self.users += 1
         try:
             yield
@@ -81,7 +81,7 @@ class Upload:
 class Uploads:
     """All uploads, in a folder that is removed with the server.
 
-    It is made in ``folder``; in the system's folder for temporary files without it.
+    It is made in ``folder``, by default in the system's folder for temporary files.
     """
 
     def __init__(self, quota: Quota, folder: Path | None = None) -> None:
@@ -95,7 +95,7 @@ class Uploads:
     async def start(self) -> None:
         """Make the folder."""
         made = await self._on_disk(tempfile.mkdtemp, None, _PREFIX, self._folder)
-        self.root = Path(made).absolute()  # workers have folders of their own
+        self.root = Path(made).absolute()  # workers have other working folders
 
     async def stop(self) -> None:
         """Remove the folder."""
@@ -103,13 +103,13 @@ class Uploads:
         self._disk.shutdown(wait=False)
 
     async def expire(self, every: float = 60.0) -> None:
-        """Remove unused files, forever."""
+        """Remove unused files, without end."""
         while True:
             await asyncio.sleep(every)
             await self.remove_old()
 
     async def remove_old(self) -> None:
-        """Remove files that were not used for long."""
+        """Remove files that were not used for a long time."""
         before = time.monotonic() - self.quota.kept
         for upload in [each for each in self._all.values() if _idle(each, before)]:
             await self.remove(upload)

@@ -1,7 +1,7 @@
 """Worker processes for long computations, so that the server keeps answering.
 
-Each worker does one task at a time and may report stages of it. A worker is killed and replaced if
-it takes too long, is stopped, or its page has closed. All end with the server.
+Each worker does one task at a time and may report its stages. A worker is killed and replaced if it
+takes too long, is stopped, or its page has closed. All workers end with the server.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _POLL = 0.01
 
 @dataclass(frozen=True)
 class Work:
-    """What a worker does, as `Workers` has it."""
+    """Tasks and limits of a worker, as in `Workers`."""
 
     tasks: str
     nice: int
@@ -36,11 +36,11 @@ class Work:
 
 
 class Workers:
-    """A pool of ``count`` worker processes of a niceness.
+    """A pool of ``count`` worker processes with a niceness.
 
-    A task may take the ``longest`` seconds. ``tasks`` is the module of the tasks, with a function
-    ``warm_up``. ``memory`` and ``file`` are the bytes of memory that a worker may take, and of a
-    file that it may write, on systems that have such limits.
+    A task may take at most ``longest`` seconds. ``tasks`` is the module of the tasks, with a
+    function ``warm_up``. ``memory`` and ``file`` are the most bytes of memory of a worker, and of a
+    file that it writes, on systems that have such limits.
     """
 
     def __init__(
@@ -59,9 +59,9 @@ class Workers:
         self._all: set[_Worker] = set()
 
     def start(self) -> None:
-        """Start the processes, which import and compile what they need, if they do not run.
+        """Start the processes if they do not run; they import and compile their code.
 
-        The first task does it too; to start them earlier saves its user the wait.
+        The first task also starts them; an earlier start saves its user the wait.
         """
         if not self._all:
             for _ in range(self._count):
@@ -100,7 +100,7 @@ class Workers:
         finally:
             if whole:
                 self._idle.put_nowait(worker)
-            else:  # it still computes something that nobody waits for
+            else:  # its result is not needed any more
                 self._replace(worker)
 
     async def ask(self, task: str, **options: Any) -> dict[str, Any]:
@@ -131,7 +131,7 @@ class _Worker:
         theirs.close()
 
     async def ready(self) -> None:
-        """Wait until it has started, which does not count as time of a task."""
+        """Wait for the start of the worker, which does not count as time of a task."""
         if not self._ready:
             await self._next()
             self._ready = True
@@ -152,21 +152,21 @@ class _Worker:
         return self.pipe.recv()
 
     def _stopped(self) -> bool:
-        """Return whether a signal has stopped it, so that it would never answer."""
+        """Return whether a signal has stopped the worker, so that it would never answer."""
         return is_stopped(self._process.pid or 0)
 
     def ended(self) -> bool:
-        """Return whether it cannot work any more."""
+        """Return whether the worker cannot work any more."""
         return self._stopped() or not self._process.is_alive()
 
     def end(self) -> None:
         with contextlib.suppress(OSError):
             self.pipe.close()
-        self._process.kill()  # a stopped process reacts to nothing else
+        self._process.kill()  # the only signal that ends a stopped process
 
 
 def serve(pipe: Connection, work: Work) -> None:
-    """Do tasks until the pipe closes; for a process of its own."""
+    """Do tasks until the pipe closes; runs in a separate process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the server, which ends its workers
     be_nice(work.nice)
     bind_to_parent("page-worker", signal.SIGKILL)
@@ -185,9 +185,7 @@ def serve(pipe: Connection, work: Work) -> None:
                 pipe.send({"error": str(error)})
             except MemoryError:
                 most = f"{work.memory / 1024**3:.3g} GiB of memory"
-                sentence = (
-                    f"this needs more than the {most} that it may use; use fewer rows or levels"
-                )
+                sentence = f"this needs more than the allowed {most}; use fewer rows or levels"
                 pipe.send({"error": sentence})
             except (OSError, ValueError) as error:
                 pipe.send({"error": f"this cannot be done: {error}"})
@@ -195,7 +193,7 @@ def serve(pipe: Connection, work: Work) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent ends; for a thread of its own."""
+    """End this process when its parent ends; runs in a separate thread."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -140,7 +140,7 @@ def test_safe_is_tried_until_a_deadline(plant):
     plant.bench().safe()
     assert [what for _, what in plant.sent] == ["safe"]
     began, plant.safe_fails = plant.clock.now(), math.inf
-    with pytest.raises(SafetyError, match=r"by hand: in 10 s it did not say .*: no answer"):
+    with pytest.raises(SafetyError, match=r"by hand: in 10 s it did not confirm .*: no answer"):
         plant.bench().safe()
     assert 10 <= plant.clock.now() - began <= 11
 

@@ -139,7 +139,7 @@ def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch, open_device, s
         ("low = -1.0\nhigh = 1.0", "low = 1.0\nhigh = -1.0", "give low below high"),
         ('name = "force"', 'name = "curvature"', "two sensors 'curvature'"),
         ('of = "voltage"', 'of = "current"', "is of 'current'; the sources are voltage"),
-        ('of = "voltage"', "", "say with of which source sensor 'force' belongs to"),
+        ('of = "voltage"', "", "sensor 'force' has no source; name it with the key of"),
         ("linear = [1000.0, 5.0]", "linear = [0.0, 5.0]", "the conversion of voltage: .*constant"),
         ("linear = [1000.0, 5.0],", "", "conversion of voltage has nothing; give one of linear"),
         ("tick = 0.001", "tock = 1", "unknown field `tock`; the fields there are devices, sou"),

@@ -24,12 +24,12 @@ from minorloop.lab.signals import Deferred, ended_by_signals
 _MAX_SAMPLES = 20_000_000
 """Most samples of a hold."""
 _READINGS = 3
-"""Readings after which the answer time of the meter is known."""
+"""Number of readings after which the answer time of the meter is known."""
 _SLACK = 0.1
-"""Share of an answer by which the last reading may end after the hold."""
+"""Share of an answer time by which the last reading may end after the hold."""
 _ROUNDING = 1e-9
 _PAUSE, _PAUSES = 0.05, 0.5
-"""Seconds between the first two attempts to make safe, and at most between any two."""
+"""Seconds between the first two attempts to make safe, and most seconds between two attempts."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ class WallClock:
 class LimitedSource:
     """A source that refuses inputs beyond limits, changes that are too fast, NaN and infinity.
 
-    One command changes an input by at most its rate limit times the time since the last command,
-    and a tick at most. After a command that failed, nothing is set until `safe` has succeeded.
+    A command changes an input by at most its rate limit times the time since the last command, and
+    this time counts as at most a tick. After a failed command, nothing is set until `safe` has
+    succeeded.
 
-    ``source``: sets all inputs at once: a number for one, an array for several; ``channels``: the
-    inputs; ``rest`` (channels,): the inputs that are on when the source is safe; ``tick``: in
-    seconds.
+    ``source``: sets all inputs together: a number for one, an array for several; ``channels``: the
+    inputs; ``rest`` (channels,): inputs of the safe source; ``tick``: in seconds.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class LimitedSource:
         return self._changed + self.tick if np.isfinite(self._rates).any() else -math.inf
 
     def nearest(self, wanted: npt.ArrayLike) -> FloatArray:
-        """Return the inputs (channels,) on the way to ``wanted`` that are allowed now."""
+        """Return the allowed inputs (channels,) that are nearest to ``wanted`` now."""
         unlimited = np.isinf(self._rates)
         most = np.where(unlimited, np.inf, np.where(unlimited, 0.0, self._rates) * self._gone())
         return np.asarray(np.clip(wanted, self.present - most, self.present + most))
@@ -116,12 +116,12 @@ class LimitedSource:
         self.present, self._changed, self._known = values, self._clock.now(), True
 
     def safe(self) -> None:
-        """Go to the safe inputs, however far they are; raise an error unless confirmed."""
+        """Go to the safe inputs at once, at any distance; raise an error unless confirmed."""
         self.source.safe()
         self.present, self._known = self.rest.copy(), True
 
     def _gone(self) -> float:
-        """Return the time that counts for a change now, a tick at most."""
+        """Return the time that counts for a change now, at most a tick."""
         now = self._clock.now()
         return self.tick if now >= self._changed + self.tick else now - self._changed
 
@@ -132,9 +132,9 @@ class Bench:
     After any error the sources are made safe before the error is raised. An input beyond a limit is
     refused and nothing is applied. A change faster than the rate limit is made in steps, one for
     each tick; a hold begins when its input is reached. Every command passes a `LimitedSource`,
-    which refuses what is beyond the limits whoever sends it.
+    which refuses inputs beyond the limits from any sender.
 
-    The clock determines how long a hold lasts. Each reading has the time of the middle of its
+    The clock determines the duration of a hold. Each reading has the time of the middle of its
     exchange. Sensors that take longer than the sample interval are read as often as they answer.
 
     Raises a `ParameterError` if an input has no limits, rest is beyond them, or a time is not
@@ -151,24 +151,24 @@ class Bench:
     output : Channel, or sequence of them
         The outputs; a reading beyond their limits is an error.
     rest : float or (inputs,) array
-        The inputs that are on when the source is safe, in their units.
+        The inputs of the safe source, in their units.
     tick : float
-        How long one ``exchange`` takes, in seconds.
+        Duration of one ``exchange``, in seconds.
     clock : Clock, optional
-        The clock of the machine if not given.
+        The clock of the machine by default.
     description : dict, optional
-        Instruments and how their readings are converted, ready for JSON; a run is not resumed on a
-        bench of another description.
+        Instruments and the conversion of their readings, for JSON; a run is not resumed on a bench
+        of another description.
     safe_within : float
-        How long to try to make the source safe, in seconds.
+        Time of attempts to make the source safe, in seconds.
     links : sequence of Closable
         Connections to the instruments, which `close` closes.
     warnings : sequence of str
-        What the user of the bench must know.
+        Sentences that the user of the bench must know.
     measures : sequence of int, optional
-        For each output the input that it belongs to; the one of its number if not given.
+        For each output the input that it belongs to; by default the input of the same number.
     lines : Lines, optional
-        Digital lines; the source switches them as it needs when it is made safe.
+        Digital lines; the source switches them as needed when it is made safe.
     serial : str, optional
         Serial number of the plant.
     """
@@ -207,13 +207,13 @@ class Bench:
         self._began = self._clock.now()
         self._set: _Span | None = None
         self._doubt = 0.0  # half the exchange that set the present input
-        # Latest readings whose median predicts how long the next one takes
+        # Latest readings, whose median predicts the duration of the next
         self._answers: deque[float] = deque(maxlen=9)
         self._found = 0.0
 
     @property
     def rest(self) -> FloatArray:
-        """(inputs,) inputs that are on when the source is safe."""
+        """(inputs,) inputs of the safe source."""
         return self._source.rest.copy()
 
     @property
@@ -222,9 +222,9 @@ class Bench:
         return () if self._lines is None else self._lines.names
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold inputs from when they are reached, and return a record, as `Actuator.apply`.
+        """Hold inputs from the time when they are reached, and return a record: `Actuator.apply`.
 
-        Times are the middles of the exchanges; ``timing`` says when the hold began and ended.
+        Times are the middles of the exchanges; ``timing`` contains begin and end of the hold.
 
         Raises a `ParameterError` if a time is not positive, or there would be more than twenty
         million samples; an `InstrumentError` if an instrument fails, and the source is safe then.
@@ -292,9 +292,9 @@ class Bench:
     def switch(self, values: Mapping[str, bool]) -> None:
         """Switch digital lines on or off.
 
-        ``values``: the lines by their names, others stay as they are. Raises a `ParameterError` if
-        there is no such line; an `InstrumentError` if the instrument fails, and the source is safe
-        then.
+        ``values``: the lines by their names; other lines do not change. Raises a `ParameterError`
+        if there is no such line; an `InstrumentError` if the instrument fails, and the source is
+        safe then.
         """
         for name in values:
             if name not in self.lines:
@@ -306,9 +306,9 @@ class Bench:
             self._lines.switch(values)
 
     def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds: the median of the latest.
+        """Return the time of one reading, in seconds: the median of the latest readings.
 
-        Raises an `InstrumentError` if nothing was read yet, and the meter does not answer.
+        Raises an `InstrumentError` if there is no reading yet, and the meter does not answer.
         """
         while len(self._answers) < _READINGS:
             self._read_timed()
@@ -328,7 +328,7 @@ class Bench:
 
         This also measures the answer time of the meter.
 
-        Raises an `InstrumentError` if one of them does not.
+        Raises an `InstrumentError` if source or meter fails.
         """
         self.safe()
         for _ in range(_READINGS):
@@ -339,7 +339,7 @@ class Bench:
     def safe(self) -> None:
         """Make the source safe; try until it confirms or a deadline is over.
 
-        No signal interrupts this.
+        Signals do not interrupt this.
 
         Raises a `SafetyError` if it does not confirm in time.
         """
@@ -358,11 +358,11 @@ class Bench:
                 waited, pause = waited + pause, min(2 * pause, _PAUSES)
         raise SafetyError(
             f"the source may still be on, switch it off by hand: in {self.safe_within:g} s it "
-            f"did not say that it is safe: {last}"
+            f"did not confirm that it is safe: {last}"
         ) from last
 
     def close(self) -> None:
-        """Close the connections; make the source safe before."""
+        """Make the source safe, and close the connections."""
         for link in self._links:
             with _driver_errors():
                 link.close()
@@ -387,7 +387,7 @@ class Bench:
     ) -> list[tuple[_Span, FloatArray]]:
         """Return readings that end at each interval and at the end of the hold.
 
-        A slower meter is asked again as soon as it has answered. A reading that could not end in
+        A slower meter is read again as soon as it has answered. A reading that could not end in
         time is not begun, except for the first.
         """
         readings: list[tuple[_Span, FloatArray]] = []
@@ -405,7 +405,7 @@ class Bench:
         return readings
 
     def _read_timed(self) -> tuple[_Span, FloatArray]:
-        """Return a reading of each output, and when they were taken."""
+        """Return a reading of each output, and the time of the readings."""
         asked = self._clock.now()
         values = self._read()
         span = _Span.between(asked, self._clock.now())
@@ -413,7 +413,7 @@ class Bench:
         return span, values
 
     def _usual(self) -> float:
-        """Return how long the latest readings took, in seconds; 0 before the first."""
+        """Return the duration of the latest readings, in seconds; 0 before the first."""
         return median(self._answers) if self._answers else 0.0
 
     def _wait(self, end: float) -> None:
@@ -449,7 +449,7 @@ class Bench:
 
 @contextmanager
 def _driver_errors() -> Iterator[None]:
-    """Make an error of a driver that somebody else wrote an `InstrumentError`."""
+    """Convert any error of a third-party driver to an `InstrumentError`."""
     try:
         yield
     except MinorloopError:
@@ -464,10 +464,7 @@ def _channels(given: Channel | Sequence[Channel]) -> tuple[Channel, ...]:
 
 
 def check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
-    """Refuse inputs without limits, and rest (inputs,) beyond them.
-
-    Raises a `ParameterError` if there is one.
-    """
+    """Raise a `ParameterError` for inputs without limits, or rest (inputs,) beyond them."""
     for input, value in zip(inputs, rest.tolist(), strict=True):
         if not (math.isfinite(input.low) and math.isfinite(input.high)):
             raise ParameterError(f"{input} has no limits; give the least and greatest input")
@@ -478,8 +475,8 @@ def check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
 
 
 def _check_reading(channel: Channel, value: float) -> None:
-    """Refuse a reading that cannot be."""
-    # Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)
+    """Refuse an impossible reading."""
+    # Readings of at least 9e37 mean that the instrument is overloaded (IEEE 488.2: 9.9E37)
     if not math.isfinite(value) or abs(value) >= 9e37:
         raise InstrumentError(
             f"the meter reads {value} for {channel.name}: overloaded, or not connected"
@@ -492,7 +489,7 @@ def _check_reading(channel: Channel, value: float) -> None:
 
 
 def _count(duration: float, interval: float) -> int:
-    """Return how many samples a hold has: at each interval, and at its end."""
+    """Return the number of samples of a hold: at each interval, and at its end."""
     for name, value in (("duration", duration), ("sample_interval", interval)):
         if not 0 < value < math.inf:
             raise ParameterError(f"{name} is {value!r} s; give a positive time")

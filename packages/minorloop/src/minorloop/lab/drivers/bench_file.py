@@ -36,12 +36,12 @@
     channel = 0
 
 A conversion is ``linear = [gain, offset]``, ``polynomial = [c0, c1, ...]``, ``table = "FILE"`` or
-``laser = [d0, h0]``. That of a sensor goes from the number of the instrument to the unit of the
-sensor, that of a source from the unit of the source to the number of the instrument, and only rises
-or only falls between the limits of the source. ``reading`` is the unit of the instrument. The other
-keys are those of the driver; see its module in ``minorloop.lab.drivers``.
+``laser = [d0, h0]``. The conversion of a sensor maps the number of the instrument to the unit of
+the sensor. The conversion of a source maps the unit of the source to the number of the instrument,
+and only rises or only falls between the limits of the source. ``reading`` is the unit of the
+instrument. The other keys are those of the driver; see its module in ``minorloop.lab.drivers``.
 
-A bench with one channel may be described shortly::
+A bench with one channel has a short description::
 
     {"library": "@py",
      "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.9g}", "on": ["OUTP ON"],
@@ -51,8 +51,8 @@ A bench with one channel may be described shortly::
      "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
      "rest": 0, "tick": 0.05, "timeout": 2, "safe_within": 10}
 
-The output is ``scale * (reading - zero)``. Instead of source and meter there may be ``"board":
-{"resource": "ASRL/dev/ttyACM0::INSTR", "baud": 115200}``, a board of the driver ``serial``.
+The output is ``scale * (reading - zero)``. A board of the driver ``serial`` may replace source and
+meter: ``"board": {"resource": "ASRL/dev/ttyACM0::INSTR", "baud": 115200}``.
 """
 
 import tomllib
@@ -89,7 +89,7 @@ from minorloop.registry import loaded, registered
 DRIVERS = "minorloop.drivers"
 """Group of the entry points of drivers."""
 _UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
-"""Keys on which no reading depends; they may change before a run is resumed."""
+"""Keys that do not affect readings; they may change before a run is resumed."""
 _LARGEST = 1_000_000
 """Bytes of the largest file."""
 
@@ -174,7 +174,7 @@ class _SingleFile(Section, kw_only=True):
 
 
 class _Rows:
-    """Channels of one kind: what the bench knows of them, and what is left for their drivers."""
+    """Channels of one kind: their keys for the bench, and their keys for the drivers."""
 
     def __init__(self, kind: type[Section], rows: Sequence[Mapping[str, Any]], what: str) -> None:
         self.known: list[Any] = []
@@ -196,7 +196,7 @@ class _Rows:
     def wires(
         self, device: str, numbers: Callable[[int, Any], dict[str, Any]]
     ) -> tuple[DeviceChannel, ...]:
-        """Return the channels of a device; ``numbers`` gives limits, rest and unit of each."""
+        """Return the channels of a device; ``numbers`` returns limits, rest and unit of each."""
         own: dict[str, Any] = {"what": self._what, "bench_keys": self._names}
         return tuple(
             DeviceChannel(self.known[k].name, self._keys[k], **own, **numbers(k, self.known[k]))
@@ -207,7 +207,7 @@ class _Rows:
 def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
     """Return the actuator that a file describes; make it safe and read it first.
 
-    ``path``: the file, TOML or JSON; ``clock``: the clock of the machine if not given. Raises a
+    ``path``: the file, TOML or JSON; ``clock``: by default the clock of the machine. Raises a
     `ParameterError` if the file cannot be read, or does not describe a bench; a `MissingExtraError`
     if the library of a driver is not installed; an `InstrumentError` if a device is missing, busy,
     or does not answer; a `SafetyError` if it does not confirm that it is safe.
@@ -253,7 +253,7 @@ def read_description(path: Path) -> dict[str, Any]:
 
 
 def relevant(values: Any) -> Any:
-    """Return all values on which a reading depends; timeouts are not among them."""
+    """Return all values that affect readings; timeouts do not."""
     if isinstance(values, Mapping):
         kept = {key: value for key, value in values.items() if key not in _UNRELATED}
         return {key: relevant(value) for key, value in kept.items()}
@@ -261,7 +261,7 @@ def relevant(values: Any) -> Any:
 
 
 def _without_defaults(described: msgspec.Struct) -> dict[str, Any]:
-    """Return what a bench with one channel has that is not as if it were left out."""
+    """Return the fields of a bench with one channel that differ from their defaults."""
     kept = {
         each.name: value
         for each in msgspec.structs.fields(described)
@@ -274,7 +274,7 @@ def _without_defaults(described: msgspec.Struct) -> dict[str, Any]:
 
 
 def _several(single: _SingleFile, path: Path) -> dict[str, Any]:
-    """Return the content of the file of several channels that says the same."""
+    """Return the same content as a file of several channels."""
     source, meter, board = single.source, single.meter, single.board
     common = {"library": single.library, "timeout": single.timeout}
     sensor: dict[str, Any] = {}
@@ -377,7 +377,7 @@ def _driver(name: str, keys: Mapping[str, Any]) -> Any:
 
 
 def _device(driver: Any, plan: DevicePlan) -> Device:
-    """Return an opened device; any failure of its driver is one sentence."""
+    """Return an opened device; any error of its driver becomes one sentence."""
     try:
         device: Device = driver.open_device(plan)
     except MinorloopError:
@@ -398,7 +398,7 @@ def _measures(sources: Sequence[_SourceRow], sensors: Sequence[_SensorRow]) -> l
                 f"sensor {sensor.name!r} is of {sensor.of!r}; the sources are {', '.join(names)}"
             )
         if sensor.of is None and number >= len(names):
-            raise ParameterError(f"say with of which source sensor {sensor.name!r} belongs to")
+            raise ParameterError(f"sensor {sensor.name!r} has no source; name it with the key of")
         found.append(number if sensor.of is None else names.index(sensor.of))
     return found
 
@@ -419,13 +419,13 @@ def _sent(source: _SourceRow, conversion: Conversion | None) -> dict[str, Any]:
 
 
 def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
-    """Refuse a conversion that turns within the limits: it may send more than at either end."""
+    """Refuse a conversion that turns within the limits: it may send more than at both ends."""
     turns = conversion.turns
     inside = turns[(source.low < turns) & (turns < source.high)]
     places = np.array([source.low, *inside, source.high])
     sent = conversion.convert(places)
     ways = np.diff(sent) * np.sign(sent[-1] - sent[0])
-    # Share of the largest number sent that a conversion may go back: rounding, far below the
+    # A conversion may reverse by this share of its largest number: rounding, far below the
     # resolution of any instrument
     if (ways < -1e-9 * np.abs(sent).max()).any() or sent[0] == sent[-1]:
         back = int(np.argmin(ways))
@@ -440,7 +440,7 @@ def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
 
 
 def _unit(channel: _SourceRow | _SensorRow) -> str | None:
-    """Return the unit that the instrument must have; None if a conversion does not say."""
+    """Return the unit that the instrument must have; None if a conversion does not give it."""
     return channel.unit if channel.conversion is None else channel.conversion.reading
 
 

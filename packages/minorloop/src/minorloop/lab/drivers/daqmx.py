@@ -5,7 +5,7 @@ and may have ``confirm``, an analog input such as ``ai2`` that is wired to it, w
 and must agree within ``tolerance``, in V. A sensor has ``channel``, such as ``ai0``, and may have
 ``range``, two voltages, and ``terminals``: ``default``, ``rse``, ``nrse``, ``diff`` or
 ``pseudo_diff``. A line has ``channel``, such as ``port0/line0``. Without ``confirm`` it is only
-known that NI-DAQmx has taken a voltage.
+known that NI-DAQmx has accepted a voltage.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -63,7 +63,7 @@ class DaqDevice(PlannedDevice):
         self._do(lambda: None)
 
     def set(self, values: FloatArray) -> None:
-        """Set the voltages of all sources; read back those that are wired to an input."""
+        """Set the voltages of all sources; read back voltages that are wired to an input."""
         if not self._sources:
             return
         self._write("sources", values.tolist())
@@ -134,7 +134,7 @@ class DaqDevice(PlannedDevice):
         return [float(v) for v in np.atleast_1d(found)]
 
     def _do(self, step: Callable[[], Any]) -> Any:
-        """Do a step with the tasks; after an error the next one makes them again."""
+        """Do a step with the tasks; after an error the next step makes them again."""
         try:
             if not self._tasks:
                 self._begin()

@@ -1,9 +1,9 @@
-"""What drivers and benches share: sources, meters, devices with several channels, and their wiring.
+"""Interfaces of drivers and benches: sources, meters, devices with several channels, and wiring.
 
 A driver is a module with ``open_device(plan)``, which returns a `Device` for a `DevicePlan`. It is
 found by its entry point of the group ``minorloop.drivers``. It may have ``found()``, which lists
-the devices that are there, and ``NEEDS``, its library and the extra that installs it. Numbers of a
-device are those of the instrument, such as volts; `Wiring` converts to the units of the bench.
+connected devices, and ``NEEDS``, its library and the extra that installs it. Numbers of a device
+are those of the instrument, such as volts; `Wiring` converts them to the units of the bench.
 """
 
 import math
@@ -52,7 +52,7 @@ class Lines(Protocol):
 
 
 class Closable(Protocol):
-    """What a bench closes at its end."""
+    """An object that a bench closes at its end."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -113,7 +113,7 @@ def parsed(
 
 
 def _allowed(kind: Any, error: Exception, also: Sequence[str]) -> str:
-    """Say which fields there are, where one is not known."""
+    """Return a list of the fields, if the error is an unknown field."""
     found = re.search(r"unknown field `.*?`(?: - at `\$\.(\w+)`)?", str(error))
     if not found:
         return ""
@@ -133,9 +133,9 @@ class DeviceChannel:
     """A channel of a device, in the numbers of the instrument."""
 
     name: str
-    """Of the channel of the bench."""
+    """Name of the channel of the bench."""
     keys: Mapping[str, Any]
-    """What the file says of it to the driver."""
+    """Keys of the channel in the file for the driver."""
     unit: str | None = None
     """Unit that the instrument must have; None if it is not known."""
     low: float = -np.inf
@@ -147,27 +147,27 @@ class DeviceChannel:
     what: str = "channel"
     """``source``, ``sensor`` or ``line``."""
     bench_keys: tuple[str, ...] = ()
-    """What the file may say of it to the bench."""
+    """Keys that the channel may have for the bench."""
 
     def parsed(self, kind: type[_Parsed]) -> _Parsed:
-        """Return what the file says of it to the driver, as `parsed` does."""
+        """Return the keys for the driver as a structure, as `parsed` does."""
         where = f"{self.what} {self.name!r}"
         return parsed(kind, self.keys, where, self.what, self.bench_keys)
 
 
 @dataclass(frozen=True)
 class DevicePlan:
-    """What a driver has to open."""
+    """Device that a driver has to open."""
 
     name: str
-    """Of the device in the file."""
+    """Name of the device in the file."""
     keys: Mapping[str, Any]
-    """What the file says of it to the driver."""
+    """Keys of the device in the file for the driver."""
     sources: tuple[DeviceChannel, ...] = ()
     sensors: tuple[DeviceChannel, ...] = ()
     lines: tuple[DeviceChannel, ...] = ()
     folder: Path = Path()
-    """Of the file; paths in it are relative to this."""
+    """Folder of the file; paths in it are relative to this."""
 
     @property
     def rest(self) -> FloatArray:
@@ -181,13 +181,13 @@ class DevicePlan:
 
 
 class PlannedDevice:
-    """The base of drivers: what a file says of a device as structures, and how it is made safe.
+    """The base of drivers: it parses the keys of a device into structures, and makes it safe.
 
     A driver states its structures, and defines the methods of a `Device` other than ``safe``.
 
     Raises a `ParameterError` if a key is missing, unknown, or of another type; a
     `MissingExtraError` if the library of the driver is not installed; an `InstrumentError` if there
-    is no such device, it does not answer, or its library lacks that of the manufacturer.
+    is no such device, it does not answer, or the library of the manufacturer is missing.
     """
 
     settings: ClassVar[type[Section]] = Section
@@ -195,7 +195,7 @@ class PlannedDevice:
     sensor: ClassVar[type[Section]] = Section
     line: ClassVar[type[Section]] = Section
     name = ""
-    """Of the device in messages."""
+    """Name of the device in messages."""
 
     def __init__(self, plan: DevicePlan) -> None:
         self._plan = plan
@@ -220,21 +220,21 @@ class PlannedDevice:
     def _confirm(
         self, place: object, wanted: float, found: float, tolerance: float = 0.0, has: str = "has"
     ) -> None:
-        """Refuse a reading of a source or line that is not what was set."""
+        """Raise an error if a reading of a source or line differs from its set value."""
         if not abs(found - wanted) <= tolerance:  # also refuses NaN
             raise InstrumentError(
                 f"{place} of {self.name} was set to {float(wanted):g} and {has} {found:g}"
             )
 
     def _failed(self, error: object) -> InstrumentError:
-        """Return what to raise for an error of the library."""
+        """Return the error to raise for an error of the library."""
         said = " ".join(str(error).split())
         return InstrumentError(f"{self.name} cannot be used: {said[:200]}")
 
 
 @dataclass(frozen=True)
 class Wired:
-    """A device, and which channels of the bench are its own."""
+    """A device, and its channels of the bench."""
 
     device: Device
     sources: tuple[int, ...] = ()
@@ -242,7 +242,7 @@ class Wired:
     """``sources`` and ``sensors``: numbers on the bench of its sources and sensors, in their order
     on the device."""
     lines: tuple[str, ...] = ()
-    """Names of its lines."""
+    """Names of the lines of the device."""
 
 
 @dataclass(eq=False)
@@ -252,8 +252,9 @@ class Wiring:
     parts: Sequence[Wired]
     commands: Sequence[Conversion | None]
     readings: Sequence[Conversion | None]
-    """``commands`` and ``readings``: for each source from its unit to the number of the instrument;
-    for each sensor from the number of the instrument to its unit. None where both are the same."""
+    """``commands`` and ``readings``: conversions of each source from its unit to the number of the
+    instrument, and of each sensor from the number of the instrument to its unit. None if both are
+    the same."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -286,7 +287,7 @@ class Wiring:
         return u if written is None else float(written(u))
 
     def read(self) -> FloatArray:
-        """Return the outputs; NaN where a conversion does not cover a reading."""
+        """Return the outputs; NaN if a conversion does not cover a reading."""
         raw = np.full(len(self.readings), np.nan)
         for part in self.parts:
             if part.sensors:

@@ -1,7 +1,7 @@
 """Analog and digital channels of a LabJack T4, T7 or T8, through the LJM library.
 
 Keys of the device: ``model`` (such as ``T7``), ``connection`` (``USB``, ``ETHERNET``, ``WIFI``)
-and ``identifier`` (serial number, name or address); each is ``ANY`` if not given. A source has
+and ``identifier`` (serial number, name or address); each is ``ANY`` by default. A source has
 ``channel``, such as ``DAC0``, and may have ``tolerance``, of its voltage read back, in V. A
 sensor has ``channel``, such as ``AIN0``, and may have ``range``, in V. A line has ``channel``,
 such as ``FIO0``.
@@ -96,7 +96,7 @@ class LabJack(PlannedDevice):
             return getattr(self._ljm, name)(*given)
         except self._ljm.LJMError as error:
             raise self._failed(error) from None
-        except AttributeError:  # of a library that is None
+        except AttributeError:  # the library is None
             raise self._failed("the LJM library is missing; install that of LabJack") from None
 
 

@@ -1,4 +1,4 @@
-"""Lines of text to an instrument and back."""
+"""Exchange lines of text with an instrument."""
 
 import os
 import re
@@ -18,15 +18,15 @@ _LONGEST = 4096
 """Most characters of an answer."""
 _ADVICE = "; connect it, or correct its address (minorloop devices lists what is there)"
 _SHOWN = 40
-"""Bytes of an answer without an end that a message shows."""
+"""Most bytes of an answer without an end that a message shows."""
 _LONGEST_MESSAGE = 400
 """Most characters of an error message of a library."""
 _PARTING = 1.0
-"""Seconds for the other end to receive what was sent, before a connection is closed."""
+"""Seconds for the other end to receive the last lines, before a connection is closed."""
 
 
 class _UnendedError(InstrumentError):
-    """Part of an answer came."""
+    """Only part of an answer came."""
 
 
 class Link(Protocol):
@@ -44,14 +44,14 @@ class Link(Protocol):
         """
 
     def read(self) -> str:
-        """Return the next line, without asking."""
+        """Return the next line, without a question."""
 
     def close(self) -> None:
         """Close the connection."""
 
 
 class LinkSettings(Section, kw_only=True):
-    """What a file says of a connection; see `VisaLink`."""
+    """Keys of a connection in a file; see `VisaLink`."""
 
     resource: str
     library: str = "@py"
@@ -74,7 +74,7 @@ class VisaLink:
     owed : int
         Most answers that may still arrive after their deadline.
     last_lines : tuple of str
-        Lines that are sent last on a network connection in an unknown state, before it is closed.
+        Lines to send on a network connection in an unknown state before it is closed.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class VisaLink:
             self._write(text)
 
     def ask(self, text: str) -> str:
-        """Send one line, and return the answer; discard what arrived before."""
+        """Send one line, and return the answer; discard earlier input."""
         with Deferred():
             try:
                 self._settle()
@@ -124,7 +124,7 @@ class VisaLink:
             return self._answer()
 
     def close(self) -> None:
-        """Close the connection; what was sent arrives."""
+        """Close the connection after all lines have arrived."""
         with Deferred():
             self._let_go()
             if not self._manager.list_opened_resources():  # links of a library share its manager
@@ -182,7 +182,7 @@ class VisaLink:
         self._doubtful, self._cut = self._streams and not self._socket, False
 
     def _send_at_once(self, resource: Any) -> None:
-        """Send each line without waiting for the acknowledgement of the one before."""
+        """Send each line without waiting for the acknowledgement of the previous line."""
         wire = self._wire(resource)
         if wire is not None:
             if failed := wire.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
@@ -194,14 +194,14 @@ class VisaLink:
             resource.set_visa_attribute(ResourceAttribute.tcpip_nodelay, True)
 
     def _keep_others_out(self) -> None:
-        """Lock a serial port; refuse one that another program has.
+        """Lock a serial port; raise an error if another program uses it.
 
-        This is before the library opens it, which discards what has arrived for the other program.
+        The lock comes first, because the library discards input for the other program as it opens.
         """
         from pyvisa.rname import ResourceName
 
         if not self.name.upper().startswith("ASRL") or sys.platform == "win32":
-            return  # Windows lets one program alone open a port
+            return  # Windows lets only one program open a port
         port = getattr(ResourceName.from_string(self.name), "board", "")
         if not Path(port).is_char_device():
             return
@@ -240,7 +240,7 @@ class VisaLink:
             elif self._streams:
                 # This ends an incomplete line, in a way that the instrument does not understand.
                 self._resource.write_raw(b"!\n" if self._cut else b"\n")
-                self.owed += 1  # some answer an empty line with an error
+                self.owed += 1  # some instruments answer an empty line with an error
                 self._stale = True
             else:
                 self._resource.clear()
@@ -263,10 +263,9 @@ class VisaLink:
         self.owed = 0
 
     def _part(self, wire: socket.socket) -> None:
-        """Shut a connection down so that all that was sent arrives; closing alone prevents this.
+        """Shut a connection down so that all sent lines arrive; closing alone prevents this.
 
-        In an unknown state the last lines are sent first, so that the instrument reads them at the
-        end.
+        In an unknown state ``last_lines`` are sent first, so that the instrument reads them last.
         """
         end = time.monotonic() + min(self._timeout, _PARTING)
         wire.settimeout(min(self._timeout, _PARTING))
@@ -280,12 +279,12 @@ class VisaLink:
                 break
 
     def _discard(self) -> None:
-        """Discard what arrived since the last answer or the last missed deadline."""
+        """Discard input since the last answer or the last missed deadline."""
         if not self._streams:
             return
         try:
-            # Milliseconds without a character after which nothing more is expected; the same for
-            # characters that have arrived already
+            # Milliseconds without a character after which input has ended: of late answers, and of
+            # characters that have already arrived
             self._drain(20 if self._stale else 1)
         except Exception as error:
             self._doubtful = True
@@ -295,7 +294,7 @@ class VisaLink:
     def _line(self) -> bytes:
         """Return the bytes of a line, which must arrive before one deadline.
 
-        A stream is read byte by byte, because a longer read ends only when nothing arrives.
+        A stream is read byte by byte, because a longer read ends only at a timeout.
         """
         deadline = time.monotonic() + self._timeout
         found = b""
@@ -309,11 +308,11 @@ class VisaLink:
                     raise
                 raise _unended(found) from None
             if not self._streams and len(found) <= _LONGEST:
-                break  # a message has an end of its own
+                break  # a message has its own end
         return found
 
     def _some(self, most: int) -> bytes:
-        """Return what one read of the library gives; raise an error if it is empty."""
+        """Return the bytes of one read of the library; raise an error if there are none."""
         from pyvisa.constants import StatusCode
 
         self._wait()
@@ -325,7 +324,7 @@ class VisaLink:
         return bytes(found)
 
     def _wait(self) -> None:
-        """Wait for bytes on a socket: PyVISA-py spins where the other end has closed it."""
+        """Wait for bytes on a socket: PyVISA-py spins if the other end has closed it."""
         wire = self._wire(self._resource)
         received: bytes = getattr(self._session(self._resource), "_pending_buffer", b"")
         if wire is None or received:
@@ -351,13 +350,13 @@ class VisaLink:
 
 
 def _unended(found: bytes) -> _UnendedError:
-    """Return the error for the part of an answer that came."""
+    """Return the error for an incomplete answer."""
     more = " and so on" if len(found) > _SHOWN else ""
     return _UnendedError(f"{found[:_SHOWN]!r}{more}, without the end of a line")
 
 
 def _short(error: Exception) -> str:
-    """Return the message of a library without that of the error inside it, which it repeats."""
+    """Return the message of a library without the repeated message of its inner error."""
     message = " ".join(f"{error or type(error).__name__}".split())
     message = re.split(r": (?=\[Errno \d+\])", message)[-1]
     return message if len(message) <= _LONGEST_MESSAGE else f"{message[:_LONGEST_MESSAGE]} ..."

@@ -56,7 +56,7 @@ class ModbusDevice(PlannedDevice):
         except ImportError:
             raise MissingExtraError("pymodbus", "modbus") from None
         super().__init__(plan)
-        # Its messages repeat what is raised here.
+        # Its messages repeat the errors that are raised here.
         logging.getLogger("pymodbus").addHandler(logging.NullHandler())
         self.name = f"{self._how.host}:{self._how.port}"
         self._client = ModbusTcpClient(

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from minorloop.errors import InstrumentError
 
 SILENCE = "\0silence"
-"""An answer that does not come."""
+"""Stands for an answer that never comes."""
 
 
 class Script:

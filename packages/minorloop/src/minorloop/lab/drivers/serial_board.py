@@ -13,11 +13,11 @@ The lines are those of `minorloop.lab.drivers.serial_line`; the questions are
 ``SAFE``       ``u ...``                go to the safe inputs; the answer has those that are on
 =============  =======================  ====================================================
 
-A unit of ``1`` is that of a pure number. Patience, ``ERR safe`` and late answers are as in
-protocol 2, whose boards are taken too: they have one input, one output and no lines.
+The unit ``1`` means a pure number. Patience, ``ERR safe`` and late answers are as in protocol 2.
+Boards of protocol 2 are accepted too: they have one input, one output and no lines.
 
 Keys of the device: ``resource``, ``library``, ``timeout``, ``baud``. Sources, sensors and lines
-have ``channel``, their number on the board, in their order if not given.
+have ``channel``, their number on the board, by default in their order.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ NEEDS = "pyvisa", "instruments"
 _GREETINGS = (["2"], 5), (["3"], 6)
 """Protocols, and words of their answers to HELLO."""
 _SAME = 1e-6
-"""Largest difference of a safe value that counts as the same, as a share of the range."""
+"""Largest difference between equal safe values, as a share of the range."""
 
 
 class _SerialSettings(LinkSettings, kw_only=True):
@@ -52,14 +52,14 @@ class _BoardChannel(Section, kw_only=True):
 class SerialBoard(BoardLine):
     """A board as a device with several channels.
 
-    Raises a `ParameterError` if a channel, unit, limit or rest of the plan is not that of the
+    Raises a `ParameterError` if a channel, unit, limit or rest of the plan does not match the
     board; an `InstrumentError` if the answers are not those of such a board.
     """
 
     def __init__(self, link: Link, plan: DevicePlan) -> None:
         super().__init__(link)
         inputs, outputs, lines = self._counts()
-        # Protocol 2 may have a limit of more than nine digits; a line of many inputs has no room.
+        # A limit of protocol 2 may have more than nine digits, but a line of many inputs is short.
         self._written = repr if self.hello[1] == "2" else "{:.9g}".format
         self._sources = _places(plan.sources, inputs, "input")
         self._sensors = _places(plan.sensors, outputs, "output")
@@ -70,7 +70,7 @@ class SerialBoard(BoardLine):
         self._check(plan)
 
     def set(self, values: FloatArray) -> None:
-        """Apply inputs; those that the bench does not use stay at rest."""
+        """Apply inputs; inputs that the bench does not use stay at rest."""
         every = self._rest.copy()
         every[self._sources] = values
         self._apply(every.tolist(), *map(self._written, every.tolist()))
@@ -82,18 +82,19 @@ class SerialBoard(BoardLine):
         limits.
 
         Raises a `ParameterError` if the bench has narrower limits than the board, or rate limits,
-        which it does not know; an `InstrumentError` if a target is out of reach, or the firmware
-        has no inverse.
+        which the board does not know; an `InstrumentError` if a target is out of reach, or the
+        firmware has no inverse.
         """
         if self._narrower:
             raise ParameterError(
                 f"{self._narrower[0]} has narrower limits in the bench than on {self._link.name}, "
-                "which follows targets within its own; export the firmware with those of the bench"
+                "which follows targets within its own limits; export the firmware with those of "
+                "the bench"
             )
         if self._slow:
             raise ParameterError(
                 f"{self._slow[0]} has a rate limit, which {self._link.name} does not know: it sets "
-                "its inputs by itself; leave the rate out, or command currents instead of targets"
+                "its inputs by itself; omit the rate, or command currents instead of targets"
             )
         wanted = targets.tolist()
         self._apply(wanted, *map(self._written, wanted), command="FOLLOW")
@@ -116,8 +117,8 @@ class SerialBoard(BoardLine):
     def safe(self) -> None:
         """Go to the safe inputs, and set the lines to rest.
 
-        Raises an `InstrumentError` if the board does not confirm. Without questions it goes there
-        after its patience.
+        Raises an `InstrumentError` if the board does not confirm. Without questions it goes to the
+        safe inputs after its patience.
         """
         self._on = False
         all_done([self._rested, lambda: self.switch(self._resting_lines)])
@@ -178,7 +179,7 @@ class SerialBoard(BoardLine):
                 self._check_unit(wire, " ".join(self._ask("OUTPUT", str(k))))
 
     def _input(self, k: int) -> tuple[str | None, float, float, float]:
-        """Return unit, limits and rest of an input; the unit is None where it is not known."""
+        """Return unit, limits and rest of an input; the unit is None if not known."""
         if self.hello[1] == "2":
             low, high = (number(word, self._link.name) for word in self.hello[2:4])
             return None, low, high, min(max(0.0, low), high)
@@ -199,9 +200,9 @@ class SerialBoard(BoardLine):
 def open_device(plan: DevicePlan) -> SerialBoard:
     """Return a board on a serial line, which is kept alive.
 
-    Raises a `ParameterError` if a key is missing, unknown, or of another type, or the plan is not
-    that of the board; a `MissingExtraError` if PyVISA is not installed; an `InstrumentError` if
-    there is no board, or it does not answer.
+    Raises a `ParameterError` if a key is missing, unknown, or of another type, or the plan does not
+    match the board; a `MissingExtraError` if PyVISA is not installed; an `InstrumentError` if there
+    is no board, or it does not answer.
     """
     how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}", "device")
     for wire in (*plan.sources, *plan.sensors, *plan.lines):  # before anything is opened

@@ -1,4 +1,4 @@
-"""The serial protocol of the firmware that the C export sketches.
+"""The serial protocol of the firmware of the C export.
 
 A question is one line of printable ASCII, and so is its answer::
 
@@ -14,8 +14,8 @@ A question is one line of printable ASCII, and so is its answer::
 ``SAFE``                             go to the safe input
 ============  =====================  ====================================================
 
-An answer counts only if its number is that of the question and its checksum is right. Late,
-doubled and damaged answers are discarded.
+An answer counts only if it has the number of the question and a correct checksum. Late, duplicated
+and damaged answers are discarded.
 
 The firmware goes to the safe input by itself when it has received nothing for its patience, one
 second by default. If an input was on, it then answers ``ERR safe`` to ``SET`` and ``GET`` until it
@@ -40,7 +40,7 @@ _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8}
 _MOST = 65_536
 _LONGEST = 3_600_000
 _OFTEN = 3
-"""Least questions within the patience of a board while an input is on."""
+"""Least number of questions within the patience of a board while an input is on."""
 
 
 def write(sequence: int, *words: str) -> str:
@@ -61,7 +61,7 @@ def parse(line: str, sequence: int) -> tuple[bool, list[str]] | None:
 
 
 class BoardLine:
-    """The line to a board: questions, answers, and keeping the board alive.
+    """The line to a board: it asks questions, checks answers, and keeps the board alive.
 
     ``link``: the connection to the board.
 
@@ -88,7 +88,7 @@ class BoardLine:
         threading.Thread(target=_keep, args=(weakref.ref(self),), daemon=True).start()
 
     def _wait_at_most(self, patience: str) -> None:
-        """Note the patience of the board, in ms as it is written."""
+        """Store the patience of the board, a text in ms."""
         found = number(patience, self._link.name)
         if not 1 <= found <= _LONGEST:
             raise InstrumentError(
@@ -97,7 +97,7 @@ class BoardLine:
         self.patience = 1e-3 * found
 
     def _stay(self) -> float:
-        """Send a question if it is due; return how long to wait for the next."""
+        """Send a question if it is due; return the waiting time until the next, in seconds."""
         every = self.patience / _OFTEN
         if not self._on:
             return every
@@ -109,7 +109,7 @@ class BoardLine:
         return every
 
     def _numbers(self, count: int, *words: str) -> list[float]:
-        """Return the numbers of an answer, which has so many."""
+        """Return the numbers of an answer, which has ``count`` of them."""
         answer = self._ask(*words)
         if len(answer) != count:
             raise InstrumentError(
@@ -122,7 +122,7 @@ class BoardLine:
         return values
 
     def _apply(self, values: Sequence[float], *words: str, command: str = "SET") -> None:
-        """Set the inputs, or targets; refuse an answer with others."""
+        """Set the inputs, or targets; raise an error if the answer differs."""
         self._on = True
         found = self._numbers(len(values), command, *words)
         for value, answer in zip(values, found, strict=True):
@@ -157,7 +157,7 @@ class BoardLine:
             try:
                 line = self._link.read()
             except InstrumentError:
-                if not line:  # an empty line is no answer
+                if not line:  # an empty line is not an answer
                     raise
                 break
         raise InstrumentError(

@@ -4,10 +4,10 @@ A device of the driver ``visa`` has ``resource``, ``library``, ``timeout`` and `
 have the commands of `Commands`, its sensors ``read``. A digital line has the commands ``on`` and
 ``off``, and may have a question, ``ask``, with the answers ``is_on`` and ``is_off``.
 
-After each input the source is asked ``confirm`` and ``errors``. If neither is given, it is asked
-``done``, to which any answer is right. After ``safe`` it is asked the same, but the answer to
-``confirm`` must be ``rest``. ``safe_query``, whose answer must be ``safe_answer``, then takes the
-place of ``confirm``. ``"done": null`` is for a source that answers nothing.
+After each input the source gets the questions ``confirm`` and ``errors``. If neither is given, it
+gets ``done``, to which any answer is right. After ``safe`` it gets the same questions, but the
+answer to ``confirm`` must be ``rest``. ``safe_query``, whose answer must be ``safe_answer``,
+replaces ``confirm`` then. ``"done": null`` is for a source without answers.
 """
 
 import math
@@ -56,7 +56,7 @@ class Commands(Section, kw_only=True):
         Query for the present input: ``VOLT?``. The answer must equal the input within
         ``tolerance``.
     tolerance : float
-        In the unit of the input.
+        Largest difference of the answer, in the unit of the input.
     errors : str, optional
         Query for errors, ``SYST:ERR?``, after each input. An answer that does not begin with the
         number 0 is an error.
@@ -105,7 +105,7 @@ class Commands(Section, kw_only=True):
     def numbers(self, value: float) -> list[float]:
         """Return the numbers in the command for an input.
 
-        Raises a `ValueError` if it writes no plain number.
+        Raises a `ValueError` if it does not write a plain number.
         """
         found = []
         for _, name, spec, conversion in Formatter().parse(self.set):
@@ -137,7 +137,7 @@ class ScpiSource:
     """Sets an input by a line of text.
 
     ``link``: the line to the instrument; ``rest``: answer to ``confirm`` when the source is safe;
-    ``span``: width of the range of the input, in its unit; the size of each input if not given.
+    ``span``: width of the range of the input, in its unit; by default the size of each input.
     """
 
     def __init__(
@@ -194,8 +194,8 @@ class ScpiSource:
     def safe(self) -> None:
         """Send all commands that make it safe, even if one fails, and ask whether it is safe.
 
-        An instrument executes one line after the other, so an answer shows that the lines before
-        are done. If earlier answers missed their deadline, the question is repeated as often, so
+        An instrument executes one line after the other, so an answer shows that the earlier lines
+        are done. For each earlier answer that missed its deadline, the question is repeated, so
         that a late answer does not count for this question.
 
         Raises the first error, or an `InstrumentError` if the answer is not as required.
@@ -264,7 +264,7 @@ class ScpiMeter:
 
 
 class VisaDevice(PlannedDevice):
-    """An instrument with several channels, each with commands of its own."""
+    """An instrument with several channels, each with its own commands."""
 
     settings, source, sensor, line = LinkSettings, Commands, _Query, _LineCommands
 
@@ -319,7 +319,7 @@ open_device = VisaDevice
 
 
 def found() -> list[str]:
-    """Return the resources that PyVISA-py sees, but serial ports: USB, GPIB and network."""
+    """Return the resources that PyVISA-py finds, without serial ports: USB, GPIB and network."""
     try:
         import pyvisa
 
