@@ -333,7 +333,7 @@ def bad_pictures(scene, tmp_path_factory):
     ("options", "sentence"),
     [
         ("--mount mount --angles radians.csv", "column 'pan [rad]' of"),
-        ("--mount lens", "the name of 00.png has no angles; call it such as pan12.5_tilt-3.png"),
+        ("--mount lens", "the name of 00.png has no angles; rename it, such as pan12.5_tilt-3.png"),
         ("--pictures few", "few: 2 pictures with a target; give 3 or more; 1 is left out: "),
         ("--pictures cats", "no picture of cats shows a target: no markers, chessboard or grid"),
         ("--pictures mirrored", "they are mirrored; take them again"),

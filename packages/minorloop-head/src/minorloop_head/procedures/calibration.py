@@ -20,7 +20,7 @@ from minorloop_head.vision.lens_calibration import FARTHEST
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
 THICKNESS_SD = 0.017
-"""Standard deviation of a thickness by a caliper, as a share of it: that of errors up to 3 %."""
+"""Relative standard deviation of a thickness measured by a caliper: that of errors up to 3 %."""
 _LONGEST_LATENCY = 5.0
 _LONGEST_PIPE = 1e5
 _TURN = math.pi
@@ -35,11 +35,11 @@ _BOUNDS = {
     "squint": (-_TURN / 2, _TURN / 2, "rad"),
     "camera_roll": (-_TURN, _TURN, "rad"),
 }
-"""Least and largest values: what pipes and heads can have, and what the command line accepts. They
+"""Least and largest values of pipes and heads that a calibration and the command line accept. They
 refuse millimetres that were entered as metres, and degrees as radians."""
 STRAIGHT = math.radians(30.0)
-"""Pan and tilt of the joints at which the camera looks along the pipe, where they are not
-calibrated. A wire pulls in one direction only, so that half of its stroke is on either side."""
+"""Default pan and tilt of the joints at which the camera looks along the pipe. A wire pulls in one
+direction only: half of its stroke is on either side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ class HeadCalibration:
     """Pan and tilt that the joints read where they point along the pipe, in radians."""
     squint: float = 0.0
     camera_roll: float = 0.0
-    """Of the camera on the joints: sideways, then about its optical axis, in radians."""
+    """Rotation of the camera on the joints: sideways, then about its optical axis, in radians."""
     latency: float = 0.04
     """Longest time in seconds from the exposure of a picture to its arrival. Pictures that arrive
     within it after the lights were switched may show the lights before."""
@@ -118,7 +118,7 @@ class HeadCalibration:
     def from_dict(cls, values: dict[str, Any]) -> HeadCalibration:
         """Return the calibration that `to_dict` gave these values.
 
-        A probe without an azimuth is of a file before there was one: it was on the x axis.
+        A probe without an azimuth is on the x axis: older files do not have this key.
 
         Raises a `ValueError` if a value is missing, unknown, of another type, or out of its range.
         """

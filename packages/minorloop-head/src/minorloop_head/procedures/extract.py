@@ -14,8 +14,8 @@ from minorloop_head.vision.defects import SEQUENCE, Hole
 from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 
 SAME = 1.5e-3
-"""Farthest distance in metres between two views of one defect: more than views from two places
-differ by, and less than the distance between two defects."""
+"""Largest distance in metres between two views of one defect: more than the error between views
+from two places, and less than the distance between two defects."""
 
 
 def acquisition(gain: float) -> Procedure[tuple[LitFrame, ...]]:
