@@ -42,7 +42,7 @@ its place in metres."""
 _STEADY_PX, _CENTRINGS = 0.8, 3
 """Tolerance in pixels of an outline in the first try, less than half of `CENTRED_PX`, since the
 head moves on; and most tries until the outline, found anew, is in the middle. A wire with friction
-does not hold it so near, and oscillates with an integral: later tries use `CENTRED_PX`, and none."""
+does not hold it so near, and oscillates with an integral: later tries use `CENTRED_PX` and none."""
 STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
 """Travels in metres, of which one lets the tool reach the middle of the image. The tool is 3.5 mm
 beside the lens: 8 mm along a wall that it meets at 25 degrees."""
