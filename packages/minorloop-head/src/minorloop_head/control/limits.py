@@ -32,7 +32,7 @@ class WireLimits:
     hottest: float = 150.0
     """Temperature of the wire that is never exceeded, in degrees Celsius."""
     ambient: float = 20.0
-    """At which the wire was identified, in degrees Celsius."""
+    """Ambient temperature at the identification, in degrees Celsius."""
     rise: float = 676.0
     """Steady rise of the temperature for a heating power, in K per A^2: resistance over convection,
     both per metre."""

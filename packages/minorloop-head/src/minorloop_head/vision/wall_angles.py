@@ -72,7 +72,7 @@ _ALL = 6
 """Fewest patches in view if they are less than must agree after a search; all must agree then. It
 lets a head be found that stopped beside its stored view."""
 _HUNT = math.radians(2.0)
-"""Distance between tried angles in the search for a lost view: closer ones lead to the same peak."""
+"""Distance between tried angles in the search for a lost view: those between lead to a peak too."""
 _AROUND = math.radians(5.0)
 """Distance from old patches within which angles are tried again after few pictures: axes that cool
 do not return on the way on which they were heated."""
