@@ -24,7 +24,7 @@ at once, and for another one after its lights were switched."""
 SAFE_WITHIN = 2.0
 """Longest time in seconds in which a plant may confirm that it is safe."""
 _MOST_PATIENT = 1.0
-"""Most seconds of both, however long the timeout is."""
+"""Upper limit of both in seconds for any timeout."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class LoopSettings:
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"
-    """For recordings."""
+    """Folder of recordings."""
     timeout: float = 0.1
     """Age in seconds of the operator's pose and last message beyond which the head holds."""
     camera: str | None = None
@@ -57,7 +57,7 @@ class LoopSettings:
 
     @property
     def no_probe(self) -> str:
-        """Why no depth can be measured; empty for a plant with a probe."""
+        """Reason why no depth can be measured; empty for a plant with a probe."""
         return "" if is_pipe(self.address) else NO_PROBE
 
     def teleop_config(self) -> TeleopConfig:

@@ -78,7 +78,7 @@ _IDLE_LAGS = 4.0
 """Lags without current after which a wire above its target shows that its surroundings are too
 warm: 98 % of the heat have left it by then."""
 _HOLD_SHARE = 0.9
-"""Share of its reach at which a wire holds for an unreachable target: it leaves current to spare."""
+"""Share of its reach at which a wire holds for an unreachable target: it leaves spare current."""
 _COLD = 0.3
 """Degrees above the cold wire below which a target means no current."""
 _BEHIND_BY = 2.0

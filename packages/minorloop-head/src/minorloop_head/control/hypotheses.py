@@ -181,7 +181,7 @@ class Hypotheses:
 
     @cached_property
     def density(self) -> FloatArray:
-        """Density (M,) of the drawn quantities of each hypothesis beside its change; 1 at the middle.
+        """Density (M,) of the drawn quantities of each hypothesis beside its change; at most 1.
 
         Weights do not contain it, as more hypotheses are drawn where it is higher. It is for
         comparing single hypotheses.
