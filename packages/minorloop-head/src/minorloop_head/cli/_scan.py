@@ -1,4 +1,4 @@
-"""``minorloop head scan``: flaws in A-scans that somebody else recorded."""
+"""``minorloop head scan``: flaws in third-party A-scans."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def scan(
     field: _Field = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Find surfaces and flaws in a scan that somebody else recorded, line or raster.
+    """Find surfaces and flaws in a third-party scan, line or raster.
 
     Options replace what the file says. Tilt is found and compensated, and what is below surfaces
     is focused through the layers, so that a hole is drawn as narrow as it is.

@@ -374,7 +374,7 @@ def sweep(
 
 @contextmanager
 def _noted() -> Iterator[None]:
-    """Print what an error notes of the work that it ended."""
+    """Print the notes of an error on the interrupted work."""
     try:
         yield
     except BaseException as error:

@@ -39,7 +39,7 @@ from minorloop_head.procedures.calibration import HeadCalibration
 _STOOD_STILL = 0.2
 """Longest delay of a tick in seconds; a longer one means that the process was stopped."""
 _WAIT = 0.025
-"""Longest wait in seconds for an answer of the plant; the loop needs the rest of a tick of 40 ms."""
+"""Longest wait for an answer of the plant, in s; the loop needs the rest of a tick of 40 ms."""
 _MOST_LATE = 0.1
 """Longest silence in seconds that misses fewer readings than those of a lost sensor."""
 _POLL = 0.1

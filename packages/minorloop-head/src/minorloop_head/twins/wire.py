@@ -100,7 +100,7 @@ class HeatedWires(SimulatedAxes):
     def surround(self, surroundings: Surroundings) -> None:
         """Replace the surroundings from now on, such as when a pipe is flooded.
 
-        ``surroundings``: over the clock of the twin, which goes on.
+        ``surroundings``: over the clock of the twin, which continues.
         """
         self.surroundings = surroundings
         self._around = surroundings.courses()
