@@ -433,7 +433,7 @@ class Pinhole:
         return self.undistort((seen - np.asarray(self.centre)) / self.focals)
 
     def off_axis(self, points: npt.ArrayLike) -> float:
-        """Return the distance of normalised coordinates (2,) from the principal point, in pixels."""
+        """Return the distance of normalised coordinates (2,) from the image centre, in pixels."""
         return float(np.hypot(*(np.asarray(points) * self.focals)))
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
