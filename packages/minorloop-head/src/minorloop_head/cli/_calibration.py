@@ -81,7 +81,7 @@ def photograph(
 _Head = Annotated[
     Path | None,
     typer.Option(
-        help="File of the head to write. If it exists, what is not measured is kept, and "
+        help="File of the head to write. If it exists, its other parameters are kept, and "
         "a calibration is replaced with --force."
     ),
 ]

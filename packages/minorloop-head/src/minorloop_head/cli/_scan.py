@@ -48,7 +48,7 @@ _Given = Annotated[
     str,
     typer.Option(
         metavar="KEY=VALUE,...",
-        help="What replaces the values of the file: sampling rate in MHz; start, the time of "
+        help="Values that replace those of the file: sampling rate in MHz; start, the time of "
         "the first sample in us, the pulse being at 0; step between A-scans along x, and "
         "y-step, in mm; low and high, the ends of the band of the pulse in MHz; disc, the "
         "diameter of the probe in mm.",
@@ -58,7 +58,7 @@ _Field = Annotated[
     list[str] | None,
     typer.Option(
         metavar="FIELD=NAME",
-        help="How the file calls a field whose name is not known, such as traces=rf or "
+        help="Name in the file of a field with an unusual name, such as traces=rf or "
         "rate=f_ADC; may be repeated.",
     ),
 ]

@@ -63,8 +63,8 @@ _Resume = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Go on with what is in --out and was cut off, with the other options as they were. "
-        "What is before a damaged line of its journal is kept.",
+        help="Resume the interrupted work in --out, with the same other options. "
+        "Lines before a damaged line of its journal are kept.",
     ),
 ]
 _File = Annotated[
@@ -132,7 +132,7 @@ _Pipe = Annotated[
 ]
 _LeastWall = Annotated[
     float | None,
-    _common.number_option("Wall in mm that must be left for a finding to be accepted."),
+    _common.number_option("Least remaining wall in mm under an accepted finding."),
 ]
 _Probed = Annotated[
     str,
@@ -295,7 +295,7 @@ def inspect(
 
     The camera finds them. A head with a probe, that of twin:pipe, also touches each, scans it in
     the flooded pipe and measures its depth. The head is made safe at the end, and after an error
-    or Ctrl-C. What was found until then is kept, and --resume goes on from there, also after a
+    or Ctrl-C. Findings until then are kept, and --resume goes on from there, also after a
     power cut. The exit status is 1 if no view could be searched.
     """
     from minorloop_head.cli.inspect import check_usable
@@ -348,7 +348,7 @@ def sweep(
     """Map the flooded wall by ultrasound, and find pits and cracks in it, without the camera.
 
     The probe fires while the catheter rolls. A square centimetre takes the head two to three
-    minutes. After Ctrl-C, the map of what was fired is kept, and --resume goes on from there, also
+    minutes. After Ctrl-C, the map of all bursts is kept, and --resume goes on from there, also
     after a power cut. Only the simulated head has a probe.
     """
     from minorloop_head.inspection import sweep as sweep_wall

@@ -58,7 +58,7 @@ _Lever = Annotated[
 _Pan = Annotated[
     float | None,
     _common.number_option(
-        "Line of sight from the axis, in deg; with --head, what the sensor of the joint reads."
+        "Line of sight from the axis, in deg; with --head, the reading of the joint."
     ),
 ]
 _Tilt = Annotated[float | None, _common.number_option("The same upward, in deg.")]

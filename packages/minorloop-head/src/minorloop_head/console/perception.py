@@ -577,5 +577,5 @@ class Perception:
         if sweep is not None and sweep.bursts:
             self.jobs.append(sweep.job(whole=bool(whole)))
         elif sweep is not None:
-            self._report("notice", text="nothing of the sweep was fired yet, so nothing is mapped")
+            self._report("notice", text="the sweep has no bursts yet, so nothing is mapped")
         self._tip.flood(False)

@@ -40,7 +40,7 @@ _LOOK_AT_THE_WALL = (
     f"{1e3 * ALONG:g} mm from the start of the catheter and at most {1e3 * FARTHEST:g} mm ahead"
 )
 STOPPED = (
-    "the sweep was stopped; what was fired is mapped; press Head or Track, and the head first goes "
+    "the sweep was stopped; its bursts are mapped; press Head or Track, and the head first goes "
     "back to where it was"
 )
 
@@ -198,7 +198,7 @@ class Scanning:
             after, self._after = self._after, None
             return _ScanTick(mode=after)
         trouble = scan.made.trouble
-        how = f"has ended early: {trouble}; what was fired is mapped" if trouble else "is done"
+        how = f"has ended early: {trouble}; its bursts are mapped" if trouble else "is done"
         return _ScanTick(hold=f"the sweep {how}, and the head is back; press a mode to continue")
 
     def leave(self) -> None:

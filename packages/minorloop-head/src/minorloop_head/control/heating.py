@@ -367,8 +367,8 @@ def check_lag(step: Transient, lag: float, rms: float) -> None:
     low, high = LAGS
     if min(lag / low, high / lag) < 1 + _AT_BOUND:
         raise SignalError(
-            f"the lag comes out at {lag:.3g} s, the end of the {low:g} to {high:g} s that are "
-            "looked for; give times in seconds and the angles of that very step"
+            f"the fitted lag is {lag:.3g} s, a bound of the allowed {low:g} to {high:g} s; give "
+            "times in seconds, and the angles of this step"
         )
     if step.interval >= lag:
         raise SignalError(
@@ -378,9 +378,9 @@ def check_lag(step: Transient, lag: float, rms: float) -> None:
     spread = float(np.std(step.angle))
     if rms > _MOST_UNEXPLAINED * spread:
         raise SignalError(
-            f"the step is followed to {rms:.3g} degrees rms only, and its angles vary by "
-            f"{spread:.3g}; give the angles of that very step, of the wire of the holds, that "
-            "begins settled and cold"
+            f"the fit of the step has an rms error of {rms:.3g} degrees, and its angles vary by "
+            f"{spread:.3g}; give the angles of this step, of the wire of the holds, that begins "
+            "settled and cold"
         )
 
 
@@ -388,7 +388,7 @@ def advice(rms: float, width: float) -> Iterator[str]:
     """Yield advice on a weak fit to a step."""
     if rms > _ROUGH * width:
         yield (
-            f"the step is followed to {rms / width:.0%} of the range only, so the lag is rough: "
+            f"the rms error of the step is {rms / width:.0%} of the range, so the lag is rough: "
             "begin it settled and cold, let it come to rest, and sample it more finely"
         )
 
@@ -396,8 +396,8 @@ def advice(rms: float, width: float) -> Iterator[str]:
 def _check_sign(values: FloatArray, what: str) -> None:
     if values.size and values.min() < 0:
         raise SignalError(
-            f"{what} is negative, {values.min():g}; heating does not tell the sign, so give its "
-            "size"
+            f"{what} is negative, {values.min():g}; heating does not depend on the sign, so give "
+            "its size"
         )
 
 

@@ -95,7 +95,7 @@ class Unreachable:
         if self.reason == "no motion":
             return (
                 f"{target} is unreachable: no motion at {_shown(self.reach)} degrees; the wire is "
-                "stuck or broken, or what is read does not turn with it"
+                "stuck or broken, or the sensor does not turn with it"
             )
         return f"{target} is unreachable: {self.reason}; the wire would reach {known} degrees"
 

@@ -147,12 +147,12 @@ def inspect(
     if len(set(advances)) < len(advances):
         raise ParameterError(
             f"--advances is {', '.join(f'{1e3 * each:g}' for each in advances)}; give each place "
-            "once, since what two views show counts more"
+            "once, since candidates in two views count more"
         )
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
     if least_wall is not None and not 0.0 < least_wall <= _MOST_WALL:
         raise ParameterError(
-            f"the wall that must be left is {1e3 * least_wall:g} mm; give more than 0, up to "
+            f"the least remaining wall is {1e3 * least_wall:g} mm; give more than 0, up to "
             f"{1e3 * _MOST_WALL:g} mm"
         )
     begun |= {"pipe": pipe, "least wall [mm]": None if least_wall is None else 1e3 * least_wall}

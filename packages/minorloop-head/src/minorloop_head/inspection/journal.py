@@ -116,7 +116,7 @@ def refusing(where: str) -> Iterator[None]:
         said = f"has {reprlib.repr(error.value)} as {error.name!r}, which must be {error.allowed}"
         raise RecordError(f"{where} {said}; {_AGAIN}") from None
     except (TypeError, ValueError) as error:
-        raise RecordError(f"{where} is not whole: {error}; {_AGAIN}") from None
+        raise RecordError(f"{where} is incomplete: {error}; {_AGAIN}") from None
 
 
 def _at(raw: Any, path: str) -> tuple[str, Any]:
@@ -158,8 +158,8 @@ class Before:
         """
         if not folder.is_dir():
             raise RecordError(
-                f"there is no folder {folder}; give that of the {what} that was cut off, or begin "
-                "one without --resume"
+                f"there is no folder {folder}; give the folder of the interrupted {what}, or begin "
+                "without --resume"
             )
         file = folder / NAME
         raw, every = _read(file)
@@ -174,8 +174,8 @@ class Before:
         other = first_difference({name: sound[0].get(name) for name in begun}, begun)
         if other:
             raise ParameterError(
-                f"the {what} in {folder} is another one: {other}; resume it as it was begun, or "
-                "give another folder"
+                f"the {what} in {folder} is another one: {other}; resume it with its first "
+                "options, or give another folder"
             )
         found = cls(file, tuple(raw[: len(sound)]), damaged=damaged)
         lines: list[Line] = []

@@ -31,11 +31,10 @@ ANGLES = (
     "one standard deviation."
 )
 _VERDICT = (
-    "Confirmed is what echoes show. Probable is what only the camera shows, with odds of 20 to 1 "
+    "Echoes show a confirmed finding. Only the camera shows a probable one, with odds of 20 to 1 "
     "or more or as a line that was traced twice; it may be dirt. Look at the others again. The "
-    "verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
-    "measured, and no step failed. The wall left is the thickness as calibrated, which is known "
-    "to 1.7 %, less the depth."
+    "verdict is that of the echoes, with the failed steps. A depth counts if it is measured, and "
+    "no step failed. The wall left is the calibrated thickness, known to 1.7 %, less the depth."
 )
 COLUMNS = (
     "no.",

@@ -94,7 +94,7 @@ class RecordedScan:
         traces, (dx, dy) = self.traces, self.steps
         if traces.ndim != 3 or traces.shape[1] * traces.shape[2] < 2:
             raise RecordError(
-                "it is one A-scan, which says nothing of places; give a scan of two or more"
+                "it is one A-scan, which shows no places of flaws; give a scan of two or more"
             )
         bad = ~np.isfinite(traces)
         if bad.any():

@@ -168,7 +168,7 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
         raise ParameterError(f"least is {least}; give 1 to 1000")
     if scan.traces.shape[1] * scan.traces.shape[2] < _FEWEST:
         places = scan.traces.shape[1] * scan.traces.shape[2]
-        raise RecordError(f"{places} A-scans do not tell flaws from surfaces; give {_FEWEST}")
+        raise RecordError(f"{places} A-scans are too few to find flaws; give at least {_FEWEST}")
     scan, dead = _without_dead(scan)
     field = recorded_field(scan)
     surfaces = find_surfaces(scan, field)

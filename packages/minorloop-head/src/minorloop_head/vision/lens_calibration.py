@@ -487,7 +487,7 @@ def _lens(size: tuple[int, int], matrix: FloatArray, distortion: FloatArray) -> 
     ends = np.array([(u, v) for v in (0, size[1] - 1) for u in (0, size[0] - 1)], dtype=np.float64)
     if not (np.abs(lens.pixels(lens.normalised(ends)) - ends).max() < 0.1 and
             0 <= u < size[0] and 0 <= v < size[1]):  # fmt: skip
-        raise ParameterError("the lens folds the image, or looks past it")
+        raise ParameterError("the lens folds the image, or its principal point is outside of it")
     return lens
 
 

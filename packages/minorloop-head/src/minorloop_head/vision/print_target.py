@@ -26,7 +26,7 @@ def print_target(target: Target, path: Path, *, force: bool = False) -> None:
     Raises an `OutputError` for another format, and for a file that exists without ``force``.
     """
     if path.suffix.lower() not in _FORMATS:
-        raise OutputError(f"{path} is of no known format; let it end in {', '.join(_FORMATS)}")
+        raise OutputError(f"{path} has an unknown format; end its name in {', '.join(_FORMATS)}")
     check_writable(path, force=force)
     rim = max(1e3 * target.square, 8.0)
     wide, high = 1e3 * target.size

@@ -123,7 +123,7 @@ class Servo:
         if not self.gain * (self.delay + self.interval) < 0.5:
             raise ParameterError(
                 f"gain {self.gain} 1/s times a delay of {self.delay + self.interval:g} s is not "
-                "below 0.5 and the loop would ring; lower the gain"
+                "below 0.5 and the loop would oscillate; lower the gain"
             )
 
     def begin(self, angles: npt.ArrayLike) -> _ServoState:
@@ -382,7 +382,7 @@ class PointHold:
         if not 0 <= as_finite("integral_gain", self.integral_gain) < most:
             raise ParameterError(
                 f"integral_gain is {self.integral_gain} 1/s; give 0 to below {most:.3g} 1/s, or "
-                "the loop would ring with its delay"
+                "the loop would oscillate with its delay"
             )
 
     def begin(self, angles: npt.ArrayLike) -> _HoldState:

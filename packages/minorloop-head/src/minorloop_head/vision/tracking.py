@@ -179,9 +179,9 @@ class PatchTracker:
         clear = self._view(replace(self.pictures, detail=_DETAIL), image, place, angles)
         if not len(view.sd) or (not len(own.sd) and len(clear.sd) < _FEWEST):
             raise SignalError(
-                f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey or lost in noise, two "
-                f"halves of the frame agree by less than {_AGAIN}; pick one with detail, or "
-                "set focus, lights and gain"
+                f"the wall about pixel ({u:.0f}, {v:.0f}) has too little texture for its noise, "
+                f"two halves of the frame correlate by less than {_AGAIN}; pick a point with "
+                "texture, or set focus, lights and gain"
             )
         still, (_, sums) = np.zeros(2), frame_checks.repeated(image, ())
         state = TrackState((view,), own, place, place, still, still, 0, image, sums)

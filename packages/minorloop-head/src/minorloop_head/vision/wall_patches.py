@@ -17,11 +17,11 @@ LATE, FEW, NO_PATCH, UNSURE = (
     "late",
     "too few patches agree",
     "no patch in view",
-    "the patches in view do not tell the angles",
+    "the patches in view do not determine the angles",
 )
 
 
-UNTURNED = "the view that was found again has not turned with the head yet"
+UNTURNED = "the view found in a search has not turned with the head yet"
 """Reason why angles are on trial."""
 _HIDDEN_OR_NEW = (
     "something is before the wall, the light changed, this wall was not seen before, or the camera "
