@@ -156,7 +156,7 @@ def inspect_wall(
     visits = _Visits(rig, kept, probing)
     if probing is not None:
         probing.begin()
-    views = _looked_round(rig, advances, kept)
+    views = _look_round(rig, advances, kept)
     if unclear := rig.compute(lambda: lens_words(views)):
         rig.say("lens", unclear, succeeded=False)
     early = _early([*kept.views.values()])
@@ -209,26 +209,26 @@ class _Visits:
         view = self.kept.view(name, lambda: self._centred(hole, name))
         if view.finding is None:
             again, before = f"{name}{AGAIN}", view.steps
-            view = self.kept.view(again, lambda: self._from_aside(hole, same, again, before))
+            view = self.kept.view(again, lambda: self._view_from_aside(hole, same, again, before))
         self._probe(view, _names(same))
         return next((one for one in view.seen if isinstance(one, Hole)), None)
 
     def crack(self, trace: TracedCrack, seen_in: tuple[str, ...], name: str) -> list[TracedCrack]:
         """Visit a candidate for a crack; return it if it is seen again."""
-        view = self.kept.view(name, lambda: _followed(self.rig, trace, seen_in, name))
+        view = self.kept.view(name, lambda: _visit_crack(self.rig, trace, seen_in, name))
         self._probe(view, seen_in)
         return [one for one in view.seen if isinstance(one, TracedCrack)]
 
     def _centred(self, hole: Hole, name: str) -> InspectedView:
         """Return the view that centres a candidate for a hole."""
         words = f"evidence {hole.evidence:+.1f}"
-        seen = _approached(self.rig, hole.place, words, name, outlined=True)
+        seen = _approach(self.rig, hole.place, words, name, outlined=True)
         view = _seen_again(self.rig, seen, hole)
         if view.finding is None:
             self.rig.say(name, f"{seen.missing}; looked at once more")
         return view
 
-    def _from_aside(
+    def _view_from_aside(
         self, hole: Hole, same: Sequence[_Sighting[Hole]], name: str, before: tuple[LogEntry, ...]
     ) -> InspectedView:
         """Return a view of a hole from halfway between its surest view and its centred view.
@@ -245,7 +245,7 @@ class _Visits:
         if view.finding is None:
             return _not_confirmed(rig, seen, hole, _names(same))
         if self.probing is None and _doubted(view):
-            return _withdrawn(rig, view, _names(same), ONE_PLACE)
+            return _reject(rig, view, _names(same), ONE_PLACE)
         return view
 
     def _probe(self, view: InspectedView, seen_in: tuple[str, ...]) -> None:
@@ -260,9 +260,9 @@ class _Visits:
         if isinstance(after.probed, CrackDepth):
             if not counts_as_crack(len(seen_in), after.probed):
                 why = f"{NO_ECHO}: {after.probed.verdict}"
-                after = _withdrawn(self.rig, after, seen_in, why)
+                after = _reject(self.rig, after, seen_in, why)
         elif after.probed is not None and _doubted(view) and not shown_by_echoes(after.probed):
-            after = _withdrawn(self.rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
+            after = _reject(self.rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
         self.kept.add_view(after)
 
 
@@ -334,7 +334,7 @@ def _alike(
     return [each for each in traces if one_course(each.shown.places, trace.places, radius)]
 
 
-def _looked_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> list[InspectedView]:
+def _look_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> list[InspectedView]:
     """Look round from each place, except for kept views; return all views."""
     views: list[InspectedView] = []
     for advance in advances:
@@ -346,12 +346,12 @@ def _looked_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> 
                     _go(rig, place=(advance, 0.0))
                 there = look(rig, name, angles)
                 rig.check_sensors()
-                kept.add_view(_searched(rig, name))
+                kept.add_view(_search_view(rig, name))
             views.append(kept.views[name])
     return views
 
 
-def _searched(rig: InspectionRig, name: str) -> InspectedView:
+def _search_view(rig: InspectionRig, name: str) -> InspectedView:
     """Return a view with all candidates in it."""
     seen = _seen(rig, name)
     lines = rig.compute(lambda: traces_of(seen.found, rig.calibration.radius))
@@ -397,7 +397,7 @@ def _known(hole: Hole, found: Sequence[Hole], radius: float) -> bool:
     return any(wall_distance(hole.place, other.place, radius) < SAME for other in found)
 
 
-def _approached(
+def _approach(
     rig: InspectionRig, place: FloatArray, words: str, name: str, *, outlined: bool = False
 ) -> _Seen:
     """Centre a place, go nearer if a catheter can, and search there."""
@@ -417,7 +417,7 @@ def _doubted(view: InspectedView) -> bool:
     return view.picture.name.endswith(AGAIN) and not centred
 
 
-def _withdrawn(
+def _reject(
     rig: InspectionRig, view: InspectedView, seen_in: tuple[str, ...], why: str
 ) -> InspectedView:
     """Return a view whose finding is not confirmed."""
@@ -461,12 +461,12 @@ def _names(same: Sequence[_Sighting[Candidate]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(each.view.picture.name for each in same))
 
 
-def _followed(
+def _visit_crack(
     rig: InspectionRig, trace: TracedCrack, names: tuple[str, ...], name: str
 ) -> InspectedView:
     """Visit a candidate for a crack, and return the view."""
     radius = rig.calibration.radius
-    seen = _approached(rig, trace.middle, f"a line of {1e3 * trace.length:.1f} mm", name)
+    seen = _approach(rig, trace.middle, f"a line of {1e3 * trace.length:.1f} mm", name)
     again = rig.compute(lambda: traced_again(seen.found, trace.places, radius))
     if not again:
         return _not_confirmed(rig, seen, trace, names)

@@ -180,9 +180,9 @@ class Marking:
             touch.verdict = NO_TOOL
             return touch
         for tried in range(self.tries):
-            now = yield from self._found(touch, tool, light, tried)
+            now = yield from self._turn_and_pick(touch, tool, light, tried)
             again = tried + 1 < self.tries
-            if now is None or (yield from self._touched(touch, tool, now, again=again)):
+            if now is None or (yield from self._try_touch(touch, tool, now, again=again)):
                 break
         return touch
 
@@ -190,7 +190,7 @@ class Marking:
         """Touch a point that is already tracked, with the tool of the head; return the touch."""
         tool = self.calibration.tool
         assert tool is not None
-        yield from self._touched(touch, tool, (yield NOW), again=False)
+        yield from self._try_touch(touch, tool, (yield NOW), again=False)
         return touch
 
     def angles(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> FloatArray | None:
@@ -202,7 +202,7 @@ class Marking:
         guess = aim_at(self.calibration, where, catheter)
         return None if tool is None else self._angles(tool, where, catheter, guess)
 
-    def _found(
+    def _turn_and_pick(
         self, touch: Touch, tool: Tool, light: Light, tried: int
     ) -> Procedure[Reading | None]:
         """Turn the tool towards the place by the joints, and begin to track a patch there.
@@ -246,16 +246,16 @@ class Marking:
         touch.verdict = NOT_IN_VIEW
         return None
 
-    def _touched(self, touch: Touch, tool: Tool, now: Reading, *, again: bool) -> Procedure[bool]:
+    def _try_touch(self, touch: Touch, tool: Tool, now: Reading, *, again: bool) -> Procedure[bool]:
         """Touch the tracked place, withdraw the tool, and look for the mark.
 
         Returns False if the head did not come to rest and has to be turned there again.
         """
-        met = yield from self._kept(touch, tool, now, lambda now, still: still)
+        met = yield from self._aim_until(touch, tool, now, lambda now, still: still)
         if met is not None:
             touch.stop, touch.extension = "near", max(met.free - _GAP, 0.0)
             now = yield touch.request(met.now)
-            met = yield from self._kept(
+            met = yield from self._aim_until(
                 touch,
                 tool,
                 now,
@@ -263,10 +263,10 @@ class Marking:
             )
         if met is not None:
             assert met.now.image is not None
-            touch.before = met.now.image, self._sighted(touch, met.seen, met.now)
+            touch.before = met.now.image, self._angles_in_picture(touch, met.seen, met.now)
             touch.stop, touch.extension = "contact", min(met.free + BEHIND, tool.longest)
             now = yield touch.request(met.now)
-            met = yield from self._kept(
+            met = yield from self._aim_until(
                 touch,
                 tool,
                 now,
@@ -282,17 +282,17 @@ class Marking:
         else:
             touch.verdict = TOUCHED if met.now.touching else NO_CONTACT
             if met.now.touching:
-                self._contact(touch, met)
+                self._set_contact(touch, met)
             now = yield touch.request(met.now)
-        yield from self._withdrawn(touch, tool, now)
+        yield from self._withdraw(touch, tool, now)
         return True
 
-    def _kept(
-        self, touch: Touch, tool: Tool, now: Reading, there: Callable[[Reading, bool], bool]
+    def _aim_until(
+        self, touch: Touch, tool: Tool, now: Reading, arrived: Callable[[Reading, bool], bool]
     ) -> Procedure[_Met | None]:
-        """Aim the tool at the place until ``there`` is true; return None after the `patience`.
+        """Aim the tool at the place until it has ``arrived``; return None after the `patience`.
 
-        ``there`` takes a reading, and whether the place has stayed near. If the tool hides the
+        ``arrived`` takes a reading, and whether the place has stayed near. If the tool hides the
         tracked patch at the contact, it counts as touching.
         """
         since, near_since = now.t, None
@@ -304,10 +304,10 @@ class Marking:
                 )
                 if seen.verdict == TRACKED:
                     touch.verdict, touch.seen_at = "", now.t
-                    near = self._steered(touch, tool, seen.place, now)
+                    near = self._steer(touch, tool, seen.place, now)
                     near_since = held_since(near_since, now.t, near)
-                    hit = self._hit(tool, now)
-                    if hit is not None and there(now, passed(near_since, now.t, _STILL)):
+                    hit = self._meeting_point(tool, now)
+                    if hit is not None and arrived(now, passed(near_since, now.t, _STILL)):
                         return _Met(now, seen, hit)
                 else:
                     waits = True
@@ -321,7 +321,7 @@ class Marking:
             now = yield replace(request, extension=now.extension) if waits else request
         return None
 
-    def _steered(self, touch: Touch, tool: Tool, place: FloatArray, now: Reading) -> bool:
+    def _steer(self, touch: Touch, tool: Tool, place: FloatArray, now: Reading) -> bool:
         """Set the wanted angles, and return whether the tool would meet the wall near the point."""
         camera = self.calibration.camera_at(now.place)
         target, (pan, tilt) = touch.target(place, camera.radius), now.angles.tolist()
@@ -338,7 +338,7 @@ class Marking:
         touch.wanted = CONE.clip(before + _SHARE * (angles - before) + touch.lean)
         return float(np.hypot(*touch.off)) < self.close
 
-    def _hit(self, tool: Tool, now: Reading) -> FloatArray | None:
+    def _meeting_point(self, tool: Tool, now: Reading) -> FloatArray | None:
         """Return phi, z and extension (3,) where the tool would meet the wall; None if nowhere."""
         mount = self.calibration.mount_at(now.place)
         try:
@@ -347,16 +347,16 @@ class Marking:
         except ParameterError:
             return None
 
-    def _contact(self, touch: Touch, met: _Met) -> None:
+    def _set_contact(self, touch: Touch, met: _Met) -> None:
         """Note angles and place of a contact; the place is not known if the tool hides it."""
         touch.met = met.now.angles
         if met.seen.verdict == TRACKED and met.hit is not None:
             metres = np.array([self.calibration.radius, 1.0])
             off = met.hit[:2] - touch.target(met.seen.place, self.calibration.radius)
             touch.touch = touch.place + (touch.beside + off * metres) / metres
-            touch.met = self._sighted(touch, met.seen, met.now)
+            touch.met = self._angles_in_picture(touch, met.seen, met.now)
 
-    def _withdrawn(self, touch: Touch, tool: Tool, now: Reading) -> Procedure[None]:
+    def _withdraw(self, touch: Touch, tool: Tool, now: Reading) -> Procedure[None]:
         """Withdraw the tool, then look for the mark."""
         since = now.t
         while not passed(since, now.t, self.patience):
@@ -368,12 +368,12 @@ class Marking:
                     touch.track, now, now.image
                 )
                 if now.extension <= 0.0 and seen.verdict == TRACKED:
-                    after = now.image, self._sighted(touch, seen, now)
-                    self._marked(touch, tool, now, after)
+                    after = now.image, self._angles_in_picture(touch, seen, now)
+                    self._set_mark(touch, tool, now, after)
                     return
             now = yield touch.request(now)
 
-    def _marked(
+    def _set_mark(
         self, touch: Touch, tool: Tool, now: Reading, after: tuple[Image, FloatArray]
     ) -> None:
         """Set the mark in a picture with its angles, and the corrected tool, if a mark is seen."""
@@ -387,7 +387,7 @@ class Marking:
         touch.tool = tool.through(camera.mount.pose(*touch.met.tolist()).to_camera(point))
         touch.touch = touch.mark if touch.touch is None else touch.touch
 
-    def _sighted(self, touch: Touch, seen: Track, now: Reading) -> FloatArray:
+    def _angles_in_picture(self, touch: Touch, seen: Track, now: Reading) -> FloatArray:
         """Return the angles (2,) that explain the place of the patch in the picture."""
         camera = self.calibration.camera_at(now.place)
         angles = sighted_angles(camera, touch.tracked, seen.pixel, now.angles)

@@ -107,9 +107,9 @@ class Probing:
             if isinstance(shown, Hole):
                 probed = PitDepth(self.refused, *shown.place.tolist())
         elif isinstance(shown, Hole):
-            probed, _ = scanned_pit(rig, shown, self._resumed(name, visit))
+            probed, _ = scanned_pit(rig, shown, self._resumable_scan(name, visit))
         else:
-            probed, _ = scanned_crack(rig, shown, self._resumed(name, visit))
+            probed, _ = scanned_crack(rig, shown, self._resumable_scan(name, visit))
         drain(rig)
         rig.check_sensors()
         steps = (*view.steps, *visit.steps())
@@ -128,7 +128,7 @@ class Probing:
         drain(rig)
         self.kept.add_ring(ring)
 
-    def _resumed(self, name: str, visit: _Visit) -> Scan:
+    def _resumable_scan(self, name: str, visit: _Visit) -> Scan:
         """Return a scan of a finding that continues from its kept part."""
 
         def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> ScannedRaster:

@@ -158,7 +158,7 @@ class InspectionRig:
         Raises an `InstrumentError` if the camera has given no good picture for 5 s, or a device
         fails again and again.
         """
-        self._applied(request)
+        self._apply(request)
         if not request.frame and self._seen is None:
             self._blind_since = None
         tool = (0.0, False)
@@ -169,7 +169,7 @@ class InspectionRig:
             t=self.t,
             angles=self.angles,
             place=self.place,
-            base=self._turned(image if request.shots else None),
+            base=self._base_turn(image if request.shots else None),
             image=image,
             shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
             fired=request.shots > 0,
@@ -177,7 +177,7 @@ class InspectionRig:
             touching=tool[1],
         )
 
-    def _turned(self, image: Image | None) -> FloatArray:
+    def _base_turn(self, image: Image | None) -> FloatArray:
         """Return the turn (2,) of the base; NaN if the picture does not show it, 0 if not measured.
 
         ``image``: taken now, with a burst.
@@ -196,7 +196,7 @@ class InspectionRig:
         while self._seen is not None and not self._seen.known:
             if self.t > LONGEST:
                 raise InstrumentError(unknown_zero(self._seen.why))
-            self._exchanged(np.zeros(4))
+            self._exchange(np.zeros(4))
             self._ticks += 1
             self._watch(cold=True)
 
@@ -277,7 +277,7 @@ class InspectionRig:
         If angles are read from pictures, it is the picture of the present angles.
         """
         if self._seen is None:
-            return self._taken()
+            return self._newest_picture()
         found, self._picture = self._picture, None
         return found
 
@@ -285,13 +285,13 @@ class InspectionRig:
         """Take a picture, and read the angles from it if all lights are on."""
         if self._seen is None:
             return
-        self._picture = self._taken()
+        self._picture = self._newest_picture()
         self._read[:2] = np.nan
         if self._picture is not None and self._lights == ALL_LIGHTS:
             read = self._seen.read(Frame(self._taken_at, self._picture), cold=cold)
             self._read[:2] = np.radians(read)
 
-    def _taken(self) -> Image | None:
+    def _newest_picture(self) -> Image | None:
         newest = getattr(self.tip, "newest", None)
         if newest is None:
             return self.tip.frame().image
@@ -321,13 +321,13 @@ class InspectionRig:
         # The readings come from the last exchange, which may have begun late.
         t = self.plant.time
         currents, self._state = self.control.step(self._state, wanted, read, t=t)
-        self._read = self._exchanged(np.concatenate([currents, request.rates]))
+        self._read = self._exchange(np.concatenate([currents, request.rates]))
         self._watch()
         self._known = np.where(np.isnan(self._read), self._known, self._read)
         self._ticks += 1
         self.tip.move_to(self.plant.stance())
 
-    def _applied(self, request: Request) -> None:
+    def _apply(self, request: Request) -> None:
         """Set lights, exposure, focus and water as requested."""
         if request.lights is not None:
             self._lights, self._picture = request.lights, None
@@ -338,30 +338,30 @@ class InspectionRig:
                 if image is not None:
                     self._base.begin(image, self.t)
         self._wet = self._wet if request.water is None else request.water
-        self._insist(lambda: apply_to_tip(self.tip, request))
+        self._retry(lambda: apply_to_tip(self.tip, request))
 
-    def _exchanged(self, u: FloatArray) -> FloatArray:
+    def _exchange(self, u: FloatArray) -> FloatArray:
         """Return the readings under inputs; NaN after a failure, which has made the head safe."""
         try:
             read = self.plant.exchange(u)
         except InstrumentError as error:
-            self._failed(error)
+            self._count_failure(error)
             off = (replace(axis, applied=0.0) for axis in self._state.axes)
             self._state = replace(self._state, axes=tuple(off))
-            self._insist(lambda: self.tip.switch(self._lights))
+            self._retry(lambda: self.tip.switch(self._lights))
             return np.full(4, np.nan)
         self._failures = 0
         return read
 
-    def _insist(self, work: Callable[[], None]) -> None:
+    def _retry(self, work: Callable[[], None]) -> None:
         """Repeat a call until it succeeds."""
         while True:
             try:
                 return work()
             except InstrumentError as error:
-                self._failed(error)
+                self._count_failure(error)
 
-    def _failed(self, error: InstrumentError) -> None:
+    def _count_failure(self, error: InstrumentError) -> None:
         """Log a failure of a device, after which the head is safe; raise it after too many."""
         self._failures += 1
         if isinstance(error, SafetyError) or self._failures > _MOST_FAILURES:

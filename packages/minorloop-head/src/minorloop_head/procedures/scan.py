@@ -142,7 +142,7 @@ class RasterScan:
         the loop does not do so all the time.
         """
         made.centre, made.shift, made.done = centre, shift, False
-        if (yield from self._over(made)):
+        if (yield from self._approach_row(made)):
             made.stage = "light"
             if light is None:
                 yield Request(water=True)
@@ -151,12 +151,12 @@ class RasterScan:
                 yield from meter(self.calibration, light, last=Request(water=True))
             made.stage = "turn"
             yield from go(angles=made.targets[made.point])
-            while (yield from self._row_scanned(made)):
-                yield from self._rolled(made)
+            while (yield from self._scan_row(made)):
+                yield from self._roll(made)
         made.done = True
         return made
 
-    def _over(self, made: ScannedRaster) -> Procedure[bool]:
+    def _approach_row(self, made: ScannedRaster) -> Procedure[bool]:
         """Bring the probe over the next row of the raster; return whether it gets there."""
         while True:
             made.stage = "travel"
@@ -173,13 +173,13 @@ class RasterScan:
             made.targets = self.targets(made.centre, first, made.shift, made.onward)
             if len(made.targets):
                 break
-            if not (yield from self._retreated(made)):
+            if not (yield from self._retreat(made)):
                 return False
         if not made.point:
             made.reference = self.rolled(made.centre[0], now.place)
         return True
 
-    def _row_scanned(self, made: ScannedRaster) -> Procedure[bool]:
+    def _scan_row(self, made: ScannedRaster) -> Procedure[bool]:
         """Fire at the points of a row, from where the catheter is; return whether points are left.
 
         If the row is not within reach from there, the catheter retreats to approach it again.
@@ -187,12 +187,12 @@ class RasterScan:
         now, n = (yield NOW), made.point // self.points
         aims = self._row(made.centre, now.place, made.shift, self._index(n, made.onward))
         if not len(aims):
-            return (yield from self._retreated(made))
+            return (yield from self._retreat(made))
         made.targets[n * self.points : (n + 1) * self.points] = aims
         made.stage, since = "points", now.t - DWELL
         while True:
             now = yield Request(angles=made.targets[made.point])
-            now = yield from self._fired(made, now, since)
+            now = yield from self._fire_at_point(made, now, since)
             made.point, since = made.point + 1, now.t
             if made.point == len(made.targets):
                 return False
@@ -200,7 +200,7 @@ class RasterScan:
                 yield Request(angles=made.targets[made.point])
                 return True
 
-    def _fired(self, made: ScannedRaster, now: Reading, since: float) -> Procedure[Reading]:
+    def _fire_at_point(self, made: ScannedRaster, now: Reading, since: float) -> Procedure[Reading]:
         """Fire at a point once the head is at rest, and stay until the burst has arrived.
 
         ``since`` is the time of the command to go there.
@@ -225,13 +225,13 @@ class RasterScan:
             made.bursts = (*made.bursts, burst)
         return now
 
-    def _rolled(self, made: ScannedRaster) -> Procedure[None]:
+    def _roll(self, made: ScannedRaster) -> Procedure[None]:
         """Roll to the next row."""
         made.stage = "roll"
         now = yield NOW
         yield from go(self._rolled_to(made, now), patience=_ROLLING)
 
-    def _retreated(self, made: ScannedRaster) -> Procedure[bool]:
+    def _retreat(self, made: ScannedRaster) -> Procedure[bool]:
         """Turn back before a row that was jumped past; False if it is too far, or too often."""
         now = yield NOW
         row = self._rolled_to(made, now)

@@ -165,33 +165,33 @@ class ProbeSweep:
     def _lines(self, made: SweptArea, now: Reading, start: float, end: float) -> Procedure[None]:
         """Fire on lines from one roll to another, until they cover the area."""
         while now.place[0] < self._first(made):
-            now = yield from self._rolled(made, now, _HURRY, 0.0)
+            now = yield from self._move(made, now, _HURRY, 0.0)
         cycle = (made.phi[1] - made.phi[0]) * (1 / self.rate + 1 / _FASTEST) + 2 * _TURNING
         while True:
             # The rate of advance that brings the next line to its place.
             due = self._first(made) + self.pitch - float(now.place[0])
             pace = float(np.clip(due, 0.5 * self.pitch, 1.5 * self.pitch)) / cycle
             made.stage, began, fired = "line", now.t, math.nan
-            now = yield from self._rolled(made, now, pace, self.rate)
+            now = yield from self._move(made, now, pace, self.rate)
             while (roll := float(now.place[1])) < end:
                 still = abs(roll - fired) * self.calibration.radius < 0.5 * self.pitch
                 fired = fired if still else roll
-                now = yield from self._rolled(made, now, pace, self.rate, 0 if still else SHOTS)
+                now = yield from self._move(made, now, pace, self.rate, 0 if still else SHOTS)
             low, high = made.z
             made.stage, made.lines = "return", made.lines + 1
             made.progress = float(np.clip((now.place[0] - low) / (high - low), 0.0, 1.0))
             if made.progress == 1.0:
                 return
-            now = yield from self._rolled(made, now, pace, -_FASTEST)
+            now = yield from self._move(made, now, pace, -_FASTEST)
             while now.place[1] > start:
-                now = yield from self._rolled(made, now, pace, -_FASTEST)
+                now = yield from self._move(made, now, pace, -_FASTEST)
             cycle = now.t - began
 
     def _first(self, made: SweptArea) -> float:
         """Return the advance at which the next line begins."""
         return made.z[0] + made.lines * self.pitch
 
-    def _rolled(
+    def _move(
         self, made: SweptArea, before: Reading, advance: float, roll: float, shots: int = 0
     ) -> Procedure[Reading]:
         """Move for a tick at rates in m/s and rad/s, and keep the burst of the tick."""
