@@ -123,17 +123,17 @@ def advance(
     config: TeleopConfig, state: TeleopState, inputs: TickInput, interval: float
 ) -> TeleopState:
     """Return the state after one tick."""
-    state = _entered(config, state, inputs)
+    state = _enter(config, state, inputs)
     if state.mode == "HOLD":
         return replace(state, rates=(0.0, 0.0))
     if state.mode == "SCAN":
-        return _scanned(config, state, inputs.scan, interval)
+        return _scan(config, state, inputs.scan, interval)
     rates = push(config.stick, state.rates, inputs.stick, interval)
     if state.mode == "HEAD":
         after = gaze(config.gaze, state.gaze, inputs.pose, interval, clutch=inputs.clutch)
         return replace(state, gaze=after, rates=rates)
     unseen = 0.0 if inputs.servo is not None else state.unseen + interval
-    moved = _servoed(config, state.command, inputs.servo, interval)
+    moved = _servo(config, state.command, inputs.servo, interval)
     return replace(state, gaze=anchored(state.gaze, moved), rates=rates, unseen=unseen)
 
 
@@ -142,7 +142,7 @@ def held(state: TeleopState, reason: str) -> TeleopState:
     return TeleopState("HOLD", reason, anchored(state.gaze))
 
 
-def _entered(config: TeleopConfig, state: TeleopState, inputs: TickInput) -> TeleopState:
+def _enter(config: TeleopConfig, state: TeleopState, inputs: TickInput) -> TeleopState:
     """Return the state in the mode of this tick."""
     wanted = inputs.request or state.mode
     refusal = _refusal(config, state, inputs, wanted)
@@ -177,14 +177,14 @@ def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted
     return ""
 
 
-def _servoed(config: TeleopConfig, command: Pair, servo: Pair | None, interval: float) -> Pair:
+def _servo(config: TeleopConfig, command: Pair, servo: Pair | None, interval: float) -> Pair:
     if servo is None or not math.isfinite(servo[0] + servo[1]):
         return command
     wanted = command[0] + interval * servo[0], command[1] + interval * servo[1]
     return slewed(config.gaze, command, into_cone(wanted, config.gaze.cone), interval)
 
 
-def _scanned(
+def _scan(
     config: TeleopConfig, state: TeleopState, requested: tuple[Pair, Rates] | None, interval: float
 ) -> TeleopState:
     assert requested is not None

@@ -69,7 +69,7 @@ def at_once(work: Callable[[], Any]) -> Callable[[], Any | None]:
     return lambda: result
 
 
-def _unpicked(picked: tuple[float, float], pixel: FloatArray, error: MinorloopError) -> str:
+def _pick_refusal(picked: tuple[float, float], pixel: FloatArray, error: MinorloopError) -> str:
     """Return the message on a picked pixel that cannot be tracked, at the tried pixel."""
     moved = ", by the middle of the outline there," if math.dist(picked, pixel) > 1.0 else ""
     u, v = picked
@@ -154,7 +154,7 @@ class Perception:
             self._queue.pop(0)()
         if (
             not self._busy
-            and not self._fires
+            and not self._is_firing
             and (self._seen_angles is None or self._seen_angles.known)
             and self._finder.at_rest
             and not self._finder.has_searched(request.position)
@@ -167,7 +167,7 @@ class Perception:
         if self._seen_angles is not None and frame is not None and self._all_lights:
             joints = self._joints(self._seen_angles, frame, request.cold)
         if self._echoes is not None and self._all_lights:
-            self._scanned(self._echoes, None if frame is None else frame.image)
+            self._use_picture(self._echoes, None if frame is None else frame.image)
         centred = self._track is not None and request.centring
         self._light.place = self._track.place if centred and self._track is not None else None
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
@@ -225,7 +225,7 @@ class Perception:
         used = used or (self._echoes is not None and self._echoes.waiting)
         still = request.holding or (self._track is None and self._finder.at_rest)
         known = still and self._finder.has_searched(self._position)
-        few = not used and (known or self._fires)
+        few = not used and (known or self._is_firing)
         return None if few and request.number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
@@ -288,7 +288,7 @@ class Perception:
         try:
             track, self._track = self._centring.pick(reading.image, pixel, reading)
         except MinorloopError as error:
-            self._report("unpicked", text=_unpicked(picked, pixel, error))
+            self._report("unpicked", text=_pick_refusal(picked, pixel, error))
             return
         self._visible, self._score = True, track.score
 
@@ -299,7 +299,7 @@ class Perception:
         pixel = self._pixel_of(self._track)
         if self._mark is not None:
             image = reading.image if usable else None
-            self._go_on_marking(*self._mark, replace(reading, image=image))
+            self._continue_mark(*self._mark, replace(reading, image=image))
             pixel = self._pixel_of(self._track)
         elif usable:  # under other lights, or out of focus, only the angles are used
             now, self._track = self._centring.follow(self._track, reading, reading.image)
@@ -359,9 +359,9 @@ class Perception:
             self._queue.append(self._sharpen)
             return
         guess = wall_ahead(self.view, self._reading())
-        self._use(focus(self.view.lens, self._pixel_of(self._track), guess), self._sharpened)
+        self._use(focus(self.view.lens, self._pixel_of(self._track), guess), self._use_focus)
 
-    def _sharpened(self, found: FocusPeak) -> None:
+    def _use_focus(self, found: FocusPeak) -> None:
         self._light.focusing = False
         self._report("focused", distance=float(found.distance), verdict=found.verdict)
 
@@ -384,7 +384,7 @@ class Perception:
         self._mark = None
         apply_to_tip(self._tip, Request(extension=0.0))
 
-    def _go_on_marking(self, running: Running[Touch], touch: Touch, reading: Reading) -> None:
+    def _continue_mark(self, running: Running[Touch], touch: Touch, reading: Reading) -> None:
         """Do one step of a touch, which tracks the point too."""
         extension, touching = self._tip.tool_state() if isinstance(self._tip, ToolTip) else (0, 0)
         reading = replace(reading, extension=extension, touching=bool(touching))
@@ -420,9 +420,9 @@ class Perception:
 
     def _find(self) -> None:
         """Search the view for defects."""
-        self._acquire(self._found)
+        self._acquire(self._use_findings)
 
-    def _found(self, findings: Findings) -> None:
+    def _use_findings(self, findings: Findings) -> None:
         self._finder.add(findings)
         self._report("found", count=len(findings.holes), verdict=findings.verdict)
 
@@ -431,9 +431,9 @@ class Perception:
         if self._track is None:
             self._report("extracted", hole=None, verdict="no target is tracked")
             return
-        self._acquire(self._extracted)
+        self._acquire(self._use_outline)
 
-    def _extracted(self, findings: Findings) -> None:
+    def _use_outline(self, findings: Findings) -> None:
         self._finder.add(findings)
         assert self._track is not None
         # Without an outline in these frames, use one of a view from farther away.
@@ -480,7 +480,7 @@ class Perception:
         return self._work is not None or bool(self._pending) or self._mark is not None
 
     @property
-    def _fires(self) -> bool:
+    def _is_firing(self) -> bool:
         """Whether a scan or a sweep is on."""
         return self._echoes is not None or self._sweep is not None
 
@@ -508,7 +508,7 @@ class Perception:
         self._echoes = ScanEchoes(self.view, int(finding), (phi, z), diameter)
         self._echoes.read(self._now, self._position)
 
-    def _scanned(self, echoes: ScanEchoes, image: Image | None) -> None:
+    def _use_picture(self, echoes: ScanEchoes, image: Image | None) -> None:
         """Use a picture for the scan, and report a burst whose pose is known."""
         begun = echoes.begun
         if image is not None:

@@ -117,7 +117,7 @@ class Scanning:
 
         # The head returns to where it was commanded, the catheter to where it was measured.
         home = *command, *here[2:]
-        procedure = _and_back(scan.scan(made, centre), made, home, ended)
+        procedure = _with_return(scan.scan(made, centre), made, home, ended)
         running = Running(procedure, carry_out, Request(water=False))
         self.scan = ProbeRun(found.number, home, made, running)
         return True
@@ -154,7 +154,7 @@ class Scanning:
             self._out.command("end_sweep", not made.trouble)
 
         home = (*command, *here[2:]) if self._left is None else self._left.home
-        procedure = _and_back(sweep.sweep(made), made, home, ended)
+        procedure = _with_return(sweep.sweep(made), made, home, ended)
         running = Running(procedure, carry_out, Request(water=False))
         self.scan, self._left, self._after = ProbeRun(0, home, made, running), None, None
         return True
@@ -226,7 +226,7 @@ class Scanning:
         )
 
 
-def _and_back(
+def _with_return(
     procedure: Procedure[Probed], made: Probed, home: Position, ended: Callable[[], None]
 ) -> Procedure[None]:
     """Carry out a scan or a sweep, report its end, and bring the head back."""

@@ -170,7 +170,7 @@ class Session:
     def tick(self, now: float) -> FloatArray:
         """Do one tick at a time in seconds; return the four inputs that were applied."""
         for report in self.camera.reports():
-            self._take(report)
+            self._handle_report(report)
         self._watch_pictures()
         self._watch_mark()
         before = self.state.mode
@@ -375,7 +375,7 @@ class Session:
                 "press a mode when the head stands still"
             )
 
-    def _take(self, report: CameraReport) -> None:
+    def _handle_report(self, report: CameraReport) -> None:
         self.seen, self._joints = report, report.joints or self._joints
         for event in report.events:
             kind = event["what"]
@@ -393,7 +393,7 @@ class Session:
                     messages.FocusResult(distance=event["distance"], verdict=event["verdict"])
                 )
             elif kind == "extracted":
-                self._extracted(event)
+                self._add_hole(event)
             elif kind == "burst":
                 self._scanning.fired()
             elif kind == "unscanned" and self.state.mode == "SCAN":
@@ -401,7 +401,7 @@ class Session:
             elif kind == "touched":
                 self._touched = True
             elif kind == "marked":
-                self._marked(event)
+                self._report_mark(event)
             elif kind == "not extended":
                 self._end_mark(event["text"])
             elif kind == "found":
@@ -433,7 +433,7 @@ class Session:
         if self.state.mode != "TRACK":
             self._stop_mark(self.state.reason or "another mode was chosen; press Track, then Mark")
 
-    def _marked(self, event: dict[str, Any]) -> None:
+    def _report_mark(self, event: dict[str, Any]) -> None:
         """Report the end of a touch, and the problem if it failed."""
         trouble = "" if self._touched else self._trouble()
         said = ended(event["verdict"], event["off"], self._score)
@@ -527,7 +527,7 @@ class Session:
             return
         self._out.command("extract")
 
-    def _extracted(self, event: dict[str, Any]) -> None:
+    def _add_hole(self, event: dict[str, Any]) -> None:
         hole = event["hole"]
         if hole is None:
             self.notice(f"this cannot be measured: {event['verdict']}")

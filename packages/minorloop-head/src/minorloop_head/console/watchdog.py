@@ -174,7 +174,7 @@ class WatchedPlant:
             self._stop(_ENDED)
 
     def _answer_next(self, pipe: Connection) -> None:
-        if not self._waited(pipe):
+        if not self._wait_for_command(pipe):
             self._stop(_SILENT.format(self._patience))
             return
         command = _commands.decode(pipe.recv_bytes())
@@ -184,7 +184,7 @@ class WatchedPlant:
             self._carry_out(command)
         pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
 
-    def _waited(self, pipe: Connection) -> bool:
+    def _wait_for_command(self, pipe: Connection) -> bool:
         """Return whether a command comes in time; switch lights and pump meanwhile."""
         deadline = time.monotonic() + self._patience
         while True:

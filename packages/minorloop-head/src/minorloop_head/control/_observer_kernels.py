@@ -117,7 +117,7 @@ def added(recent, power, angle, reading, steps, most):
 
 
 @njit(cache=True, nogil=True)
-def _filled(readings):
+def _interpolated(readings):
     """Return readings with missing ones interpolated between their neighbours."""
     filled = readings.copy()
     last = -1
@@ -151,7 +151,7 @@ def slowing(readings, count, seen, moved, over, slower, back):
             low, high = min(low, readings[k]), max(high, readings[k])
     if known < seen * count or not high - low >= moved:
         return none
-    angles = _filled(readings)
+    angles = _interpolated(readings)
     steps, seconds = over
     rates, first = np.empty(count), readings.size - count
     way = 1.0 if angles[-1] >= angles[first] else -1.0

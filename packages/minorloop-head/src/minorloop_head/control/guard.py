@@ -241,7 +241,7 @@ class Guard:
         ``asked``: requested angle, if the reference was computed from it.
         """
         whole = reference if asked is None else asked
-        steps, read, notes, clock = self._passed(
+        steps, read, notes, clock = self._pass_time(
             state.clock, measurement if raw is None else raw, t
         )
         wanted = as_number(reference)
@@ -253,7 +253,7 @@ class Guard:
                 "are kept"
             )
         predicted, heated, driven = self._predicted(state, steps)
-        reading, lateness = self._judged(
+        reading, lateness = self._check_reading(
             state, (read, as_number(measurement)), predicted, driven.angle, steps
         )
         expected = predicted.expected
@@ -269,8 +269,8 @@ class Guard:
         # If readings are not used, the law continues with those that the model expects.
         instead = reading.used or math.isnan(as_number(read))
         known = reading.value if instead else expected
-        requested, inner = self._requested(state, estimate, target, known, steps)
-        cool = self._allowed(estimate, heated)
+        requested, inner = self._requested_current(state, estimate, target, known, steps)
+        cool = self._allowed_current(estimate, heated)
         current = min(requested, cool, self._useful(reading, reach, estimate))
         if self.controller and current != requested:
             inner = replace(inner, applied=current)
@@ -349,7 +349,7 @@ class Guard:
     def _clock(self) -> dict[str, Any]:
         return {name: getattr(self.observer, name) for name in ("interval", "delay", "highest")}
 
-    def _passed(
+    def _pass_time(
         self, clock: _StepClock, measurement: object, t: object
     ) -> tuple[int, object, dict[Cause, str], _StepClock]:
         """Return the passed intervals, the reading if it is new, notes, and the clock.
@@ -394,7 +394,7 @@ class Guard:
             driven = observer.wire.step(driven, power, interval, ambient=state.bias)
         return estimate, heated, driven
 
-    def _judged(
+    def _check_reading(
         self,
         state: GuardState,
         read: tuple[object, float],
@@ -428,7 +428,7 @@ class Guard:
         # The loop begins flat: many powers give the angle of a cold wire.
         return target if target > low + _COLD else low - 1.0
 
-    def _requested(
+    def _requested_current(
         self, state: GuardState, estimate: Estimate, target: float, known: float, steps: int
     ) -> tuple[float, Any]:
         """Return the current in A that the law requests, within its limits, and its state."""
@@ -443,7 +443,7 @@ class Guard:
         most = self.observer.highest
         return min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0, inner
 
-    def _allowed(self, estimate: Estimate, heated: float) -> float:
+    def _allowed_current(self, estimate: Estimate, heated: float) -> float:
         """Return the largest current in A that keeps the wire cool enough by both estimates."""
         wire, interval = self.observer.wire, self.observer.interval
         bias = estimate.ambient
@@ -467,7 +467,7 @@ class Guard:
 
     def _logged(self, old: GuardState, new: GuardState, notes: dict[Cause, str]) -> GuardState:
         """Return the new state with its log; a persistent cause is logged when it begins."""
-        present = dict(self._present(new)) | notes
+        present = dict(self._present_causes(new)) | notes
         known = old.active if new.fault == old.fault else old.active - {"sensor"}
         fresh = [(cause, text) for cause, text in present.items() if cause not in known]
         for cause, after in _ENDED.items():
@@ -478,7 +478,7 @@ class Guard:
         log = (*old.log, *(Event(new.steps, cause, text) for cause, text in fresh))
         return replace(new, active=frozenset(present), log=_newest(log) if fresh else old.log)
 
-    def _present(self, state: GuardState) -> Iterator[tuple[Cause, str]]:
+    def _present_causes(self, state: GuardState) -> Iterator[tuple[Cause, str]]:
         """Yield the causes that the state shows, with their sentences."""
         reading = state.reading
         odd = f"readings jumped by {reading.jumped:.3g} degrees, faster than the wire can move"

@@ -115,16 +115,16 @@ class UnreadWatch:
         """
         if not gap:
             usual = before.usual + _LEARNED * (min(float(before.gap), _MOST) - before.usual)
-            return Unread(0, usual, lost=before.lost + self._goes(before))
+            return Unread(0, usual, lost=before.lost + self._goes_back(before))
         more = gap - before.gap
         state = replace(before, gap=gap, dark=before.dark + (0 if searched else more))
         if gap < max(self.after, _USUAL * before.usual):
             return replace(state, kept=None)
         kept = read if before.kept is None else before.kept
-        back = self.takes * more if searched and self._goes(state) else 0
+        back = self.takes * more if searched and self._goes_back(state) else 0
         return replace(state, kept=(1.0 - _BACK) ** back * kept)
 
-    def _goes(self, state: Unread) -> bool:
+    def _goes_back(self, state: Unread) -> bool:
         """Whether the head goes back: its view has been searched for as long as it stays."""
         return self.takes * (state.gap - state.dark) > self.stays
 
@@ -211,7 +211,7 @@ class HeadControl:
         count = len(self.axes)
         angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
         currents = np.zeros(count) if current is None else _numbers(current, count)
-        own = self._undo @ np.where(np.abs(angles) < LARGEST, angles, 0.0)
+        own = self._unmixing @ np.where(np.abs(angles) < LARGEST, angles, 0.0)
         pairs = zip(self.axes, own.tolist(), currents.tolist(), strict=True)
         return HeadState(tuple(axis.begin(angle, on) for axis, angle, on in pairs))
 
@@ -250,7 +250,7 @@ class HeadControl:
         estimated = np.array([axis.estimate.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
         unread = state.unread
-        newest = np.array([_bounding(axis.reading) for axis in state.axes])
+        newest = np.array([_limiting(axis.reading) for axis in state.axes])
         wanted = self._near(wanted, newest, self.lead / unread.slower)
         if self.unread is not None:
             gap = max(max(axis.reading.missing, axis.reading.odd) for axis in state.axes)
@@ -258,8 +258,8 @@ class HeadControl:
             unread = self.unread.step(unread, gap, modelled, searched=searched)
             wanted = self.unread.near(unread, wanted)
         working = np.array([not axis.fault for axis in state.axes])
-        readings = self._own(seen, estimated, working)
-        targets = self._own_targets(wanted, last)
+        readings = self._uncoupled(seen, estimated, working)
+        targets = self._uncoupled_targets(wanted, last)
         current, states = np.empty(count), []
         for k, axis in enumerate(self.axes):
             pair = float(targets[k]), float(readings[k])
@@ -309,24 +309,24 @@ class HeadControl:
         """
         ends = np.array([axis.reach for axis in self.axes]) if ends is None else np.asarray(ends)
         wanted = _numbers(reference, len(self.axes))
-        own = np.clip(self._undo @ wanted, ends[:, 0], ends[:, 1])
+        own = np.clip(self._unmixing @ wanted, ends[:, 0], ends[:, 1])
         return np.asarray(ends + (self._mixing @ own)[:, np.newaxis])
 
-    def _own(self, seen: FloatArray, instead: FloatArray, working: BoolArray) -> FloatArray:
+    def _uncoupled(self, seen: FloatArray, instead: FloatArray, working: BoolArray) -> FloatArray:
         """Return the angles (axes,) of the wires without coupling; NaN where there is no reading.
 
         For the effect on other axes, ``instead`` replaces angles that are faulty or not numbers.
         """
         known = np.abs(seen) < LARGEST
         filled = np.where(known & working, seen, instead + self._mixing @ instead)
-        return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
+        return np.where(known, seen - self._mixing @ (self._unmixing @ filled), np.nan)
 
     def _near(self, wanted: FloatArray, newest: FloatArray, lead: float) -> FloatArray:
         """Return wanted readings (axes,) no farther from the newest ones than a lead."""
         near = np.minimum(np.maximum(wanted, newest - lead), newest + lead)
         return np.where(np.isnan(newest), wanted, near)
 
-    def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
+    def _uncoupled_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
         """Return the wanted angles (axes,) of the wires without coupling; NaN where there is none.
 
         A wire whose target is beyond its stroke stops at its end; the others compensate that.
@@ -334,7 +334,7 @@ class HeadControl:
         known = np.abs(wanted) < LARGEST
         filled = np.where(known, wanted, instead + self._mixing @ instead)
         low, top = self._ends
-        own = np.minimum(np.maximum(self._undo @ filled, low), top)
+        own = np.minimum(np.maximum(self._unmixing @ filled, low), top)
         return np.where(known, wanted - self._mixing @ own, np.nan)
 
     @cached_property
@@ -348,7 +348,7 @@ class HeadControl:
         return np.array([axis.observer.wire.operator.range for axis in self.axes]).T
 
     @cached_property
-    def _undo(self) -> FloatArray:
+    def _unmixing(self) -> FloatArray:
         return np.asarray(np.linalg.inv(np.asarray(self.coupling)))
 
 
@@ -421,7 +421,7 @@ def controller(law: str | Law, wire: HeatedWire, **options: Any) -> Controller:
     return ObserverControl(wire=wire, **options)
 
 
-def _bounding(known: ReadingState) -> float:
+def _limiting(known: ReadingState) -> float:
     """Return the newest reading, which limits wanted ones; NaN if it is not trusted."""
     return math.nan if known.fault in ("late", "unconfirmed", "reversed") else known.last
 

@@ -117,14 +117,14 @@ class _DelayWatch:
         """
         powers, angles, readings = recent
         first, found = max(len(readings) - steps, 0), before
-        if not np.isnan(error) and self._ended(readings[:first]):
+        if not np.isnan(error) and self._readings_ended(readings[:first]):
             found = None
         if found is None:
             if not abs(error) > _ERRS:
                 return None, 0.0
-            first = self._first(readings)
-            found = self._begun(estimates[first - len(readings)], angles[first::-1])
-        found = self._advanced(found, powers[first:], readings[first:])
+            first = self._first_index(readings)
+            found = self._begin(estimates[first - len(readings)], angles[first::-1])
+        found = self._advance(found, powers[first:], readings[first:])
         calm = 0 if abs(error) > 0.5 * _ERRS else found.calm + steps
         late = self._late(found, readings)
         row = found.row + 1 if late else 0
@@ -135,22 +135,22 @@ class _DelayWatch:
     def compile(self) -> None:
         """Compile the comparison, which a loop with small errors does not reach."""
         nothing = np.empty(0)
-        self._advanced(self._begun(self.observer.found(), np.zeros(1)), nothing, nothing)
+        self._advance(self._begin(self.observer.found(), np.zeros(1)), nothing, nothing)
 
-    def _ended(self, readings: FloatArray) -> bool:
+    def _readings_ended(self, readings: FloatArray) -> bool:
         """Return whether the readings have stopped: those that a network delays come late then."""
         last = readings[-self._count(_ENDURED[0]) :]
         return bool(last.size and np.isnan(last).all())
 
-    def _first(self, readings: FloatArray) -> int:
+    def _first_index(self, readings: FloatArray) -> int:
         """Return the index at which a comparison begins: where readings stopped, if they did."""
         first = max(len(readings) - self._count(_BEFORE), 0)
-        if self._ended(readings[:-1]):
+        if self._readings_ended(readings[:-1]):
             while len(readings) > first + 1 and not np.isnan(readings[first]):
                 first += 1
         return first
 
-    def _begun(self, estimate: Estimate, angles: FloatArray) -> _Comparison:
+    def _begin(self, estimate: Estimate, angles: FloatArray) -> _Comparison:
         """Return the comparison that begins at an estimate; angles before are newest first."""
         wire, count = estimate.wire, len(self._delays)
         values = np.tile(estimate.values, (count, 1))
@@ -164,7 +164,7 @@ class _DelayWatch:
             values, np.tile(past, (count, 1)), copies, np.full(count, rows), np.zeros(count)
         )
 
-    def _advanced(
+    def _advance(
         self, before: _Comparison, powers: FloatArray, readings: FloatArray
     ) -> _Comparison:
         """Return the comparison some intervals later."""
@@ -331,10 +331,10 @@ class LatenessWatch:
 
     def _fitted(self, values: FloatArray) -> FloatArray:
         """Return the constant and the linear part of values (..., n)."""
-        return np.asarray(values @ self._even @ self._even.T)
+        return np.asarray(values @ self._basis @ self._basis.T)
 
     @cached_property
-    def _even(self) -> FloatArray:
+    def _basis(self) -> FloatArray:
         """Orthonormal constant and time (n, 2) of a window."""
         columns = np.stack([np.ones(self._window), np.arange(self._window)], axis=1)
         return np.asarray(np.linalg.qr(columns)[0])

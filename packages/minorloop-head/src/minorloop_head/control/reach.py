@@ -166,7 +166,7 @@ class ReachWatch(Loop):
         none. ``current``: applied, in A. ``estimate``: of the wire now.
         """
         if state.verdict is not None:
-            state = self._kept(state, state.verdict, reference, measurement, current)
+            state = self._keep_verdict(state, state.verdict, reference, measurement, current)
             if state.verdict is not None:
                 return state
         low, top = self.wire.operator.range
@@ -182,10 +182,10 @@ class ReachWatch(Loop):
             moving = angle > low + self.tolerance
             bank = self._hypotheses.begin(estimate, moving=moving)
             trial = Trial(bank, angle, angle)
-        trial = self._followed(trial, measurement, angle, current)
+        trial = self._follow(trial, measurement, angle, current)
         return ReachState(trial, self._verdict(trial, reference, angle))
 
-    def _kept(
+    def _keep_verdict(
         self,
         state: ReachState,
         verdict: Unreachable,
@@ -214,7 +214,7 @@ class ReachWatch(Loop):
     def _is_full(self, current: float) -> bool:
         return current >= 0.95 * self.highest
 
-    def _followed(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
+    def _follow(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
         """Return the trial one interval later."""
         moved = abs(angle - trial.mark) > _STILL_DEGREES
         bank = self._hypotheses.step(trial.bank, current, measurement, self.interval)

@@ -163,9 +163,9 @@ class ReadingWatch(Loop):
         number = as_number(raw)
         possible = self.sensor.low <= number <= self.sensor.high
         angle = angle if possible else math.nan
-        known = self._signed(before, angle, expected)
+        known = self._check_sign(before, angle, expected)
         known = self._believed(known, angle, expected)
-        return self._counted(known, number, angle, possible=possible)
+        return self._count(known, number, angle, possible=possible)
 
     def _believed(self, before: ReadingState, reading: float, expected: Expected) -> ReadingState:
         """Return the state after checking whether the wire can have turned to a reading."""
@@ -205,7 +205,7 @@ class ReadingWatch(Loop):
         slack = 0.0 if row >= _ROW else before.slack
         return after._replace(error=error, jumped=0.0, slack=slack, astray=0.0)
 
-    def _signed(self, before: ReadingState, reading: float, expected: Expected) -> ReadingState:
+    def _check_sign(self, before: ReadingState, reading: float, expected: Expected) -> ReadingState:
         """Return the state after checking whether readings fall below cold ones during heating."""
         if before.reversed or math.isnan(reading):
             return before
@@ -223,7 +223,7 @@ class ReadingWatch(Loop):
                 return before
         return before._replace(risen=driven, read=reading)
 
-    def _counted(
+    def _count(
         self, known: ReadingState, number: float, angle: float, *, possible: bool
     ) -> ReadingState:
         """Return the usable reading, and the fault of the sensor."""

@@ -99,7 +99,7 @@ def inspect_pictures(
             told(f"{counted(len(found), 'picture')} inspected")
             if folder is not None and picture.findings:
                 marked = _mark(frame.image, picture, folder / "pictures", number)
-                best = sorted([*best, (_weight(picture), name, marked)], key=lambda one: -one[0])
+                best = sorted([*best, (_evidence(picture), name, marked)], key=lambda one: -one[0])
                 best = best[:SHOWN]
         told(f"{counted(len(found), 'picture')} inspected", kept=True)
         if view is None:
@@ -165,7 +165,7 @@ def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
     ]
 
 
-def _weight(picture: InspectedPicture) -> float:
+def _evidence(picture: InspectedPicture) -> float:
     """Return the evidence of a picture, by which pictures are chosen for the report."""
     evidence = [each.evidence for each in picture.findings if not math.isnan(each.evidence)]
     return max(evidence, default=0.0)

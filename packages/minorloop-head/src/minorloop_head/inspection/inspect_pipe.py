@@ -327,7 +327,7 @@ class _Folder(Kept):
 
     def _write_results(self) -> SeenWall | None:
         """Write findings, models and the report, and return the map of the wall."""
-        found, view, tried = self._found(), self._calibration, self._tried
+        found, view, tried = self._with_finding(), self._calibration, self._try_drawing
         scanned = _known({name: self.scan_of(one) for name, one in found.items()})
         walls = _known(
             {n: tried(f"map of {n}", wall_of, found[n], one, view) for n, one in scanned.items()}
@@ -362,7 +362,7 @@ class _Folder(Kept):
         written(drawn, self._folder / "report.html")
         return seen
 
-    def _tried(self, what: str, draw: Callable[..., _Value], *given: Any) -> _Value | None:
+    def _try_drawing(self, what: str, draw: Callable[..., _Value], *given: Any) -> _Value | None:
         """Return a drawing; None if it cannot be drawn, which is noted."""
         try:
             return draw(*given)
@@ -370,7 +370,7 @@ class _Folder(Kept):
             self._undone[what] = f"{NOT_DONE}: {error}"
             return None
 
-    def _found(self) -> dict[str, InspectedView]:
+    def _with_finding(self) -> dict[str, InspectedView]:
         """Return the views with a finding."""
         return {name: view for name, view in self.views.items() if view.finding is not None}
 
@@ -403,7 +403,7 @@ class _Folder(Kept):
             ],
             "findings": [
                 visit_row(view, self._calibration.thickness, self._content["least wall [mm]"])
-                for view in self._found().values()
+                for view in self._with_finding().values()
             ],
             "unconfirmed": [LostRow.of(each) for each in self._unconfirmed()],
             "log": self._log,

@@ -181,7 +181,7 @@ def inspection_report(
         if name in walls:
             caption = "The wall about it by camera and echoes."
             pictures.append(Picture(draw_finding(walls[name]), caption))
-        report.add(f"Finding {number}: {row['kind']}", text=_sentence(row), pictures=pictures)
+        report.add(f"Finding {number}: {row['kind']}", text=_visit_sentence(row), pictures=pictures)
     steps = [[f"{each['t']:.0f}", each["step"], _outcome(each)] for each in content["log"]]
     if steps:
         report.add("Log", table=Table(("t [s]", "step", "outcome"), steps))
@@ -314,7 +314,7 @@ def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return found
 
 
-def _sentence(row: Mapping[str, Any]) -> str:
+def _visit_sentence(row: Mapping[str, Any]) -> str:
     """Return a sentence on the results of the visit of a finding."""
     known = {
         "centred": "centred in the picture",
@@ -346,7 +346,7 @@ def _outcome(step: Mapping[str, Any]) -> str:
     return str(step["outcome"]) if step["succeeded"] else f"failed: {step['outcome']}"
 
 
-def _not_found(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
+def _rejected(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
     """Return the numbers of candidates that were not confirmed, and not visited."""
     lost = [
         counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
@@ -377,7 +377,7 @@ def summary(content: Mapping[str, Any]) -> str:
         f"{row['advance [mm]']:.1f} mm"
         for row in content["not searched"]
     )
-    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
+    less = f"{_rejected(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
     known = [
         row["depth [mm]"] is not None or row["kind"] == _THROUGH for row in content["findings"]
     ]

@@ -129,7 +129,7 @@ class FaultLog:
                 lasted, times = before.lasted + one.lasted, before.times + 1
                 one = replace(before, lasted=lasted, times=times, over=one.over)
             found[key] = one
-        return (*_joined(found.values()), *self._all_old(0.0, t), *self._all_late())
+        return (*_join_axes(found.values()), *self._all_old(0.0, t), *self._all_late())
 
     def during(self, name: str, first: float, last: float) -> str:
         """Return the last fault active between two times in seconds; empty if there was none.
@@ -137,7 +137,7 @@ class FaultLog:
         ``name``: of an axis. If it had no fault, and the head held its position because another
         axis was not read, the fault of the other axis is returned.
         """
-        on = _joined(
+        on = _join_axes(
             each.fault
             for each in self._noted
             if (each.steps >= _SHORT or each.cooled) and each.began < last and each.until > first
@@ -192,25 +192,25 @@ class FaultLog:
 def _reading(axis: GuardState, why: str) -> tuple[str, str]:
     """Return the kind of the fault of a reading and what is wrong; both empty if it is good."""
     if axis.fault:
-        return axis.fault, _with(_newest(axis, "sensor"), why)
+        return axis.fault, _with_reason(_newest(axis, "sensor"), why)
     if axis.reading.used:
         return "", ""
     if axis.reading.odd and not axis.reading.believed:
         return _DOUBTED, f"{_DOUBTED}; the wire went by its model"
     if why.startswith(UNTURNED):
         return UNTURNED, f"readings were not used, because {why}; the wire went by its model"
-    return _UNREAD, f"{_with(_UNREAD, why)}; the wire went by its model"
+    return _UNREAD, f"{_with_reason(_UNREAD, why)}; the wire went by its model"
 
 
 def _newest(axis: GuardState, cause: str) -> str:
     return next((event.text for event in reversed(axis.log) if event.cause == cause), "")
 
 
-def _with(what: str, why: str) -> str:
+def _with_reason(what: str, why: str) -> str:
     return f"{what} ({why})" if why else what
 
 
-def _joined(faults: Iterable[DriveFault]) -> tuple[DriveFault, ...]:
+def _join_axes(faults: Iterable[DriveFault]) -> tuple[DriveFault, ...]:
     """Return faults, with equal faults of all axes joined to one."""
     axes: dict[DriveFault, list[str]] = {}
     for each in faults:

@@ -230,7 +230,7 @@ def light_in(image: Image, view: HeadCalibration, pan: float, tilt: float) -> _P
     at = [np.linspace(0, n, m + 1).astype(int) for n, m in zip(image.shape, _CELLS, strict=True)]
     total = np.add.reduceat(image.astype(np.float64), at[0][:-1], axis=0)
     grey = np.add.reduceat(total, at[1][:-1], axis=1) / np.outer(np.diff(at[0]), np.diff(at[1]))
-    light, resolution = _seen(view, pan, tilt)
+    light, resolution = _expected(view, pan, tilt)
     near = resolution.reshape(rows, columns) >= LEAST_SEEN
     seen = float((near & (grey >= LEAST_GREY)).mean())
     level = _normal(np.log(grey.ravel() + _FLOOR))
@@ -253,11 +253,11 @@ def _patterns(view: HeadCalibration) -> tuple[FloatArray, FloatArray]:
     camera = view.camera_at((0.0, 0.0))
     pairs = [(a, b) for a in steps for b in steps if camera.inside(*np.radians([a, b]).tolist())]
     pairs = pairs or [(0, 0)]
-    lights = [_normal(_seen(view, *np.radians(pair).tolist())[0]) for pair in pairs]
+    lights = [_normal(_expected(view, *np.radians(pair).tolist())[0]) for pair in pairs]
     return np.array(pairs, dtype=np.float64), np.array(lights)
 
 
-def _seen(view: HeadCalibration, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
+def _expected(view: HeadCalibration, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
     """Return the logarithm of the light on each cell, and its resolution in pixels per metre."""
     camera = view.camera_at((0.0, 0.0))  # the pipe looks alike from everywhere on its axis
     pose = camera.mount.pose(pan, tilt)

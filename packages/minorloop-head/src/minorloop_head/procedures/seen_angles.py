@@ -336,7 +336,7 @@ class SeenHead(WrappedActuator):
     def _look(self, *, cold: bool = False) -> FloatArray:
         angles = np.full(2, np.nan)
         try:
-            frame = self._taken()
+            frame = self._take_picture()
         except InstrumentError as error:
             fresh = self._frame is not None and self._clock.now() - self._frame.t < _FRESH
             self._why = self._why if fresh and self._why else str(error)
@@ -350,7 +350,7 @@ class SeenHead(WrappedActuator):
             raise InstrumentError(unseen(self._why))
         return angles
 
-    def _taken(self) -> Frame:
+    def _take_picture(self) -> Frame:
         if self._expose is not None:
             self._expose(LIMITS.exposure, self._gain)
         frame, lens = self._picture(), self._view.lens

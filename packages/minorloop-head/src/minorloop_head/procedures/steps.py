@@ -130,7 +130,7 @@ def photo(rig: InspectionRig) -> Photo:
 
 def approach(rig: InspectionRig, place: FloatArray) -> None:
     """Go to where a place (2,) is within the cone, and turn towards it."""
-    go(rig, place=_near(rig, place))
+    go(rig, place=_place_before(rig, place))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
 
 
@@ -148,7 +148,7 @@ def place_words(place: FloatArray) -> str:
     return f"phi {np.degrees(wrapped(place[0])):.1f} deg, z {1e3 * place[1]:.2f} mm"
 
 
-def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
+def _place_before(rig: InspectionRig, place: FloatArray) -> FloatArray:
     """Return advance and roll (2,) of the catheter before a place.
 
     It rolls only if the wires do not turn the head to the place from a roll of 0. The place is then
@@ -197,7 +197,7 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
         if found.error <= centring.in_middle:
             break
         centring = replace(centring, in_middle=CENTRED_PX, integral_gain=0.0)
-    _say_centred(rig, found)
+    _log_centred(rig, found)
 
 
 def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> FloatArray:
@@ -209,7 +209,7 @@ def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> Floa
     return rig.compute(lambda: centring.outlined([frame], guess, now, reach=FOUND))
 
 
-def _say_centred(rig: InspectionRig, found: Centred) -> None:
+def _log_centred(rig: InspectionRig, found: Centred) -> None:
     """Log the distance from the middle, or why the picture does not give it."""
     if found.verdict != TRACKED:
         words = f"{found.verdict} in {_CENTRINGS} tries; turned there by the joints alone"

@@ -178,7 +178,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
             for one in _floors(echoes.depth, used, on, (steepest, noise[0]))
         ]
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
-        slender = _slender(echoes, clear, on, noise[1])
+        slender = _slender_groups(echoes, clear, on, noise[1])
         finds = _finds(slender, floors, _silent(echoes, clear, on, steepest), on)
     deep = np.abs(echoes.depth)
     floor = np.hypot(np.where(deep > PULSE, _FLOOR_SD, 0.0), speed_sd * deep)
@@ -389,7 +389,7 @@ def _steep(depth: FloatArray, edges: Indices, on: _Bursts, steepest: float) -> B
     return np.asarray(np.abs(fall) > steepest * np.maximum(on.apart(edges), on.width))
 
 
-def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
+def _slender_groups(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
     """Return groups of bursts that are long and narrow, on which a flat wall lacks echo.
 
     The wall on both sides of each is level, unless the edge cuts it.

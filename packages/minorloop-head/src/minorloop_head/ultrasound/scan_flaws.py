@@ -259,7 +259,7 @@ def _layers(scan: RecordedScan, surfaces: Surfaces, field: Field) -> Iterator[Sc
         hides = 0.0 if last else half[n] + (_BEFORE if n else _AFTER) * pulse
         ends = bottom - hides + surfaces.offsets * (n == 0)
         # The first surface may be tilted, and is taken away before it is filtered and focused.
-        shown = field if n or last else recorded_field(_until(scan, ends)).local()
+        shown = field if n or last else recorded_field(_cut_after(scan, ends)).local()
         begin, ending = 2 * depths[[0, -1]] / speed
         shown = shown.within(begin - pulse, ending + _LATER * (ending - begin) + 4 * pulse)
         picture = np.abs(shown.image(speed, depths))
@@ -279,7 +279,7 @@ def _layers(scan: RecordedScan, surfaces: Surfaces, field: Field) -> Iterator[Sc
         above += thick
 
 
-def _until(scan: RecordedScan, times: FloatArray) -> RecordedScan:
+def _cut_after(scan: RecordedScan, times: FloatArray) -> RecordedScan:
     """Return a scan without signals that arrive at each place (X, Y) after a time in seconds."""
     at = scan.start + scan.interval * np.arange(len(scan.traces))
     centred = scan.traces - scan.traces.mean(axis=0)
@@ -315,7 +315,7 @@ def _candidates(
         level, shape = float(ratio[z, x, y]), np.nan_to_num(loud)
         fine = vertex(shape[:, x, y], z)[0]
         across = [
-            _half(line, n, step) for line, n, step in (
+            _half_width(line, n, step) for line, n, step in (
                 (shape[z, :, y], x, scan.steps[0]), (shape[z, x], y, scan.steps[1])
             )
         ]  # fmt: skip
@@ -365,7 +365,7 @@ def _point(scan: RecordedScan, layer: ScanLayer) -> float:
     return max(_POINT * scan.disc, quarter, float(np.nanmax(scan.steps)))
 
 
-def _half(line: FloatArray, n: int, step: float) -> tuple[float, float]:
+def _half_width(line: FloatArray, n: int, step: float) -> tuple[float, float]:
     """Return place and width at half the amplitude of a peak in a line of places, in metres."""
     if line.size == 1:
         return math.nan, math.nan
@@ -390,7 +390,7 @@ def _explained(
     for each in sorted(found, key=lambda one: -one.amplitude):
         if any(_is_part(each, one, pulse) for one in flaws):
             continue
-        why = next((said for one in flaws if (said := _why(each, one, times, scan))), "")
+        why = next((said for one in flaws if (said := _explanation(each, one, times, scan))), "")
         if why:
             repeats.append(replace(each, why=why, grade="look again"))
         else:
@@ -410,7 +410,7 @@ def _is_part(each: ScanFlaw, one: ScanFlaw, pulse: float) -> bool:
     return bool(each.layer == one.layer and near and abs(each.time - one.time) < _SAME * pulse)
 
 
-def _why(each: ScanFlaw, one: ScanFlaw, times: FloatArray, scan: RecordedScan) -> str:
+def _explanation(each: ScanFlaw, one: ScanFlaw, times: FloatArray, scan: RecordedScan) -> str:
     """Return the explanation of an echo by a louder one, or an empty string."""
     away = _apart(each, one)
     wide = float(np.nanmax([one.width, one.length, each.width]))

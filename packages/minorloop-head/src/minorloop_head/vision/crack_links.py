@@ -82,9 +82,9 @@ def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
         first, second = owner[one[0]], owner[other[0]]
         # The first chain must end at the link, and the second begin there.
         if chains[first][-1] != (one[0], not one[1]):
-            chains[first] = _turned(chains[first])
+            chains[first] = _reversed(chains[first])
         if chains[second][0] != (other[0], other[1]):
-            chains[second] = _turned(chains[second])
+            chains[second] = _reversed(chains[second])
         chains[first] += chains[second]
         for number, _turn in chains[second]:
             owner[number] = first
@@ -195,7 +195,7 @@ def _links(
     return links
 
 
-def _turned(chain: list[tuple[int, bool]]) -> list[tuple[int, bool]]:
+def _reversed(chain: list[tuple[int, bool]]) -> list[tuple[int, bool]]:
     return [(n, not turn) for n, turn in reversed(chain)]
 
 

@@ -165,7 +165,7 @@ def fit_lens(seen: Sequence[SeenTarget], size: tuple[int, int]) -> LensFit:
     vague = max(each.sd / each.value for each in fit.measured[:2])
     if not vague < _UNKNOWN:
         raise _undetermined(kept, fit.lens, f"their focal length is known to {100 * vague:.2g} %")
-    return replace(fit, warnings=tuple(_what_is_missing(fit)))
+    return replace(fit, warnings=tuple(_further_pictures(fit)))
 
 
 def corners_in_ninths(seen: Sequence[SeenTarget], lens: Pinhole) -> npt.NDArray[np.int64]:
@@ -180,7 +180,7 @@ def corners_in_ninths(seen: Sequence[SeenTarget], lens: Pinhole) -> npt.NDArray[
     return ninths
 
 
-def _what_is_missing(fit: LensFit) -> list[str]:
+def _further_pictures(fit: LensFit) -> list[str]:
     """Return advice on further pictures that determine the lens well."""
     said = []
     vague = max(each.sd / each.value for each in fit.measured[:2])

@@ -336,17 +336,17 @@ class PatchPictures:
     def pyramid(self, image: Image, levels: int = LEVELS) -> list[Image32]:
         """Return the logarithm of a picture in several sizes, so that light is a sum."""
         found = [_LOGARITHMS[image]]
-        while len(found) < self._skipped + levels:
+        while len(found) < self._halvings + levels:
             found.append(shrunk(found[-1]))
-        return found[self._skipped :]
+        return found[self._halvings :]
 
     @property
     def lenses(self) -> list[Pinhole]:
         """The lens at each size of the picture."""
-        return _scaled(self.camera.lens, self._skipped)
+        return _scaled(self.camera.lens, self._halvings)
 
     @cached_property
-    def _skipped(self) -> int:
+    def _halvings(self) -> int:
         """Number of halvings of the largest compared picture."""
         return max(round(math.log2(self.camera.lens.width / self.width)), 0)
 

@@ -175,7 +175,7 @@ class PatchTracker:
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
             )
         view = self._view(self.pictures, image, place, angles)
-        own = _shown(self.details, image, place[None], angles, _AGAIN)
+        own = _patches_shown(self.details, image, place[None], angles, _AGAIN)
         clear = self._view(replace(self.pictures, detail=_DETAIL), image, place, angles)
         if not len(view.sd) or (not len(own.sd) and len(clear.sd) < _FEWEST):
             raise SignalError(
@@ -207,7 +207,7 @@ class PatchTracker:
             verdict = NO_ANGLE
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             kept = state if verdict == frame_checks.WRONG_SIZE else replace(state, before=image)
-            return self._not_seen(kept, given, verdict)
+            return self._track_of_lost(kept, given, verdict)
         track, state = self._search(replace(state, before=image), image, given)
         if verdict == frame_checks.SATURATED and track.verdict != TRACKED:
             track = replace(track, verdict=verdict)
@@ -221,27 +221,27 @@ class PatchTracker:
         if not self.camera.inside(*expected.tolist()):
             expected = given
         if not self.camera.inside(*expected.tolist()):
-            return self._not_seen(state, np.full(2, np.nan), LOST)
+            return self._track_of_lost(state, np.full(2, np.nan), LOST)
         if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _BORDER):
-            return self._not_seen(state, given, _OUT_OF_VIEW)
+            return self._track_of_lost(state, given, _OUT_OF_VIEW)
         found, pyramid = _Found(expected, math.nan, LOST, False), self.pictures.pyramid(image)
         if not state.missed:
-            found = self._found(state, image, pyramid, expected)
+            found = self._match(state, image, pyramid, expected)
         if found.verdict in (LOST, AMBIGUOUS):
-            found = self._found_again(state, image, pyramid, expected)
+            found = self._search_again(state, image, pyramid, expected)
         far = float(np.hypot(*(found.angles - expected))) * self._distance(state)
         if found.verdict == TRACKED and not state.missed and far > _JUMP:
             found = replace(found, verdict=_JUMPED)
         if found.verdict != TRACKED:
-            return self._not_seen(state, given, found.verdict, found.score)
-        return self._seen(state, image, given, found)
+            return self._track_of_lost(state, given, found.verdict, found.score)
+        return self._track_of(state, image, given, found)
 
     def _distance(self, state: TrackState) -> float:
         """Return the distance of the patch from the pivot of the head, in metres."""
         wall = wall_point(float(state.home[0]), float(state.home[1]), self.camera.radius)
         return float(np.linalg.norm(self.camera.mount.way_to(wall)))
 
-    def _seen(
+    def _track_of(
         self, state: TrackState, image: Image, given: FloatArray, found: _Found
     ) -> tuple[Track, TrackState]:
         """Return the track of a match, and the state, with a new view if no view is similar."""
@@ -276,13 +276,13 @@ class PatchTracker:
     def _view(
         self, pictures: PatchPictures, image: Image, place: FloatArray, angles: FloatArray
     ) -> Patches:
-        return _shown(pictures, image, self._places(place, _AROUND), angles, _AGAIN)
+        return _patches_shown(pictures, image, self._places(place, _AROUND), angles, _AGAIN)
 
     def _nearest(self, state: TrackState, angles: FloatArray) -> Patches:
         """Return the view from angles nearest to others."""
         return min(state.views, key=lambda view: float(np.hypot(*(view.origins[0] - angles))))
 
-    def _found(
+    def _match(
         self, state: TrackState, image: Image, pyramid: list[Image32], start: FloatArray
     ) -> _Found:
         """Return the match nearest to angles."""
@@ -307,7 +307,7 @@ class PatchTracker:
         verdict = TRACKED if self._inside(pixel, _BORDER) else _OUT_OF_VIEW
         return _Found(angles, score, verdict, agree > _WHOLE * len(view.sd))
 
-    def _found_again(
+    def _search_again(
         self, state: TrackState, image: Image, pyramid: list[Image32], expected: FloatArray
     ) -> _Found:
         """Search for a lost patch; the search widens with every frame.
@@ -326,7 +326,7 @@ class PatchTracker:
         far = np.abs(tried - tried[best]).max(axis=1) > _NEAR * float(steps[1] - steps[0])
         if found[far].max(initial=-1.0) > _ALONE * found[best]:
             return _Found(expected, math.nan, AMBIGUOUS, False)
-        return self._found(state, image, pyramid, tried[best])
+        return self._match(state, image, pyramid, tried[best])
 
     def _loss(self, state: TrackState, angles: FloatArray) -> str:
         pixel = self.camera.pixel(state.home, *angles.tolist())
@@ -336,7 +336,7 @@ class PatchTracker:
         edge = np.array([self.camera.lens.width, self.camera.lens.height]) - border
         return bool((pixel > border).all() and (pixel < edge).all())
 
-    def _not_seen(
+    def _track_of_lost(
         self, state: TrackState, given: FloatArray, verdict: str, score: float = math.nan
     ) -> tuple[Track, TrackState]:
         """Return the track of a lost patch at its place by the angles and their last error."""
@@ -361,7 +361,7 @@ def halves(image: Image) -> tuple[Image, Image]:
     return np.where(odd, between, image), np.where(odd, image, between)
 
 
-def _shown(
+def _patches_shown(
     pictures: PatchPictures, image: Image, places: FloatArray, angles: FloatArray, least: float
 ) -> Patches:
     """Return the patches about places (P, 2) on which two halves of a picture agree."""

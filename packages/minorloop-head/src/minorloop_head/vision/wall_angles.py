@@ -172,16 +172,16 @@ class WallAngles:
             return self._missed(state, verdict)
         state = replace(state, newest=t)
         pyramid = self.pictures.pyramid(image)
-        sight, patches = self._found(pyramid, state, self._expected(state, t))
+        sight, patches = self._find(pyramid, state, self._expected(state, t))
         if sight.verdict != SEEN:
-            again, state = self._hunted(pyramid, state)
+            again, state = self._search_lost(pyramid, state)
             if again is None:
                 # If some patches agree, not all of the picture is white: there is another reason.
                 white = verdict == frame_checks.SATURATED and not sight.agreeing
                 return self._missed(state, verdict, None if white else sight)
             sight, patches = again
-        doubt = self._doubt(pyramid, state, sight)
-        moved = self._moved_on(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
+        doubt = self._trial_of(pyramid, state, sight)
+        moved = self._next_state(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
         return replace(sight, trial=doubt is not None), moved
 
     def rolled(self, state: WallState, image: Image, sd: FloatArray) -> WallState:
@@ -198,7 +198,7 @@ class WallAngles:
         trial = self.pictures.new(pyramid, state.angles, patches, sd, still)
         return replace(state, patches=patches, trial=trial)
 
-    def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Doubt | None:
+    def _trial_of(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Doubt | None:
         """Return the trial of a view; None if it is known to be the wall.
 
         It is the wall if the patches look as before, or if they match after a turn at places in the
@@ -234,7 +234,7 @@ class WallAngles:
         found = nothing(verdict) if sight is None else sight
         return found, replace(state, missed=state.missed + 1)
 
-    def _moved_on(
+    def _next_state(
         self, pyramid: list[Image32], state: WallState, sight: Sight, t: float
     ) -> WallState:
         """Return the state after a picture that showed the angles."""
@@ -242,7 +242,7 @@ class WallAngles:
         rates = (sight.angles - state.angles) / passed
         if state.missed > _GOING or (state.hunted and np.abs(rates).max() > _FASTEST):
             rates = np.zeros(2)
-        patches, trial = self._tried(pyramid, state, sight.angles, rates)
+        patches, trial = self._try_new(pyramid, state, sight.angles, rates)
         origins = np.concatenate([patches.origins, trial.origins])
         if not (np.abs(origins - sight.angles).max(axis=1) < _TURNED).any():
             smear, every = np.hypot(sight.sd, _UNEVEN * rates), patches.with_more(trial)
@@ -258,7 +258,7 @@ class WallAngles:
             hunted=0,
         )
 
-    def _tried(
+    def _try_new(
         self, pyramid: list[Image32], state: WallState, angles: FloatArray, rates: FloatArray
     ) -> tuple[Patches, Patches]:
         """Return the patches with new ones that proved to be wall, and those still on trial.
@@ -276,7 +276,7 @@ class WallAngles:
         wall = ripe.of(np.flatnonzero((scores >= LEAST) & ~(stays >= scores)))
         return state.patches.with_more(wall), trial.of(np.flatnonzero(~turned))
 
-    def _found(
+    def _find(
         self, pyramid: list[Image32], state: WallState, start: FloatArray
     ) -> tuple[Sight, Patches]:
         """Return the angles near others at which patches agree, and mark patches that disagree."""
@@ -285,9 +285,9 @@ class WallAngles:
             return nothing(NO_PATCH, 0, int(chosen.size)), patches
         levels = (2, 1, 0, 0) if state.missed or state.hunted else (1, 0)
         agreement = self.pictures.agreed(pyramid, patches.of(chosen), start, state.rates, levels)
-        return self._judged(state, chosen, agreement)
+        return self._judge(state, chosen, agreement)
 
-    def _judged(
+    def _judge(
         self, state: WallState, chosen: npt.NDArray[np.int64], agreement: Agreement
     ) -> tuple[Sight, Patches]:
         """Return the angles if enough patches agree on them."""
@@ -312,7 +312,7 @@ class WallAngles:
         likeness = float(np.median(scores[agree]))
         return Sight(angles, sd, *counts, SEEN, likeness), replace(patches, poor=poor)
 
-    def _hunted(
+    def _search_lost(
         self, pyramid: list[Image32], state: WallState
     ) -> tuple[tuple[Sight, Patches] | None, WallState]:
         """Try further angles for a lost view: beside the last ones, near old patches, and others.
@@ -334,7 +334,7 @@ class WallAngles:
         best = int(np.argmin(ranks[: len(parts[0])]))
         others = len(parts[0]) + np.argsort(ranks[len(parts[0]) :])[:2]
         for index in (best, *others.tolist()):
-            found_again = self._found(pyramid, state, tried[index])
+            found_again = self._find(pyramid, state, tried[index])
             if found_again[0].verdict == SEEN:
                 return found_again, state
         return None, state
