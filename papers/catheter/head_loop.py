@@ -50,7 +50,7 @@ class HeadRun:
     """One run of a loop."""
 
     name: str
-    """Of the controller."""
+    """Name of the controller."""
     t: FloatArray
     """Shape (T,). Ends of the ticks, in seconds."""
     wanted: FloatArray
@@ -58,7 +58,7 @@ class HeadRun:
     current: FloatArray
     """Shape (T, 2). Targets and readings in degrees, currents in A."""
     truth: Truth
-    """For scoring."""
+    """Truth for scoring."""
     alarms: tuple[Alarm, ...]
     """First alarm of each target that was declared unreachable."""
     log: tuple[tuple[int, Event], ...]
@@ -85,7 +85,7 @@ class HeadRun:
 
     @property
     def overshoot(self) -> float:
-        """Of the first axis over its last target, in percent."""
+        """Overshoot of the first axis over its last target, in percent."""
         return max(100.0 * (float(self.truth.angle[:, 0].max() / self.wanted[-1, 0]) - 1), 0.0)
 
     @property

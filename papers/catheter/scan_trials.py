@@ -57,11 +57,11 @@ class Scanned:
     """Phi and z of the place by the camera."""
     twin: Ultrasound
     pipe: Pipe
-    """With water, if any."""
+    """Pipe with water, if any."""
     mount: Mount
     """True mount. For scoring only."""
     rng: np.random.Generator
-    """Of the sway, of the noise of the angles, and of the picture."""
+    """Random numbers of sway, noise of the angles, and picture."""
     pose: str = "camera"
     """Source of the pose of a burst besides the joints: "camera" for pictures, "gyroscope" for one
     in the base, or "joints" without one."""
@@ -77,9 +77,9 @@ class ScanSite:
     centre: tuple[float, float]
     """Phi and z of the mouth by the camera."""
     diameter: float
-    """By the camera, in metres."""
+    """Diameter by the camera, in metres."""
     truth: Bore
-    """For scoring only."""
+    """Truth for scoring only."""
     dry: bool
     """Whether there is no water."""
     strayed: tuple[float, float] = (0.0, 0.0)
@@ -328,11 +328,11 @@ class ScoredScan:
     wall: DepthMap
     """Fused."""
     modality: str
-    """By the first burst."""
+    """Modality by the first burst."""
 
     @property
     def error(self) -> float:
-        """Of the depth, in metres."""
+        """Error of the depth, in metres."""
         return self.found.depth - self.site.depth
 
     @property

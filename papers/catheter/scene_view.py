@@ -53,9 +53,9 @@ class SceneView:
     """True place of the head."""
     pan: float
     tilt: float
-    """Of the head, in radians."""
+    """Angles of the head, in radians."""
     gain: float
-    """Of the exposure with all LEDs on."""
+    """Gain of the exposure with all LEDs on."""
     flooded: bool = False
     """Whether the pipe is full of water."""
     place: tuple[float, float] = (np.nan, np.nan)

@@ -72,7 +72,7 @@ class ScoredSweep:
 
     scan: CScan
     fused: PipeMap
-    """With the pictures of the drained part."""
+    """Map fused with the pictures of the drained part."""
     pipe: Pipe
     """For scoring only."""
     level: float

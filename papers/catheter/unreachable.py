@@ -36,7 +36,7 @@ class ImpossibleTarget:
     """The true one."""
     target: float
     reach: float
-    """In degrees."""
+    """Angles in degrees."""
     alarm: Alarm | None
     """The first of the axis."""
     others: int

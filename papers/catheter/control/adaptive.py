@@ -26,7 +26,7 @@ class AdaptiveEstimate:
     control: ObserverControl
     """The law with the estimated operator."""
     recursion: RecursiveState
-    """Of its weights."""
+    """Recursion of its weights."""
     free: HeatedState
     identified: HeatedState
     """Estimated and identified wire, simulated with the current and the slow bias."""

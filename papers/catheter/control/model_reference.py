@@ -20,7 +20,7 @@ class ModelReferenceState(InverseState):
     """State of the loop."""
 
     weights: tuple[float, float, float]
-    """Of the target, of the reading, and a constant in degrees."""
+    """Weights of the target and of the reading, and a constant in degrees."""
     seen: float
     """Last reading in degrees."""
     model: float

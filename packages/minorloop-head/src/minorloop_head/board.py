@@ -62,9 +62,9 @@ class BoardAxis:
     """
 
     model: Preisach | HeatedWire
-    """From input to output; monotone. The input of a `HeatedWire` is a current in A."""
+    """Model from input to output; monotone. The input of a `HeatedWire` is a current in A."""
     input: Channel
-    """With finite limits, and a rate limit if there is one."""
+    """Channel with finite limits, and a rate limit if there is one."""
     output: Channel
     rest: float = 0.0
     """Safe input."""

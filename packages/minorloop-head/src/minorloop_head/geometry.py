@@ -97,7 +97,7 @@ class Pose:
     """Position and orientation of a camera in the pipe."""
 
     rotation: FloatArray
-    """Shape (3, 3). From the camera to the pipe."""
+    """Shape (3, 3). Rotation from the camera to the pipe."""
     position: FloatArray
     """Shape (3,). Centre of the lens in the pipe, in metres."""
 
@@ -120,16 +120,16 @@ class Mount:
     """
 
     lever: float = 8e-3
-    """From the pivot to the lens along the optical axis, in metres."""
+    """Distance from the pivot to the lens along the optical axis, in metres."""
     offset: tuple[float, float] = (0.0, 0.0)
-    """Of the pivot from the axis, along x and y of the pipe, in metres."""
+    """Offset of the pivot from the axis, along x and y of the pipe, in metres."""
     roll: float = 0.0
-    """Of the base about the axis of the pipe, in radians."""
+    """Roll of the base about the axis of the pipe, in radians."""
     advance: float = 0.0
     """Position of the pivot along the pipe, in metres."""
     squint: float = 0.0
     camera_roll: float = 0.0
-    """Of the camera on the joints: sideways, then about its optical axis, in radians."""
+    """Rotation of the camera on the joints: sideways, then about its optical axis, in radians."""
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -191,7 +191,7 @@ class Probe:
     """Direction of the beam about the optical axis of the camera, from its x axis to its y axis, in
     radians."""
     face: float = 2e-3
-    """From the pivot to the face of the disc along the beam, in metres."""
+    """Distance from the pivot to the face of the disc along the beam, in metres."""
     aperture: float = 5e-3
     """Diameter of the disc, in metres."""
     focus: float = 8e-3
@@ -355,7 +355,7 @@ class Pinhole:
 
     width: int = 640
     height: int = 480
-    """Of the image, in pixels; the centre of the first pixel is (0, 0)."""
+    """Size of the image, in pixels; the centre of the first pixel is (0, 0)."""
     focal: float = 520.0
     """Focal length along the rows, in pixels."""
     centre: tuple[float, float] = (319.5, 239.5)

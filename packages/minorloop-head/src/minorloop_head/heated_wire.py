@@ -65,7 +65,7 @@ class HeatedWire:
     """
 
     operator: Preisach
-    """From effective power in A^2 to angle in degrees; monotone."""
+    """Operator from effective power in A^2 to angle in degrees; monotone."""
     lag: float
     """tau in seconds, of a wire that does not move; positive."""
     latent: float = 0.0

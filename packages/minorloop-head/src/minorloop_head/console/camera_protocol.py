@@ -33,7 +33,7 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
     """A tick of the control loop, for the camera process."""
 
     number: int
-    """Of the tick."""
+    """Number of the tick."""
     t: float
     """Time in seconds, on the clock of the loop."""
     position: Position
@@ -55,7 +55,7 @@ class CameraReport(msgspec.Struct, frozen=True, kw_only=True):
     """Results of the camera process in a tick."""
 
     number: int
-    """Of the tick."""
+    """Number of the tick."""
     target: tuple[float, float, float, bool] | None = None
     """Pixel of the tracked point, score of its recognition, and whether it is visible; None without
     a tracked point."""

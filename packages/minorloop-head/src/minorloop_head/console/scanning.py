@@ -46,7 +46,7 @@ STOPPED = (
 
 
 class _ScanTick(NamedTuple):
-    """What a tick requests: angles and rates, a hold with its reason, a mode to enter."""
+    """Requests of a tick: angles and rates, a hold with its reason, a mode to enter."""
 
     requested: tuple[Pair, Pair] | None = None
     hold: str = ""
@@ -58,7 +58,7 @@ class ProbeRun:
     """A running scan or sweep, with its way back."""
 
     number: int
-    """Of the finding; 0 of a sweep."""
+    """Number of the finding; 0 for a sweep."""
     home: Position
     """Pan, tilt, advance and roll to which the head returns, in rad and m."""
     made: Probed

@@ -59,9 +59,9 @@ class Session:
 
     plant: Plant
     view: HeadCalibration
-    """Of its camera and probe."""
+    """Calibration of its camera and probe."""
     control: HeadControl
-    """Of its head."""
+    """Control of its head."""
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)
     tracker: _HeadTracker | None = None

@@ -54,7 +54,7 @@ class ProcessHandle:
     """Connection of a process to its supervisor."""
 
     name: str
-    """Of the process."""
+    """Name of the process."""
     names: tuple[str, ...]
     """Names of all processes."""
     control: socket.socket

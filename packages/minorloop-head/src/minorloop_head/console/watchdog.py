@@ -57,14 +57,14 @@ class Answer(msgspec.Struct, frozen=True, array_like=True):
     why: str
     """Reason why it was made safe."""
     tick: float
-    """In seconds."""
+    """Duration of a tick, in seconds."""
     y: list[float]
     stance: list[float]
     """Readings as of `Plant`; NaN if a sensor is lost, or was not read."""
     safe: bool = True
     """Whether the plant has confirmed that it is safe, when it was last made safe."""
     time: float | None = None
-    """As of `Plant`."""
+    """Time as of `Plant`."""
 
 
 # Made while the module is imported: see `minorloop_head.console.messages`.
@@ -259,7 +259,7 @@ class RemotePlant:
 
     @property
     def time(self) -> float | None:
-        """As of `Plant`, at its last answer."""
+        """Time as of `Plant`, at its last answer."""
         return self.answer.time
 
     def meet(self, timeout: float) -> bool:

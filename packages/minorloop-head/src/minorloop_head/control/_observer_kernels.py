@@ -166,7 +166,7 @@ def slowing(readings, count, seen, moved, over, slower, back):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def place(power, low, scale, points, flat, steeper):
-    """Return where a power lies in the table: index to the left, and share of the step."""
+    """Return the position of a power in the table: index to the left, and share of the step."""
     at = flat + steeper * ((power - low) * scale - flat)
     at = min(max(at, 0.0), points - 1.000001)
     left = np.int32(at)

@@ -124,7 +124,7 @@ class GuardState:
     """State of the guard."""
 
     estimate: Estimate
-    """Of the wire."""
+    """Estimate of the wire."""
     heated: float
     """Effective power by the current alone, in A^2."""
     driven: HeatedState
@@ -142,13 +142,13 @@ class GuardState:
     lateness: Lateness = field(default_factory=Lateness)
     """State of the check for late readings."""
     reach: ReachState = field(default_factory=ReachState)
-    """Of the target."""
+    """State of the check of the target."""
     asked: float = math.nan
     """Target from which it was computed, in degrees; NaN if that was no number."""
     steps: int = 0
     """Steps so far."""
     clock: _StepClock = field(default_factory=_StepClock)
-    """By the times of the steps."""
+    """Clock by the times of the steps."""
     behind: float = 0.0
     """Seconds for which the wire has been behind a moving target at a limit."""
     idle: float = 0.0
@@ -187,7 +187,7 @@ class Guard:
     """A law with an estimate of its own; without one, the observer is an `ObserverControl`, and the
     current follows from the estimate of the guard."""
     limits: WireLimits = field(default_factory=WireLimits)
-    """Of the wire."""
+    """Limits of the wire."""
     sensor: SensorWatch = field(default_factory=SensorWatch)
     """Check that decides which readings are usable."""
 

@@ -42,7 +42,7 @@ class WireLimits:
     spring: float = 2500.0
     pulley: float = 2.87e-3
     diameter: float = 0.2e-3
-    """Of the spring in N and N/m, the radius of the pulley and the diameter of the wire in m."""
+    """Preload and rate of the spring in N and N/m, radius of pulley and diameter of wire in m."""
     stress: float = 172e6
     """Highest stress that the maker advises for a long life, in Pa; it is reported, not limited."""
 

@@ -132,7 +132,7 @@ class Expected(NamedTuple):
     """Quantities that the model predicts for a reading."""
 
     angle: float
-    """In degrees."""
+    """Angle in degrees."""
     motion: float = 0.0
     """Turn of the wire in the last interval, in degrees."""
     heating: float = 0.0

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _Logged: TypeAlias = Callable[[LogEntry], None]
 _HIGHEST = 9.9
-"""Of the water above or below the axis of the pipe, in mm, whose radius is 10 mm."""
+"""Largest height of the water above or below the axis of the pipe, in mm, whose radius is 10 mm."""
 _RANGES = {"temperature": (5.0, 60.0, "degrees Celsius"), "pressure": (0.01, 100.0, "bar")}
 _PASCAL = 1e5
 
@@ -47,11 +47,11 @@ class Water:
     level: str = "full"
     """Height of the water above the axis in mm, -9.9 to 9.9; or ``full``, or ``dry``."""
     temperature: float = 20.0
-    """Of the water, 5 to 60 degrees Celsius."""
+    """Temperature of the water, 5 to 60 degrees Celsius."""
     gas: str = "air"
     """Above the water, and in the drained pipe: one of `GASES`."""
     pressure: float = 1.01325
-    """Of the gas, 0.01 to 100 bar."""
+    """Pressure of the gas, 0.01 to 100 bar."""
 
     def filling(self) -> Filling:
         """Return the filling of the simulated pipe; a dry pipe has no level.
@@ -102,7 +102,7 @@ class InspectedHead:
     begun: dict[str, Any]
     """Description for the journal: an inspection is resumed with the same head only."""
     view: HeadCalibration | None
-    """Of its camera; opening refuses a head without one."""
+    """Calibration of its camera; opening refuses a head without one."""
     opened: Callable[[_Logged], AbstractContextManager[InspectionRig]]
     """Opens it, given a function that reports steps. The head is safe at the end of the context."""
     unscanned: str | None = None

@@ -184,7 +184,7 @@ def _kept_in(store: Path, *, seen: bool) -> str:
 
 
 def kept_view(store: Path, serial: str) -> HeadCalibration | None:
-    """Return the calibration of a head after its sweep, as it is kept; None if there is none.
+    """Return the stored calibration of a head after its sweep; None if there is none.
 
     ``store``: folder of the runs; ``serial``: serial number of the head. Raises a `StoreError` if
     it cannot be read, or is that of another head.

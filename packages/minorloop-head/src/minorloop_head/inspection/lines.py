@@ -294,7 +294,7 @@ class ViewLine(Line):
     seen: list[dict[str, Any]]
     """Holes and cracks in the picture, in radians and metres."""
     finding: dict[str, Any] | None
-    """As of `_finding_row`."""
+    """Row as of `_finding_row`."""
     unconfirmed: LostRow | None
     steps: list[StepRow] = field(default_factory=list)
     probed: dict[str, Any] | None = None

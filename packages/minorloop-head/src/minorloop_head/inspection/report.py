@@ -49,13 +49,13 @@ COLUMNS = (
     "verdict",
 )
 LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
-"""Of candidates that were not confirmed."""
+"""Columns of candidates that were not confirmed."""
 _MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
-"""Of directions that were not searched, as lines of sight, with the place of the catheter."""
+"""Columns of directions without a search, as lines of sight, with the place of the catheter."""
 _BEYOND_COLUMNS = ("view", "why")
-"""Of directions that the wires do not reach."""
+"""Columns of directions that the wires do not reach."""
 _UNDONE_COLUMNS = ("step", "why")
-"""Of what could not be computed."""
+"""Columns of parts that could not be computed."""
 _MOST_ODDS = 1000
 _THROUGH = "hole"
 """Kind of a through-hole."""
@@ -78,9 +78,9 @@ class Reported:
     """Result of an inspection or a sweep, and its folder."""
 
     content: dict[str, Any]
-    """Of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
+    """Content of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
     folder: Path
-    """With ``report.html`` and what belongs to it."""
+    """Folder with ``report.html`` and its files."""
 
     @property
     def findings(self) -> list[dict[str, Any]]:

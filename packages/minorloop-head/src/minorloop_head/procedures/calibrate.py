@@ -107,7 +107,7 @@ class CalibratedHead:
     """A calibration with its evidence."""
 
     head: HeadFile
-    """To be saved."""
+    """Head to be saved."""
     lens: LensFit | None
     mount: MountFit | None
     left_out: dict[str, str]

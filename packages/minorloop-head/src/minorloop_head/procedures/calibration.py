@@ -62,9 +62,9 @@ class HeadCalibration:
     probe: Probe = field(default_factory=Probe)
     radius: float = 10e-3
     thickness: float = 2e-3
-    """Of the pipe and its wall, in metres."""
+    """Radius of the pipe and thickness of its wall, in metres."""
     temperature: float = ROOM_TEMPERATURE
-    """Of the water with which the pipe is flooded, in degrees Celsius."""
+    """Temperature of the water with which the pipe is flooded, in degrees Celsius."""
     straight: tuple[float, float] = (STRAIGHT, STRAIGHT)
     """Pan and tilt that the joints read where they point along the pipe, in radians."""
     squint: float = 0.0
@@ -76,7 +76,7 @@ class HeadCalibration:
     tool: Tool | None = None
     """The micro-tool beside the lens; None on a head without one."""
     length: float | None = None
-    """Of the pipe, in metres from where the advance of the catheter reads 0; None if not known."""
+    """Length of the pipe in metres, from where the advance of the catheter reads 0; or None."""
 
     def __post_init__(self) -> None:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():

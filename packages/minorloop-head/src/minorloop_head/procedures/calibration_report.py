@@ -52,7 +52,7 @@ def rows(found: CalibratedHead) -> list[tuple[str, str, str, str]]:
 
 
 def summary(found: CalibratedHead) -> str:
-    """Return which pictures were used, and their residuals."""
+    """Return sentences on the used pictures and their residuals."""
     used = [f"{counted(count, 'picture')} for {what}" for what, count in found.used.items()]
     said = f"used: {', '.join(used) or 'no pictures'}; left out: {len(found.left_out)}"
     if found.target is not None:

@@ -40,8 +40,8 @@ class Centred:
     place: FloatArray
     """Shape (2,). Phi and z of the point; after the first frame, as that frame shows it."""
     verdict: str = ""
-    """Of the tracker, or ``not in view`` if the first frame does not show the point whole; empty
-    before it was tracked."""
+    """Verdict of the tracker, or ``not in view`` if the first frame does not show the point whole;
+    empty before it was tracked."""
     error: float = math.nan
     """Distance from the middle in pixels; NaN if the point is not tracked."""
     shown: FloatArray | None = None
@@ -68,9 +68,9 @@ class Centring:
 
     calibration: HeadCalibration
     integral_gain: float = PointHold.integral_gain
-    """Of the hold, in 1/s; 0 is without its integral."""
+    """Integral gain of the hold, in 1/s; 0 switches it off."""
     gain: float = 0.5
-    """Of `turn`, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
+    """Gain of `turn` in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
     overshoots, and needs 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image."""
     delay: float = 0.2
     """Of `turn`: delay from the wanted angles to the image in seconds, that of the sensors, and

@@ -79,9 +79,9 @@ class IdentifiedWires:
     """Wires of a head as identified."""
 
     on: datetime
-    """When their measurement began."""
+    """Beginning of their measurement."""
     wires: tuple[HeatedWire, ...]
-    """Of pan and tilt."""
+    """Wires of pan and tilt."""
     coupling: FloatArray
     """Shape (2, 2). As in `HeadControl`."""
     limits: WireLimits
@@ -120,9 +120,9 @@ class HeadFile:
     """Serial number of the head."""
     identified: IdentifiedWires | None = None
     calibration: HeadCalibration | None = None
-    """Of its camera and probe."""
+    """Calibration of its camera and probe."""
     calibrated: datetime | None = None
-    """When they were calibrated."""
+    """Time of the calibration."""
     measured: tuple[Measured, ...] = ()
     """Results of the calibration."""
 

@@ -120,7 +120,7 @@ class HeadMeasurement:
     """The runs of a head, in a folder."""
 
     folder: Path
-    """Of the stores."""
+    """Folder of the stores."""
     setup: dict[str, Any]
     """Address, specimen, seed and options of the actuator, as in `Setup`."""
     excitation: HeadExcitation

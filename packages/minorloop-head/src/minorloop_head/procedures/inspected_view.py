@@ -80,13 +80,13 @@ class InspectedView:
     finding: Finding | None = None
     """The candidate that was visited, if it was seen again."""
     evidence: float = math.nan
-    """Of the finding, as of a `Hole`; NaN for a crack."""
+    """Evidence of the finding, as of a `Hole`; NaN for a crack."""
     course: FloatArray | None = None
     """Shape (N, 2). Phi and z along the rim of a hole, or along a crack."""
     unconfirmed: Unconfirmed | None = None
     """The candidate that was visited, if it was not seen again."""
     steps: tuple[LogEntry, ...] = ()
-    """Of the visit, but for the search; the verdict of the finding names those that failed."""
+    """Steps of the visit except the search; the verdict of the finding names failed steps."""
     probed: PitDepth | CrackDepth | None = None
     """Depth of the finding by its echoes; None before it is scanned, and without a probe."""
 

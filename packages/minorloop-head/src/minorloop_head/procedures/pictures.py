@@ -68,15 +68,15 @@ _COLOURS = {UNDECIDED: (0, 160, 255), CRACK: (255, 200, 0)}
 
 @dataclass(frozen=True, kw_only=True)
 class PicturePose:
-    """Where the camera was when a picture was taken."""
+    """Pose of the camera of a picture."""
 
     pan: float = 0.0
     tilt: float = 0.0
-    """Of the line of sight from the axis of the pipe, in radians."""
+    """Angles of the line of sight from the axis of the pipe, in radians."""
     advance: float = 0.0
     """Along the pipe, in metres."""
     roll: float = 0.0
-    """About the pipe, in radians."""
+    """Roll about the axis of the pipe, in radians."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -161,7 +161,7 @@ def inspect_picture(
 
 
 def unusable(pictures: Iterable[InspectedPicture]) -> dict[str, int]:
-    """Return how many pictures have each verdict but ``good``."""
+    """Return the number of pictures with each verdict except ``good``."""
     return dict(Counter(each.verdict for each in pictures if each.verdict != GOOD))
 
 

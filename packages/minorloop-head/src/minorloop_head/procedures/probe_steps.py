@@ -168,7 +168,7 @@ def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:
 
 
 def grade_of(probed: PitDepth | CrackDepth | None, evidence: float) -> str:
-    """Return how sure a finding is: `CONFIRMED`, `_PROBABLE` or `_LOOK_AGAIN`.
+    """Return the grade of a finding: `CONFIRMED`, `_PROBABLE` or `_LOOK_AGAIN`.
 
     ``probed``: depth by the echoes; only they confirm, since a spot of dirt looks like a hole.
     ``evidence``: of a `Hole`; NaN for a crack, whose line was traced twice.

@@ -34,7 +34,7 @@ class Kept:
     """Results of an inspection so far, from which an interrupted inspection continues."""
 
     views: dict[str, InspectedView] = field(default_factory=dict)
-    """By the names of their pictures, in the order in which they were taken."""
+    """Views by the names of their pictures, in the order in which they were taken."""
     scans: dict[str, ScannedRaster] = field(default_factory=dict)
     """Scans by the name of the finding; a second scan has ``again`` after it."""
     ring: Ring | None = None

@@ -123,7 +123,7 @@ class RasterScan:
 
     calibration: HeadCalibration
     points: int = POINTS
-    """In a row of the raster."""
+    """Number of points in a row of the raster."""
 
     def scan(
         self,

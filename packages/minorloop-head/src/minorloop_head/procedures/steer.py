@@ -70,7 +70,7 @@ class SteeredHead:
     """A sentence for each other target that only the model shows as reached: readings were not used
     or missing."""
     faults: tuple[DriveFault, ...] = ()
-    """Of the readings."""
+    """Faults of the readings."""
 
     @property
     def done(self) -> bool:

@@ -77,7 +77,7 @@ class Request:
     """Shape (2,). Pan and tilt of the head estimated from the image. They replace the readings of
     joints that have no sensors."""
     lights: tuple[bool, ...] | None = None
-    """Which lights are on from the next frame."""
+    """Whether each light is on from the next frame."""
     exposure: tuple[float, float] | None = None
     """Exposure time and gain from the next frame."""
     focus: float | None = None

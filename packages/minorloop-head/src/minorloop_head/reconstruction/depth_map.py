@@ -40,12 +40,12 @@ class Patch:
 
     phi: float
     z: float
-    """Of the centre of its first texel, in radians and metres."""
+    """Centre of its first texel, in radians and metres."""
     rows: int
     columns: int
     """Texels along and around the pipe."""
     radius: float = 10e-3
-    """Of the pipe, in metres."""
+    """Radius of the pipe, in metres."""
     step: float = STEP
     """Size of a texel, in metres."""
 

@@ -39,7 +39,7 @@ class Surface:
     shapes: npt.NDArray[np.int64]
     """Shape (L, 3). First texel, rows and columns of each level."""
     size: tuple[float, float]
-    """Of a texel of the finest level, around and along, in metres."""
+    """Size of a texel of the finest level, around and along, in metres."""
 
 
 def lay_out(pipe: Pipe) -> Surface:

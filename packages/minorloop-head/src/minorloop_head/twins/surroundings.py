@@ -109,8 +109,8 @@ class Cooling:
     """
 
     exponent: float = 0.148
-    """Of the film coefficient over the rise of the wire's temperature: 0.148, by Morgan (1975) for
-    still gas and Rayleigh numbers of 0.01 to 100; that of a wire of 0.2 mm is 0.03."""
+    """Exponent of the film coefficient over the rise of the wire's temperature: 0.148, by Morgan
+    (1975) for still gas and Rayleigh numbers of 0.01 to 100; that of a wire of 0.2 mm is 0.03."""
     bend: float = 0.1
     """Growth of the film coefficient with the angle, in 1/rad. A wire of diameter d at a distance D
     from a wall loses heat as 1 / acosh(2 D / d) (Incropera, shape factors of conduction); a bent
@@ -192,7 +192,7 @@ class Sway:
     """
 
     amplitude: float = math.radians(1.0)
-    """In radians, up to 10 degrees."""
+    """Amplitude in radians, up to 10 degrees."""
     pan: float = 0.3
     tilt: float = 0.23
     """Frequencies in Hz."""
@@ -220,11 +220,11 @@ class Filling:
     """Height of the water's surface in metres, with y pointing down from the axis; a pipe without
     it is dry."""
     temperature: float = 20.0
-    """Of water and gas, in degrees Celsius, from 0 to 95."""
+    """Temperature of water and gas, in degrees Celsius, from 0 to 95."""
     gas: str = "air"
     """One of `GASES`: still, but for ``forced gas``."""
     pressure: float = ATMOSPHERE
-    """Of gas and water, in Pa, as in `convection`."""
+    """Pressure of gas and water, in Pa, as in `convection`."""
     sleeve: float = 1.0
     """Convection of this head's wires in their sleeves under water, over that of `convection`: 0.5
     to 2."""

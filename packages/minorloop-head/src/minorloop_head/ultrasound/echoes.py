@@ -63,7 +63,7 @@ class Echo:
     time: float
     """Since the pulse, in seconds; NaN where there is none."""
     amplitude: float
-    """Of its envelope after the matched filter, in the unit of the trace."""
+    """Amplitude of its envelope after the matched filter, in the unit of the trace."""
     snr: float
     """Amplitude over the standard deviation of the noise after the filter."""
 

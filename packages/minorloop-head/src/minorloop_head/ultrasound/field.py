@@ -41,9 +41,9 @@ class CalibratedProbe:
     """Estimated place of the head in the pipe."""
     radius: float = 10e-3
     thickness: float = 2e-3
-    """Of the pipe and its wall, in metres."""
+    """Radius of the pipe and thickness of its wall, in metres."""
     temperature: float = 20.0
-    """Of the water, as measured, in degrees Celsius."""
+    """Measured temperature of the water, in degrees Celsius."""
     steel: float = 5900.0
     """Speed of longitudinal waves in the wall, in m/s."""
 

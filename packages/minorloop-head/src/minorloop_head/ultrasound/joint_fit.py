@@ -79,9 +79,9 @@ class JointFit:
     """A fit of one pit to the traces of a raster."""
 
     model: PitModel
-    """Of the echoes of the same beams."""
+    """Model of the echoes of the same beams."""
     spectra: Spectra
-    """Of the traces."""
+    """Spectra of the traces."""
     scale: float = 1.0
     """Misfit above which a trace has less weight, in units of its noise."""
     far: npt.NDArray[np.intp] | None = None

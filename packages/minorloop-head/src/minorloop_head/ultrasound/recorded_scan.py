@@ -73,7 +73,7 @@ class RecordedScan:
     interval: float
     """Between samples, in seconds."""
     start: float
-    """Of the first sample since the pulse was fired, in seconds."""
+    """Time of the first sample since the pulse was fired, in seconds."""
     steps: tuple[float, float]
     """Between places along x and y, in metres; that along y is NaN for a line."""
     speeds: tuple[float, ...]

@@ -109,14 +109,14 @@ class ScanLayer:
 
     number: int
     speed: float
-    """Of sound, in m/s."""
+    """Speed of sound, in m/s."""
     top: float
     bottom: float
     """Times of the echoes of its surfaces in seconds; the bottom may be the end of the scan."""
     thickness: float
-    """In metres; NaN without a surface at its bottom."""
+    """Thickness in metres; NaN without a surface at its bottom."""
     depths: FloatArray
-    """Shape (Z,). Of the picture below the top of the layer, in metres."""
+    """Shape (Z,). Depths of the picture below the top of the layer, in metres."""
     above: float
     """Depth of its top below the probe, in metres."""
     picture: FloatArray
@@ -131,7 +131,7 @@ class ScanFlaws:
     surfaces: Surfaces
     layers: tuple[ScanLayer, ...]
     flaws: tuple[ScanFlaw, ...]
-    """In the order of layers, then of places."""
+    """Flaws in the order of layers, then of places."""
     repeats: tuple[ScanFlaw, ...]
     """Echoes that other echoes explain."""
     advice: tuple[str, ...]
@@ -139,7 +139,7 @@ class ScanFlaws:
 
     @property
     def tilt(self) -> float:
-        """Of the first surface, in radians; NaN without one."""
+        """Tilt of the first surface, in radians; NaN without one."""
         return self.surfaces.tilt
 
 

@@ -61,7 +61,7 @@ class Surfaces:
 
     @property
     def tilt(self) -> float:
-        """Of the first surface, in radians; NaN without one."""
+        """Tilt of the first surface, in radians; NaN without one."""
         return math.asin(min(math.hypot(*self.slopes), 1.0)) if self.times.size else math.nan
 
 

@@ -29,7 +29,7 @@ class CalibratedCamera:
     leds: FloatArray
     """Shape (N, 3). Places of the LEDs in the camera, in metres."""
     radius: float = 10e-3
-    """Of the pipe, in metres."""
+    """Radius of the pipe, in metres."""
 
     def place(self, pixels: npt.ArrayLike, pan: float, tilt: float) -> FloatArray:
         """Return phi and z (..., 2) on the wall of pixels (..., 2), at pan and tilt in radians."""
@@ -91,7 +91,7 @@ class Window:
 
     phi: float
     z: float
-    """Of the centre of the first texel."""
+    """Centre of the first texel."""
     step: float
     """Size of a texel, in metres."""
     rows: int

@@ -65,7 +65,7 @@ def line_heights(
 
 
 def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
-    """Return where neither texel at the given step to the sides is higher."""
+    """Return whether both texels at the step to either side are not higher."""
     i, j = np.indices(heights.shape)
     last = np.array(heights.shape)[:, None, None] - 1
     middle = np.ones(heights.shape, dtype=bool)

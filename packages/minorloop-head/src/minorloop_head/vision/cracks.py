@@ -161,7 +161,7 @@ class LinedWall:
     """Shape (K, rows, columns). Logarithm of the reflectance; an unknown texel has the value of the
     nearest known one."""
     heights: Image32
-    """Shape (rows, columns). Of the lines."""
+    """Shape (rows, columns). Heights of the lines."""
     seen: BoolArray
     """Shape (rows, columns). Texels that are seen."""
     margin: BoolArray

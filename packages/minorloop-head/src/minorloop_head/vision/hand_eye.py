@@ -29,7 +29,7 @@ _LARGEST_MISFIT = 2.0
 
 @dataclass(frozen=True, eq=False)
 class HandEyeFit:
-    """How a camera is mounted on the flange of a robot.
+    """Mount of a camera on the flange of a robot.
 
     ``measured``: position in mm, and rotation vector in degrees, of the camera on the flange;
     ``rotation`` (3, 3): from the camera to the flange; ``position`` (3,): of the lens on the

@@ -86,11 +86,11 @@ class TargetPose:
     """Pose of a target before the camera."""
 
     name: str
-    """Of the picture."""
+    """Name of the picture."""
     rotation: FloatArray
-    """Shape (3, 3). From the target (x right, y down, z away from the camera) to the camera."""
+    """Shape (3, 3). Rotation from target (x right, y down, z away from the camera) to camera."""
     position: FloatArray
-    """Shape (3,). Of the target's upper left corner in the camera, in metres."""
+    """Shape (3,). Upper left corner of the target in the camera, in metres."""
     information: FloatArray
     """Shape (6, 6). Inverse covariance of a small rotation in radians, about axes of the camera,
     and of the position in metres."""
@@ -112,7 +112,7 @@ class LensFit:
     """Focal lengths, principal point, and the coefficients of distortion that the pictures support;
     the others are 0. The deviations contain what the lens does not explain."""
     poses: tuple[TargetPose, ...]
-    """Of the pictures that were used."""
+    """Poses of the used pictures."""
     seen: tuple[SeenTarget, ...]
     """Their corners."""
     left_out: dict[str, str]
@@ -122,7 +122,7 @@ class LensFit:
     rms_left_out: float
     """The same for pictures that are left out of the fit, each in turn."""
     model: str
-    """What is free in the lens: names as in `Pinhole`, f where pixels are square."""
+    """Free parameters of the lens: names as in `Pinhole`, f where pixels are square."""
     warnings: tuple[str, ...] = ()
     """Parameters that the pictures hardly determine, and advice on further pictures."""
 
@@ -169,7 +169,7 @@ def fit_lens(seen: Sequence[SeenTarget], size: tuple[int, int]) -> LensFit:
 
 
 def corners_in_ninths(seen: Sequence[SeenTarget], lens: Pinhole) -> npt.NDArray[np.int64]:
-    """Return how many corners are in each ninth of the image, (3, 3)."""
+    """Return the number of corners in each ninth of the image, (3, 3)."""
     pixels = np.concatenate([each.pixels for each in seen])
     counts, _, _ = np.histogram2d(
         pixels[:, 1],
@@ -401,7 +401,7 @@ def _left_out(
 
 
 def _shift(normal: FloatArray) -> FloatArray:
-    """Return how far the numbers (9,) move if all of them and the bending are free."""
+    """Return the shift of the numbers (9,) if all of them and the bending are free."""
     scale = 1 / np.sqrt(np.maximum(np.diag(normal)[:-1], np.finfo(float).tiny))
     inner = normal[:-1, :-1] * scale[:, None] * scale
     step: FloatArray = scale * np.linalg.lstsq(inner, scale * normal[:-1, -1], rcond=1e-10)[0]

@@ -38,22 +38,22 @@ _LEVER = slice(9, 12)
 
 @dataclass(frozen=True, eq=False)
 class MountFit:
-    """How a camera is mounted on its joints."""
+    """Mount of a camera on its joints."""
 
     measured: tuple[Measured, ...]
     lever: float
-    """From the pivot to the lens along the optical axis, in metres."""
+    """Distance from the pivot to the lens along the optical axis, in metres."""
     straight: tuple[float | None, float]
     """Readings of pan and tilt if the joints point along the pipe, in radians; pan is None if the
     target was not square to the pipe."""
     squint: float
     camera_roll: float
-    """Of the camera on the joints, in radians."""
+    """Rotation of the camera on the joints, in radians."""
     roll: float | None
     """Of the base about the axis of the pipe, in radians; None if the target was not square to the
     pipe."""
     offset: tuple[float, float] | None
-    """Of the pivot from the middle of the target, in metres; None likewise."""
+    """Offset of the pivot from the middle of the target, in metres; None likewise."""
     joints: FloatArray
     """Shape (N, 2). Read less fitted pan and tilt of each picture, in degrees."""
     residuals: FloatArray

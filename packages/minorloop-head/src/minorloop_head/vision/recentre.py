@@ -40,7 +40,7 @@ class Outline:
     place: FloatArray
     """Shape (2,). Phi and z of its middle."""
     pixel: FloatArray
-    """Shape (2,). Of its middle, in the last frame."""
+    """Shape (2,). Pixel of its middle, in the last frame."""
     diameter: float
     """In metres."""
     quality: float

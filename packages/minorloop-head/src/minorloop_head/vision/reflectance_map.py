@@ -68,7 +68,7 @@ class LitFrame:
     tilt: float
     """Measured angles of the head, in radians."""
     lights: tuple[bool, ...] = (True, True, True)
-    """Which LEDs were on."""
+    """Whether each LED was on."""
 
 
 @dataclass(frozen=True, eq=False)

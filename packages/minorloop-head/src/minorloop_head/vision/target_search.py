@@ -45,7 +45,7 @@ class _Markers:
     numbers: npt.NDArray[np.int64]
     """Shape (N,)."""
     corners: FloatArray
-    """Shape (N, 4, 2). From the upper left one of the marker, clockwise, in pixels."""
+    """Shape (N, 4, 2). Corners of the marker from the upper left one, clockwise, in pixels."""
 
 
 def search_target(images: Sequence[Image], square: float) -> Target | None:

@@ -42,7 +42,7 @@ class SeenTarget:
     """Corners of a target in a picture."""
 
     name: str
-    """Of the picture."""
+    """Name of the picture."""
     points: FloatArray
     """Shape (N, 2). Places on the target, from its upper left corner to the right and down, in
     metres."""

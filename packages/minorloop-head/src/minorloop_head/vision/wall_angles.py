@@ -103,7 +103,7 @@ class WallAngles:
     """
 
     camera: CalibratedCamera
-    """As calibrated."""
+    """Calibrated camera."""
     low: tuple[float, float] = (math.radians(-36.0), math.radians(-36.0))
     high: tuple[float, float] = (math.radians(36.0), math.radians(36.0))
     """Least and largest pan and tilt of the line of sight, in radians; a lost view is searched

@@ -134,7 +134,7 @@ class WallState:
     """New patches, which may be dirt on the lens."""
     angles: FloatArray
     rates: FloatArray
-    """Shape (2,). In the last picture that showed them, in radians and radians per second."""
+    """Shape (2,). Values of the last picture that showed them, in rad and rad/s."""
     t: float
     """Time of that picture, in seconds."""
     missed: int

@@ -41,13 +41,13 @@ class CameraDoubt:
     """
 
     focal: float = 0.0017
-    """Relative, of the focal length."""
+    """Relative standard deviation of the focal length."""
     centre: float = 0.6
-    """Of the principal point, in pixels of a picture 640 wide."""
+    """Standard deviation of the principal point, in pixels of a picture 640 wide."""
     angle: float = math.radians(0.17)
-    """Of the angles of the mount and of the head at rest, in radians."""
+    """Standard deviation of the angles of the mount and of the head at rest, in radians."""
     length: float = 0.06e-3
-    """Of the lever and of the pivot's place, in metres."""
+    """Standard deviation of the lever and of the pivot's place, in metres."""
 
 
 def refined(
