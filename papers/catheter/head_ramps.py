@@ -44,7 +44,7 @@ class Ramps:
     wanted: FloatArray
     angle: FloatArray
     command: FloatArray
-    """Shape (T,). Seconds, degrees, degrees as measured, and V."""
+    """Shape (T,). Seconds, degrees, measured degrees, and V."""
     ends: FloatArray
     """Shape (n + 1,). Times at which the ramps begin, and the end of the last, in seconds."""
     body: FloatArray

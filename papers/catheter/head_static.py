@@ -119,7 +119,7 @@ def heating_lag(seed: int, model: Preisach, surroundings: Surroundings | None = 
 def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Results:
     """Drive the first axis by an arbitrary continuous input that no model was fitted to.
 
-    ``t`` (T,) in s, ``command`` (T,) in V, ``angle`` (T,) as measured in degrees; ``predicted``
+    ``t`` (T,) in s, ``command`` (T,) in V, measured ``angle`` (T,) in degrees; ``predicted``
     are the angles (T,) of the operator on ``power`` with its lag, of the ``mesh`` behind a linear
     lag, and of the ``ideal`` H(s) of Fig 9, whose lag is behind the operator.
 

@@ -247,7 +247,9 @@ def test_a_line_with_an_impossible_value_is_refused(script):
 
 @pytest.mark.usefixtures("unreported")
 def test_one_that_cannot_be_resumed_is_refused(script):
-    with pytest.raises(RecordError, match=r"there is no folder .*; give that of the inspection"):
+    with pytest.raises(
+        RecordError, match=r"there is no folder .*; give the folder of the interrupted inspection"
+    ):
         script.run(resume=True)
     script.run()
     with pytest.raises(ParameterError, match=r"the inspection in .* is finished; give another"):

@@ -156,7 +156,7 @@ def test_it_goes_on_from_any_line_with_the_bursts_before(script):
         assert script.sweep().content["bursts"] == 2
         copy = script.folder / f"journal.damaged{number or ''}.jsonl"
         assert copy.read_bytes() == damaged
-        said = f"line 4 of {script.file} is damaged; what is kept before it: 2 bursts"
+        said = f"line 4 of {script.file} is damaged; kept before it: 2 bursts"
         assert said in script.told[-2]
         assert str(copy) in script.told[-2]
         again = script.file.read_bytes().split(b"\n")

@@ -39,7 +39,7 @@ class UnfinishedDrive:
         kept = "nothing is kept without --save"
         if self._save is not None:
             save_drive(found, self._save, self._force)
-            kept = f"what was measured is kept in {self._save}"
+            kept = f"the record is kept in {self._save}"
         self._said = f"the drive ended after {found.t[-1]:.1f} s, and {kept}"
         if safe:
             self._said += "; the head has confirmed that it is safe"

@@ -75,8 +75,8 @@ def scan(
 ) -> None:
     """Find surfaces and flaws in a third-party scan, line or raster.
 
-    Options replace what the file says. Tilt is found and compensated, and what is below surfaces
-    is focused through the layers, so that a hole is drawn as narrow as it is.
+    Options replace values of the file. Tilt is measured and compensated. Echoes below surfaces are
+    focused through the layers, so that holes are drawn with their true width.
     """
     from minorloop_head.inspection.scan_report import (
         COLUMNS,

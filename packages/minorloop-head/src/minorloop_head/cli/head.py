@@ -101,7 +101,7 @@ _Inspected = Annotated[
     typer.Option(
         show_default=False,
         help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
-        "findings.json, report.html, pictures, and 3-D models of what was scanned.",
+        "findings.json, report.html, pictures, and 3-D models of scanned findings.",
     ),
 ]
 _Advances = Annotated[
@@ -124,7 +124,7 @@ _Probe = Annotated[
     Path | None,
     typer.Option(
         help="TOML file of the pulser and the digitiser of a head of devices, which then also "
-        "scans what the camera finds; the pump must be a line of the bench."
+        "scans the finds of the camera; the pump must be a line of the bench."
     ),
 ]
 _Pipe = Annotated[

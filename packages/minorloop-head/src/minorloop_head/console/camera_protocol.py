@@ -37,7 +37,7 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
     t: float
     """Time in seconds, on the clock of the loop."""
     position: Position
-    """Pan and tilt about the middle, advance and roll as measured, in rad and m."""
+    """Measured pan and tilt about the middle, advance and roll, in rad and m."""
     stance: tuple[float, ...] = ()
     """Pose for a simulated tip only, see `Plant.stance`."""
     commands: list[CameraCommand] = []

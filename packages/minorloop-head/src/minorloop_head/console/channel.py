@@ -83,7 +83,7 @@ class Outbox:
             return taken
 
     def forward(self, channel: NewestPipe) -> None:
-        """Send messages forever; for a thread of its own."""
+        """Send messages forever, in a separate thread."""
         while True:
             events, state = self.wait()
             for content in events:

@@ -2,7 +2,7 @@
 
 There are two interfaces, since one process drives the wires and another one reads camera and probe.
 `Plant` is a head with two wires on a catheter with two motors. `Tip` is the camera with its lights
-and the ultrasonic probe. The wires are known as identified, camera and probe as calibrated.
+and the ultrasonic probe. Wires are known by identification, camera and probe by calibration.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The server of the pages: it passes messages between the pages and the control loop.
 
-It does not steer. The control loop is a process of its own, and holds if the server fails.
+It does not steer. The control loop is a separate process, and holds if the server fails.
 """
 
 from __future__ import annotations

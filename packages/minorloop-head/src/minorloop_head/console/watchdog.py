@@ -114,7 +114,7 @@ def _opened(
         plant = None
         try:
             plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
-            plant.exchange(_REST)  # compiles what the first command would wait for
+            plant.exchange(_REST)  # compiles functions of the first command
             return plant
         except (MinorloopError, ImportError) as error:
             why = str(error)

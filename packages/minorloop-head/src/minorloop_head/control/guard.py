@@ -136,7 +136,7 @@ class GuardState:
     applied: float
     """Present current in A."""
     inner: Any = None
-    """State of a law with an estimate of its own."""
+    """State of a law with its own estimate."""
     reading: ReadingState = field(default_factory=ReadingState)
     """State of the check of readings."""
     lateness: Lateness = field(default_factory=Lateness)
@@ -184,7 +184,7 @@ class Guard:
     observer: PowerObserver
     """Estimates the effective power of the wire, and so its temperature."""
     controller: Controller | None = None
-    """A law with an estimate of its own; without one, the observer is an `ObserverControl`, and the
+    """A law with its own estimate; without one, the observer is an `ObserverControl`, and the
     current follows from the estimate of the guard."""
     limits: WireLimits = field(default_factory=WireLimits)
     """Limits of the wire."""

@@ -124,7 +124,7 @@ def inspected_head(
     Parameters
     ----------
     actuator, camera : str
-        Addresses. The simulated pipe has a camera of its own.
+        Addresses. The simulated pipe has its own camera.
     head : path, optional
         File of the head. The simulated one is identified without it.
     specimen, seed : int
@@ -142,9 +142,9 @@ def inspected_head(
     """
     if is_pipe(actuator):
         if camera is not None:
-            raise ParameterError(f"{PIPE} has a camera of its own; leave --camera out")
+            raise ParameterError(f"{PIPE} has its own camera; leave --camera out")
         if probe is not None:
-            raise ParameterError(f"{PIPE} has a probe of its own; leave --probe out")
+            raise ParameterError(f"{PIPE} has its own probe; leave --probe out")
         known = None if head is None else head_at(actuator, specimen, head)[0]
         about = _about(HeadFile(serial=_serial(specimen)) if known is None else known)
         return _simulated(actuator, specimen, seed, water, about, known, turned=True)
@@ -333,7 +333,7 @@ def opened_head(
     """
     if is_pipe(address):
         if camera is not None:
-            raise ParameterError(f"{address} has a camera of its own; leave --camera out")
+            raise ParameterError(f"{address} has its own camera; leave --camera out")
         yield _in_pipe(address, view, specimen, seed, check, cold=cold, waits=lambda: told(_WAITS))
     elif camera is None:
         with opened(address, say=told, specimen=specimen, noise=noise, seed=seed) as plant:

@@ -175,9 +175,9 @@ def _kept_in(store: Path, *, seen: bool) -> str:
     carried out without a break from the cold head.
     """
     if any(store.glob("*.sqlite")):
-        return f"what was measured is kept in {store}; the same command continues it"
+        return f"the runs so far are kept in {store}; the same command continues them"
     if (store / _SWEPT).exists():
-        return f"the sweep is kept in {store}, and nothing else yet; the same command goes on"
+        return f"only the sweep is kept in {store} so far; the same command continues"
     sweep = f" with the whole sweep of the camera, which takes {as_duration(SWEEP_SECONDS)}"
     anew = "nothing was measured yet, and nothing is kept; the same command begins anew"
     return anew + sweep * seen

@@ -160,7 +160,7 @@ def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
     return [
         f"the light in {counted(len(wrong), 'picture')} ({wrong[0][0]} first) does not fit pan "
         f"and tilt, and would fit about {pan:+d} and {tilt:+d} degrees more; places and sizes are "
-        "wrong then, and holes are missed. With --head, pan and tilt are what the sensors read; "
+        "wrong then, and holes are missed. With --head, pan and tilt are readings of the sensors; "
         "with --lens, they are from the axis of the pipe"
     ]
 

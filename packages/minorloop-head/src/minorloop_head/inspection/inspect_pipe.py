@@ -187,7 +187,7 @@ def _note_end(kept: _Folder | None, error: BaseException, folder: Path, *, resum
     if kept is None:
         if isinstance(error, KeyboardInterrupt):
             nothing = "nothing was inspected yet, and nothing is kept"
-            error.add_note(f"what was found before is kept in {folder}" if resume else nothing)
+            error.add_note(f"earlier findings are kept in {folder}" if resume else nothing)
         return
     why = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, KeyboardInterrupt):

@@ -202,8 +202,8 @@ class Before:
         copy = next(each for each in copies if not each.exists())
         write_atomically(copy, self.file.read_bytes())
         return (
-            f"line {self.damaged} of {self.file} is damaged; what is kept before it: {kept}; the "
-            f"rest is measured again, and the journal as it was is kept in {copy}"
+            f"line {self.damaged} of {self.file} is damaged; kept before it: {kept}; the rest is "
+            f"measured again, and the damaged journal is kept in {copy}"
         )
 
 
@@ -324,8 +324,7 @@ def folder_for(out: Path, *, resume: bool) -> Any:
 def go_on(folder: Path) -> str:
     """Return advice after a folder could not be written."""
     return (
-        f"what was measured before is kept in {folder}; the same command with --resume goes on "
-        "from there"
+        f"earlier results are kept in {folder}; the same command with --resume goes on from there"
     )
 
 

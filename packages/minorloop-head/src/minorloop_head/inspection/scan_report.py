@@ -35,7 +35,7 @@ COLUMNS = (
 _DIGITS = {"x [mm]": 1, "y [mm]": 1, "width [mm]": 1, "length [mm]": 1, "depth [mm]": 2}
 _MEANING = (
     "x and y are counted from the first A-scan, depths from the top of the layer along its normal; "
-    "the number after ± is one standard deviation at the speed of sound as given. Width and length "
+    "the number after ± is one standard deviation at the stated speed of sound. Width and length "
     "are those at half the amplitude (6 dB drop) after focusing. A size is given where they are "
     "more than those of a point; others are at most (≤) as large. Confirmed is twice as loud as a "
     "flaw must be over noise and structure at its depth; probable is less."

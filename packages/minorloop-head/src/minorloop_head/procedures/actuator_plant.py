@@ -198,7 +198,7 @@ class ActuatorPlant:
 class BenchTip:
     """The tip of a head on a bench: lights and a pump, perhaps a probe, and no focus.
 
-    Its pictures come from a camera of its own, see `minorloop_head.procedures.actuator_plant`.
+    Its pictures come from a separate camera, see `minorloop_head.procedures.actuator_plant`.
     """
 
     def __init__(self, wires: Wires, probe: Digitiser | None = None) -> None:

@@ -190,7 +190,7 @@ class FaultLog:
 
 
 def _reading(axis: GuardState, why: str) -> tuple[str, str]:
-    """Return the kind of the fault of a reading and what is wrong; both empty if it is good."""
+    """Return kind and description of the fault of a reading; both empty if it is good."""
     if axis.fault:
         return axis.fault, _with_reason(_newest(axis, "sensor"), why)
     if axis.reading.used:

@@ -35,7 +35,7 @@ def acquisition(gain: float) -> Procedure[tuple[LitFrame, ...]]:
 def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[LitFrame, ...]:
     """Return the frames of an acquisition by a camera that does not move.
 
-    ``camera``: its lights are all on afterwards; ``angles`` (2,): pan and tilt as measured, in
+    ``camera``: its lights are all on afterwards; ``angles`` (2,): measured pan and tilt, in
     radians; ``gain``: under all lights.
     """
 

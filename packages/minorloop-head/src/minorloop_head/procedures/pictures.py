@@ -104,7 +104,7 @@ class PictureFinding:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InspectedPicture:
-    """A picture, and what was found in it."""
+    """A picture, and its findings."""
 
     name: str
     t: float

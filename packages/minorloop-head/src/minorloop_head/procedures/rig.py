@@ -142,7 +142,7 @@ class InspectionRig:
 
     @property
     def place(self) -> FloatArray:
-        """(2,) advance in metres and roll in radians as measured."""
+        """(2,) measured advance in metres and roll in radians."""
         return self._known[2:].copy()
 
     @property

@@ -33,13 +33,13 @@ class Reading:
     """Shape (2,). Pan and tilt of the line of sight as the joints measure them, 0 along the
     pipe."""
     place: FloatArray = field(default_factory=_zeros)
-    """Shape (2,). Advance and roll of the catheter as measured."""
+    """Shape (2,). Measured advance and roll of the catheter."""
     base: FloatArray = field(default_factory=_zeros)
     """Shape (2,). Pan and tilt by which the flow of the water has turned the base of the head,
     measured in pictures; joints do not measure them. Zero without a picture, NaN if the picture
     does not show them."""
     image: Image | None = None
-    """A frame that was taken at these angles; None where none was requested."""
+    """A frame that was taken at these angles; None if it was not requested."""
     shots: tuple[Shot, ...] = ()
     """The burst that was requested."""
     fired: bool = False

@@ -338,7 +338,7 @@ def wall_about(
 ) -> DepthMap:
     """Map the depth of the wall about a pit.
 
-    ``pit``: as measured; ``centre``: phi and z of the mouth by the camera; ``diameter``: of the
+    ``pit``: measured pit; ``centre``: phi and z of the mouth by the camera; ``diameter``: of the
     mouth by the camera, in metres; ``seen``: returns the logarithm (rows, columns) of the image of
     a patch.
     """

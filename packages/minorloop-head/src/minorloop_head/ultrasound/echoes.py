@@ -236,7 +236,7 @@ class Burst:
     sample_interval: float
     """In seconds."""
     angles: FloatArray
-    """Shape (2,). Mean pan and tilt as measured, in radians."""
+    """Shape (2,). Mean of measured pan and tilt, in radians."""
     used: int
     fired: int
     """Number of shots in the mean, and of fired shots."""

@@ -36,7 +36,7 @@ class CalibratedProbe:
     """
 
     transducer: Probe
-    """Its geometry, as calibrated."""
+    """Its calibrated geometry."""
     mount: Mount
     """Estimated place of the head in the pipe."""
     radius: float = 10e-3

@@ -149,7 +149,7 @@ class JointFit:
         return float(np.sqrt(max(square[: -(-3 * far.size // 4)].mean(), 0.0)))
 
     def sweep(self, unknowns: FloatArray, depths: FloatArray) -> FloatArray:
-        """Return costs (D,) at evenly spaced depths, the other unknowns as given."""
+        """Return costs (D,) at evenly spaced depths, with the other unknowns unchanged."""
         x, y, size, _, gain, u, v, dish = unknowns
         pressure = self.model.mouth(x, y, size)
         missing = self.model.missing(pressure, size)

@@ -183,8 +183,8 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
     flaws, repeats = _explained(found, surfaces.times, scan)
     if not flaws and not surfaces.times.size:
         advice.append(
-            "no echo stands out of the noise, neither of a surface nor of a flaw, so that the scan "
-            "says nothing of the part; check coupling and gain, and which field has the A-scans"
+            "no echo stands out of the noise, neither of a surface nor of a flaw, so that the part "
+            "is not inspected; check coupling and gain, and which field has the A-scans"
         )
     return ScanFlaws(scan, surfaces, tuple(layers), flaws, repeats, tuple(advice))
 
@@ -204,8 +204,8 @@ def _without_dead(scan: RecordedScan) -> tuple[RecordedScan, list[str]]:
         before, after = alive[np.maximum(at - 1, 0)], alive[np.minimum(at, alive.size - 1)]
         traces[:, gaps, y] = 0.5 * (traces[:, before, y] + traces[:, after, y])
     return replace(scan, traces=traces), [
-        f"{counted(int(dead.sum()), 'A-scan')} without a signal taken for the mean of those "
-        "beside; what is there is not seen"
+        f"{counted(int(dead.sum()), 'A-scan')} without a signal replaced by the mean of the "
+        "neighbours; flaws there are missed"
     ]
 
 
@@ -213,8 +213,8 @@ def _advice(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     said = []
     if not scan.start_known:
         said.append(
-            "the time of the first sample is not known and taken for 0, the pulse; where it is "
-            "later, the first layer is thicker than said; give it with --given start=US"
+            "the time of the first sample is unknown, and 0 is assumed, the pulse; if it is "
+            "later, the first layer is thicker than stated; give it with --given start=US"
         )
     if scan.clipped and surfaces.times.size:
         long = surfaces.plateaus[0]

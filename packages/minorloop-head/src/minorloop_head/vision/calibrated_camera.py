@@ -23,7 +23,7 @@ class CalibratedCamera:
     """A calibrated camera in a pipe of known radius."""
 
     lens: Pinhole
-    """The lens, as calibrated."""
+    """The calibrated lens."""
     mount: Mount
     """Estimated place of the head in the pipe."""
     leds: FloatArray

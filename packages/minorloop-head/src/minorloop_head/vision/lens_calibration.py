@@ -110,7 +110,7 @@ class LensFit:
     lens: Pinhole
     measured: tuple[Measured, ...]
     """Focal lengths, principal point, and the coefficients of distortion that the pictures support;
-    the others are 0. The deviations contain what the lens does not explain."""
+    the others are 0. The deviations contain residuals that the lens does not explain."""
     poses: tuple[TargetPose, ...]
     """Poses of the used pictures."""
     seen: tuple[SeenTarget, ...]

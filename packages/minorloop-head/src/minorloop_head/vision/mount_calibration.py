@@ -77,7 +77,7 @@ def fit_mount(
     Raises a `RecordError` if there are too few pictures, the joints did not move enough, or camera
     and joints turned by different angles.
 
-    ``poses``: of a target that stands still; ``joints`` (N, 2): pan and tilt as read, in degrees;
+    ``poses``: of a target at rest; ``joints`` (N, 2): readings of pan and tilt, in degrees;
     ``sd``: standard deviation of a reading, in degrees; ``middle`` (2,): place on the target, in
     metres, that is on the axis of the pipe, if the target is square to the pipe with its rows
     horizontal.

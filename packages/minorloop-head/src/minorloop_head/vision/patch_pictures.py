@@ -26,7 +26,7 @@ LEVELS = 3
 _SMALLEST = 6.0
 """Least width of a patch in the picture, in pixels: fewer show no detail of it."""
 _CELL = 20
-"""Pixels between points of the picture about which new patches are looked for."""
+"""Distance in pixels of the points of the picture about which new patches are searched."""
 _MOST, _MOST_KEPT = 28, 1000
 """Most patches that are compared with a picture, the best known of each part of it first: more take
 time without improving the angles. Most stored patches: ten for each place on the wall within
@@ -365,7 +365,7 @@ class PatchPictures:
 
     @cached_property
     def _cells(self) -> FloatArray:
-        """Pixels (n, 2) about which new patches are looked for."""
+        """Pixels (n, 2) about which new patches are searched."""
         lens = self.camera.lens
         step = _CELL * lens.width / 320
         u, v = np.arange(step / 2, lens.width, step), np.arange(step / 2, lens.height, step)

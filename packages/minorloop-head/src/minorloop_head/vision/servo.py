@@ -396,7 +396,7 @@ class PointHold:
         """Return the next joint angles and state; a lost point gives a verdict, not an error.
 
         ``pixel`` (2,): place of the point in the image; None or NaN while it is lost. ``angles``
-        (2,): pan and tilt as measured when the image was taken, in radians.
+        (2,): pan and tilt measured at the time of the image, in radians.
         """
         seen = np.full(2, np.nan) if pixel is None else np.asarray(pixel, dtype=np.float64)
         measured = np.asarray(angles, dtype=np.float64)
