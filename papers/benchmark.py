@@ -54,8 +54,8 @@ def run_study(seed: int) -> Results:
     """
     training, test = plant.training_record(seed), plant.multisine_test(seed)
     sweep = plant.sweep_test()
-    # The filters are a data sheet of the converter. The first two pass what the third one passes.
-    # Steps of the integration are 3,750 a second, a fourth of those of the twin.
+    # The filters are a data sheet of the converter. The first two pass the band of the third.
+    # The integration has 3,750 steps per second, a fourth of the number of the twin.
     options: dict[str, Any] = {"substeps": 5, "stages": tuple(plant.filters()[-1:])}
 
     def error(

@@ -96,7 +96,7 @@ class _DelayWatch:
     """Finds readings that are late by comparing observers."""
 
     observer: PowerObserver
-    """That of the loop."""
+    """Observer of the loop."""
 
     def step(
         self,
@@ -257,7 +257,7 @@ class LatenessWatch:
     """
 
     observer: PowerObserver
-    """That of the loop."""
+    """Observer of the loop."""
 
     def step(
         self,

@@ -197,7 +197,7 @@ class Before:
                 yield self.where(number), line
 
     def set_aside(self, kept: str) -> str:
-        """Copy a damaged journal beside it; return a sentence on that and on what is ``kept``."""
+        """Copy a damaged journal beside it; return a sentence on that and on the ``kept`` part."""
         copies = (self.file.with_name(f"journal.damaged{n or ''}.jsonl") for n in range(1000))
         copy = next(each for each in copies if not each.exists())
         write_atomically(copy, self.file.read_bytes())

@@ -83,7 +83,7 @@ def _cells(fields, row, corners, shapes, size, cells, level):
 def _texels(cells, level, part, where):
     """Fill ``where`` (CELL, cells) with the texel up and left of each pixel, and ``part`` (2,).
 
-    ``part`` (2, CELL, cells) is how far the pixel is to the right of it, and below.
+    ``part`` (2, CELL, cells) is the distance of the pixel to the right of it, and below.
     """
     x0, x_step, turn, y0, y_step, last = cells[0], cells[1], cells[2], cells[3], cells[4], cells[5]
     first, width = level[0], level[1]

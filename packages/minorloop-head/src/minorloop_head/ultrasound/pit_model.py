@@ -54,7 +54,7 @@ class _UnitDisc:
 @lru_cache(maxsize=4)
 def unit_disc(limit: float) -> _UnitDisc:
     """Return the modes up to a limit of chi."""
-    from scipy.special import jn_zeros, jnp_zeros, jv  # not for who only steers a probe
+    from scipy.special import jn_zeros, jnp_zeros, jv  # steering a probe does not need it
 
     nodes, share = np.polynomial.legendre.leggauss(_RADII)
     radii = 0.5 * (nodes + 1)

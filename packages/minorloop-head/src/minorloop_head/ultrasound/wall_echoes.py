@@ -98,7 +98,7 @@ class WallEchoes:
 
     @property
     def texture(self) -> FloatArray:
-        """(N,) depth of each less the median of those beside it."""
+        """(N,) depth of each less the median depth of its neighbours."""
         return self.depth - _quantile(self.depth[self.near[:, :BESIDE]])
 
 

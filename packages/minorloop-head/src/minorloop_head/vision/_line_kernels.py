@@ -59,7 +59,7 @@ def _height(heights, known, y, x, beyond):
 
 @njit(cache=True, nogil=True)
 def follow(heights, known, seen, owner, own, start, way, least, out):
-    """Fill out (N, 2) with rows and columns along a line from its end; return how many.
+    """Fill out (N, 2) with rows and columns along a line from its end; return their number.
 
     Each step goes where the mean height of the texels ahead is greatest. The line ends where the
     wall is not ``seen``, on texels of another ``owner`` (0 is none, ``own`` its own), and where

@@ -140,7 +140,7 @@ class _Found:
 
 @dataclass(frozen=True, eq=False)
 class PatchTracker:
-    """Alignment of a patch of the wall and of those around it, see `PatchPictures`."""
+    """Tracker that aligns a patch of the wall and its neighbours, see `PatchPictures`."""
 
     camera: CalibratedCamera
     """The camera."""
