@@ -73,10 +73,10 @@ def run(
 ) -> None:
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
-    One specimen takes fifteen seconds to a minute, for head and inspection three to fifteen
-    minutes; stderr has a line for each, and for each part of the first one of these two. Until the
-    last is done, unfinished.json in the folder has the figures of those before, also after an
-    interruption.
+    A specimen takes fifteen seconds to a minute, for head and inspection three to fifteen minutes.
+    stderr has a line for each specimen, and for each part of the first specimen of head and
+    inspection. Until the last one is done, unfinished.json in the folder has the figures so far,
+    also after an interruption.
     """
     module = _module_of(name)
     if not 1 <= specimens <= _MOST:
@@ -124,7 +124,7 @@ def _module_of(name: str) -> str:
 
 
 def _shared_out(name: str, study: Study, specimens: int, **counts: int | None) -> dict[str, int]:
-    """Return how many scenes and scans each specimen has."""
+    """Return the numbers of scenes and scans of each specimen."""
     shares = {}
     for option, count in counts.items():
         if count is None:
@@ -161,7 +161,7 @@ def _report(study: Study, found: Specimens, folder: Path, as_json: bool) -> None
 
 
 def command() -> Any:
-    """Return the command as the parser has it."""
+    """Return the command of the parser."""
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
     app.command(epilog="Example: python -m papers ipmc --out ipmc --specimens 4")(run)
     return typer.main.get_command(app)

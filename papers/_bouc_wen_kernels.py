@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 _ITERATIONS = 200
-"""Most iterations of Newton's method, so that it always ends."""
+"""Largest number of iterations of Newton's method."""
 _ROUNDING = 1e-13
 """Relative change of the rates at which it ends."""
 

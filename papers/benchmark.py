@@ -1,9 +1,9 @@
 """The Bouc-Wen benchmark: an oscillator with hysteresis, identified from its vibrations.
 
 Four models are fitted to the noisy training record by the error of their simulation, and scored on
-two records without noise. What is known grows from row to row: that the plant is linear, which is
-wrong; that its hysteresis is one of plays, which is wrong too; that there is a hysteretic force,
-but not its law; and the law of Bouc and Wen, but not its parameters, from the linear model.
+two records without noise. Their prior knowledge grows: a linear plant, which is wrong; hysteresis
+of plays, which is wrong too; a hysteretic force with an unknown law; and the law of Bouc and Wen
+with unknown parameters, starting from the linear model.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from papers.drawing import draw, on_axes, panel
 from papers.harness import Results, Study, rms
 
 PLAYS = 6
-"""By trial: twelve are hardly better, and unstable for some forces."""
+"""Number by trial: twelve are hardly better, and unstable for some forces."""
 MODELS = {
     "linear": "linear",
     "plays": "plays in feedback, cubic spring",
@@ -41,21 +41,21 @@ PUBLISHED = (
     ("polynomial state space", "1.21e-5", "217", "Noel and others, 2017"),
     ("best black box", "7.5e-6", "-", "table of the benchmark"),
 )
-"""Model, error on the multisine in m, parameters, and who published it."""
+"""Model, error on the multisine in m, number of parameters, and publication."""
 _COLOURS = {"linear": "C3", "plays": "C1", "unknown": "C0", "grey": "C2"}
 
 
 def run_study(seed: int) -> Results:
     """Fit and score all models.
 
-    The seed draws both multisines and the noise. ``models`` has by the names in `MODELS` what was
-    ``found``, and the simulated less true displacements (T,) in m of both tests, ``multisine`` and
-    ``sweep``; ``test`` and ``sweep`` are the records.
+    The seed draws both multisines and the noise. ``models`` has, by the names in `MODELS`, the
+    result ``found``, and the errors (T,) in m of the simulated displacement in both tests,
+    ``multisine`` and ``sweep``; ``test`` and ``sweep`` are the records.
     """
     training, test = plant.training_record(seed), plant.multisine_test(seed)
     sweep = plant.sweep_test()
-    # The filters are a data sheet of the converter. The first two pass what the third one passes.
-    # Steps of the integration are 3,750 a second, a fourth of those of the twin.
+    # The filters are a data sheet of the converter. The first two pass the band of the third.
+    # The integration has 3,750 steps per second, a fourth of the number of the twin.
     options: dict[str, Any] = {"substeps": 5, "stages": tuple(plant.filters()[-1:])}
 
     def error(
@@ -109,7 +109,7 @@ def run_study(seed: int) -> Results:
 
 
 def true_parameters() -> FloatArray:
-    """Return the parameters of the plant as they can be seen: with the products of beta."""
+    """Return the identifiable parameters of the plant: with the products of beta."""
     law = plant.PARAMETERS
     first = [law["mass"], law["damping"], law["stiffness"], law["alpha"]]
     return np.array(
@@ -118,7 +118,7 @@ def true_parameters() -> FloatArray:
 
 
 def published_table(figures: Mapping[str, Any]) -> Table:
-    """Return our errors on the multisine and those of others, the largest first."""
+    """Return our errors on the multisine and published ones, the largest first."""
     ours = [
         (words, f"{figures[name]['multisine']:.2g}", f"{figures[name]['parameters']:.0f}", "ours")
         for name, words in MODELS.items()
@@ -186,7 +186,7 @@ def draw_law(study: Results) -> Any:
 
 
 def parameter_table(study: Results) -> Table:
-    """Return the parameters that were found beside the true ones."""
+    """Return the identified parameters beside the true ones."""
     found = study.models["grey"].found
     rows = [
         (name, f"{value:.6g}", f"{sd:.2g}", f"{true:g}")

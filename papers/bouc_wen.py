@@ -2,8 +2,8 @@
 
 An oscillator with a hysteretic force is integrated at 15 kHz by the method of Newmark with the
 constants (1/2, 1/4). Its displacement is decimated to 750 Hz in stages of 2, 2 and 5, by filters
-of order 30. The forces have no content above 150 Hz, so that their samples at 750 Hz say
-everything about them. What estimates models does not import this module.
+of order 30. The forces have no content above 150 Hz, so that their samples at 750 Hz determine
+them. Estimators do not import this module.
 """
 
 from dataclasses import dataclass
@@ -98,8 +98,8 @@ def decimate(y: FloatArray) -> FloatArray:
 def _settled(rng: np.random.Generator, periods: int) -> tuple[FloatArray, FloatArray]:
     """Return forces and displacements over whole periods, after one in which the motion settles.
 
-    One more is simulated behind, so that the filters see the periods around. Every line from 5 to
-    150 Hz is excited, to a root-mean-square of 50 N.
+    One more is simulated at the end, so that the filters have periods on both sides. Every line
+    from 5 to 150 Hz is excited, to a root-mean-square of 50 N.
     """
     frequencies = np.arange(PERIOD // 2 + 1) * RATE / PERIOD
     excited = (frequencies >= 5.0) & (frequencies <= 150.0)

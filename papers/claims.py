@@ -18,17 +18,17 @@ _FILE = Path(__file__).with_suffix(".md")
 
 @dataclass(frozen=True)
 class Claim:
-    """One row: what a paper reports, what this project requires, and the figure of this run."""
+    """One row: the figures of the paper and of this run, and the bounds that we require."""
 
     what: str
     """The figure in words."""
     key: str
     """Name of the figure, with dots for nesting, such as ``steady.curves_nrmse``."""
     paper: str
-    """What the paper reports."""
+    """Value in the paper."""
     least: float = -math.inf
     most: float = math.inf
-    """Bounds of the figure; infinite where it is only reported."""
+    """Bounds of the figure; infinite if it is only reported."""
     percent: bool = False
     """Whether the figure is shown in percent."""
     count: str = ""
@@ -36,7 +36,7 @@ class Claim:
     enough: int = 0
     """Least sample for a verdict."""
     bound: str = "ours"
-    """Whose the bound is, as it is shown: the paper's or ours."""
+    """Source of the bound, as shown: the paper's or ours."""
 
     def row(self, figures: Mapping[str, Any]) -> tuple[str, str, str, str, str]:
         """Return the cells of the row: figure, paper, this run, required, verdict."""
@@ -65,7 +65,7 @@ class Claim:
         return self.what, self.paper, shown, asked or "-", verdict
 
     def _bounds(self, value: float) -> str:
-        """Return the bounds as a short text; empty where there is none."""
+        """Return the bounds as a short text; empty without bounds."""
         if math.isfinite(self.least) and math.isfinite(self.most):
             return f"{self._text(self.least)} to {self._text(self.most)}"
         if math.isfinite(self.least):
@@ -121,5 +121,5 @@ def claim_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
 
 
 def paper_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
-    """Return the rows on what the paper itself says."""
+    """Return the rows on the claims of the paper itself."""
     return claim_table([claim for claim in claims if claim.paper != "-"], figures)

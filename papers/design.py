@@ -51,11 +51,10 @@ class DesignSetup:
     seconds: float
     """Duration of a hold."""
     noise: float
-    """Standard deviation of a measurement, known as that of a sensor is: half a percent of full
-    scale, in 1/m or um."""
+    """Known standard deviation of a measurement, half a percent of full scale, in 1/m or um."""
 
     def begin(self, seed: int, noise: float) -> Callable[[float], float]:
-        """Return what holds an input at the specimen of a seed, from rest, and reads the output."""
+        """Return a function that holds an input at a new specimen, and reads the output."""
         twin = connect(f"twin:{self.name}", specimen=seed, noise=noise, seed=seed)
         return lambda u: float(hold_each(twin, [u], self.seconds, self.seconds)[1][0])
 
@@ -86,9 +85,9 @@ def run_study(seed: int) -> Results:
 def compare(plant: DesignSetup, seed: int) -> Results:
     """Measure a plant with four methods, and score every model on the same unseen inputs.
 
-    ``curves`` are the scores of each method; ``inputs`` (28,) what the adaptive sequence
-    applied; ``shown`` its prediction of the unseen inputs after 12 holds, ``truth`` (40,) what
-    they gave.
+    ``curves`` are the scores of each method; ``inputs`` (28,) those of the adaptive sequence;
+    ``shown`` its prediction for the unseen inputs after 12 holds, ``truth`` (40,) the true
+    outputs.
     """
     trial = _Trial(plant, seed)
     grid = uniform_levels(plant.low, plant.high, 20)
@@ -142,7 +141,7 @@ class _Trial:
         return identify(record, law, prior=Gaussian())
 
     def adaptive(self, grid: Levels, first: FloatArray) -> dict[int, Identification]:
-        """Return models after `HOLDS` inputs, which the models choose but for the first ones."""
+        """Return models after `HOLDS` inputs; the models choose all inputs after the first ones."""
         hold = self.plant.begin(self.seed, self.plant.noise)
         u, y = list(first), [hold(float(value)) for value in first]
         found = {}

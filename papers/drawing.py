@@ -1,4 +1,4 @@
-"""The figures of all studies are drawn here, as panels. Matplotlib is imported when one is drawn.
+"""Drawing of the figures of all studies, as panels. Matplotlib is imported for the first one.
 
 A panel is a function that paints axes; `panel`, `bars` and `photo` make those that studies share.
 """
@@ -19,7 +19,7 @@ from papers.claims import Claim, figure
 __all__ = ["COLOURS", "HOUR", "MINUTE", "every_specimen", "new_figure"]
 
 Paint: TypeAlias = Callable[[Any], None]
-"""Draws on the axes that it is given."""
+"""Draws on axes."""
 WITH_ROOM = {"loc": "upper center", "bbox_to_anchor": (0.5, 1.2)}
 """Place of a legend above its axes."""
 ABOVE = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 3}
@@ -81,7 +81,7 @@ def _style(look: str) -> dict[str, Any]:
 
 
 def on_axes(method: str, *values: Any, **options: Any) -> Paint:
-    """Return what calls a method of the axes."""
+    """Return a panel that calls a method of the axes."""
     return lambda axes: getattr(axes, method)(*values, **options)
 
 
@@ -145,8 +145,8 @@ def photo(
 def every_specimen(claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], seed: int) -> Any:
     """Draw every bounded figure of every specimen, relative to its bound; None of a single one.
 
-    A figure with an upper bound is divided by the bound, one with a lower bound divides it: values
-    below 1 meet the bound. What is gathered over all specimens only is left out.
+    A figure with an upper bound is divided by the bound; a lower bound is divided by its figure:
+    values below 1 meet the bound. Figures over all specimens together are left out.
     """
     if len(runs) == 1:
         return None

@@ -1,7 +1,7 @@
-"""Measure properties of a twin: trend, loop, and deviation from every Preisach model.
+"""Measured properties of a twin: trend, loop, and deviation from every Preisach model.
 
-A test of an estimator on data of its own model proves nothing. These figures show how much a twin
-differs from every Preisach operator.
+A test of an estimator on data of its own model proves nothing. These figures show the difference of
+a twin from every Preisach operator.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ProbeInputs:
 
 
 def identify_settled(u: FloatArray, y: FloatArray, **options: Any) -> Identification:
-    """Identify an operator from settled points, as they are: no lag, no slope, by least squares."""
+    """Identify an operator from settled points by least squares, without lag and slope."""
     chosen = {"smoothness": 0.0, "diagonal": "reversible", **options}
     return Options.of({"slope": False, "lag": 0, **chosen}).identify(Record(u, y))
 

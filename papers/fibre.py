@@ -40,8 +40,8 @@ LOW, HIGH, BANDS, HOLD = 0.20, 0.65, 9, 300.0
 VALIDATION = (0.45, 0.28, 0.34, 0.20, 0.60, 0.36, 0.54)
 """The seven voltages of the paper, in V."""
 LEVELS = np.array([0.20, 0.28, 0.34, 0.36, 0.40, 0.45, 0.50, 0.54, 0.60, 0.65])
-"""Levels of the dots: those of the seven voltages and of the step, as many as of every 0.05 V. The
-paper does not give its levels; a dot is switched by inputs on levels only."""
+"""Levels of the dots: those of the seven voltages and of the step, as many as at every 0.05 V. The
+paper does not state its levels; only inputs on levels switch a dot."""
 NOISE = 1.0
 """Standard deviation of the measured length, in um: that of a good laser extensometer."""
 
@@ -49,13 +49,13 @@ NOISE = 1.0
 def run_steady(seed: int) -> Results:
     """Identify one specimen, predict the seven voltages, and drive it to targets.
 
-    ``models`` are those identified: relays, ``square`` by the paper's system and ``dots`` by
-    constrained least squares, cells that are ``uniform``, and ``curves`` with a reversible
-    diagonal, all from reversal curves, and rivals. ``record`` and ``validation`` (7,) are the
-    lengths in um along `VALIDATION`; ``predictions`` (7,) by model, with ``square_even`` and
-    ``dots_even`` of relays on every 0.05 V, moved to the nearest level; ``targets`` (n,) and
-    ``achieved`` (n,) by inverse. Figures are errors as fractions of full scale, the range of the
-    settled length over the reversal curves, and rms errors of the inverses in um.
+    ``models`` are the identified ones, all from reversal curves: relays, ``square`` by the paper's
+    system and ``dots`` by constrained least squares, ``uniform`` cells, ``curves`` with a
+    reversible diagonal, and rivals. ``record`` and ``validation`` (7,) are the lengths in um along
+    `VALIDATION`; ``predictions`` (7,) are by model, with ``square_even`` and ``dots_even`` of
+    relays on every 0.05 V, with inputs moved to the nearest level; ``targets`` (n,) and
+    ``achieved`` (n,) are by inverse. Figures are errors as fractions of full scale, which is the
+    range of the settled length over the reversal curves, and rms errors of the inverses in um.
     """
     even = uniform_levels(LOW, HIGH, BANDS)
     settled = _settled(seed, 0, excitation.reversal_curves(even))
@@ -96,7 +96,7 @@ def run_steady(seed: int) -> Results:
 
 
 def new_fibre(seed: int, experiment: int) -> Actuator:
-    """Return a specimen with a noisy sensor; every experiment has noise of its own."""
+    """Return a specimen with a noisy sensor; every experiment has its own noise."""
     noise_seed = seed + FURTHER * experiment
     return connect("twin:fibre", specimen=seed, noise=NOISE, seed=noise_seed)
 
@@ -109,7 +109,7 @@ def fibre_at_rest(seed: int, experiment: int) -> Actuator:
 
 
 def _settled(seed: int, experiment: int, voltages: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return voltages and the settled lengths that they give."""
+    """Return voltages and their settled lengths."""
     return voltages, hold_each(new_fibre(seed, experiment), voltages, HOLD)[1]
 
 
@@ -125,8 +125,8 @@ def run_study(seed: int) -> Results:
     """Carry the whole study out on the specimen of a seed.
 
     ``steps`` are the holds at `STEPS`; ``fit`` is the ARX model of the first, ``responses`` the
-    unit steps up and down; ``single``, ``updown`` and ``ours`` (T,) what the joined models give at
-    the times of the record of the seven voltages, in um: the first two with the paper's relays.
+    unit steps up and down; ``single``, ``updown`` and ``ours`` (T,) the outputs of the joined
+    models in um at the times of the record of the seven voltages, the first two with its relays.
     """
     steady, fibre = run_steady(seed), fibre_at_rest(seed, 7)
     steps = [fibre.apply(u, HOLD if k else REST, INTERVAL) for k, u in enumerate(STEPS)]
@@ -180,7 +180,7 @@ def marker_diagrams() -> list[tuple[str, FloatArray]]:
 
 
 def unit_step(before: Record, after: Record) -> FloatArray:
-    """(T,) the hold ``after``, from 0 where ``before`` settled to 1 where it settled itself."""
+    """(T,) the hold ``after``, scaled to 0 at the settled end of ``before`` and 1 at its own."""
     span = float(np.ptp(np.concatenate([before.y, after.y])))
     rest, end = settled_value(before, span), settled_value(after, span)
     return np.asarray((after.y - rest) / (end - rest))
@@ -197,7 +197,7 @@ def _joined(before: Record, after: Record) -> tuple[FloatArray, FloatArray, Floa
 
 
 def _times(fibre: Fibre) -> dict[str, float]:
-    """Seconds in which steps have come 63 % and 95 % of their way, up and down to 0.45 V."""
+    """Seconds to 63 % and 95 % of steps up and down to 0.45 V."""
     found = {}
     for name, begin in (("up", 0.40), ("down", 0.50)):
         fibre.reset()

@@ -1,4 +1,4 @@
-"""A study: what is run on each specimen, and how its figures are gathered, kept and reported."""
+"""A study: its run on each specimen, and gathering, storage and report of its figures."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class Study:
     name: str
     """Heading of its claims."""
     title: str
-    """Of its report and table."""
+    """Title of its report and table."""
     run: Callable[..., Any]
     """Carries it out on the specimen of a seed, with options. The result has ``figures()``, or is
-    a mapping of them; an option ``told`` is given the name of each part that is done."""
+    a mapping of them; an option ``told`` is called with the name of each finished part."""
     gather: Callable[[Sequence[Mapping[str, Any]]], dict[str, Any]] | None = None
-    """Makes the figures of several specimens one; `medians` if not given."""
+    """Combines the figures of several specimens; `medians` by default."""
     parts: Mapping[str, str] = field(default_factory=dict)
-    """Modules of the studies of a part alone."""
+    """Modules of studies of single parts."""
     page: str = ""
     """Module of the pictures of the report, with the template beside it; a part has none."""
     beside: Callable[[Any, Path], list[str]] | None = None
@@ -56,7 +56,7 @@ class Study:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Names of what `run` takes."""
+        """Names of the options of `run`."""
         return tuple(inspect.signature(self.run).parameters)
 
     def report(
@@ -67,9 +67,9 @@ class Study:
 
 
 class Results(SimpleNamespace):
-    """What a run gave: its figures by the names under which they are printed, and what is drawn.
+    """Results of a run: its figures by their printed names, and further data as attributes.
 
-    What is drawn, scored or gathered is an attribute each; who makes them says which.
+    The function that creates the results documents the attributes, which are drawn or gathered.
     """
 
     def __init__(self, figures: Mapping[str, Any] | None = None, **parts: Any) -> None:
@@ -82,7 +82,7 @@ class Results(SimpleNamespace):
 
 
 def figures_of(result: Any) -> dict[str, Any]:
-    """Return the figures of a result by their names; of a mapping, it is these."""
+    """Return the figures of a result by their names; a mapping is returned itself."""
     return dict(result if isinstance(result, Mapping) else result.figures())
 
 
@@ -101,8 +101,8 @@ def rms(errors: npt.ArrayLike) -> float:
 def medians(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the median of each figure over specimens.
 
-    It is the least if its key ends in ``_min``, and the mean if it ends in ``_mean``. A truth value
-    is true if it is true for any specimen. Of other values the first is taken.
+    It is the minimum if its key ends in ``_min``, and the mean if it ends in ``_mean``. A truth
+    value is true if it is true for any specimen. Other values are those of the first specimen.
     """
     return {key: _over(key, [run[key] for run in runs]) for key in runs[0]}
 
@@ -124,33 +124,33 @@ def _over(key: str, values: Sequence[Any]) -> Any:
 
 
 def mean(values: npt.ArrayLike) -> float:
-    """Return the mean of numbers, or the share of what is true; NaN of none."""
+    """Return the mean of numbers, or the share of true values; NaN without values."""
     found = np.asarray(values, dtype=np.float64)
     return float(found.mean()) if found.size else math.nan
 
 
 def deviation(values: npt.ArrayLike) -> float:
-    """Return the standard deviation of numbers, estimated from a sample; NaN of fewer than two."""
+    """Return the sample standard deviation of numbers; NaN of fewer than two."""
     found = np.asarray(values, dtype=np.float64)
     return float(found.std(ddof=1)) if found.size > 1 else math.nan
 
 
 def median(values: npt.ArrayLike) -> float:
-    """Return the median of numbers; NaN of none."""
+    """Return the median of numbers; NaN without numbers."""
     found = np.asarray(values, dtype=np.float64)
     return float(np.median(found)) if found.size else math.nan
 
 
 def quantile(values: npt.ArrayLike, share: float) -> float:
-    """Return the value that a share of the values is not above, one of them; NaN of none."""
+    """Return the quantile of values, which is one of them; NaN without values."""
     found = np.asarray(values, dtype=np.float64)
     return float(np.quantile(found, share, method="higher")) if found.size else math.nan
 
 
 class Specimens:
-    """Figures of the specimens that are done, of so many, from a seed on.
+    """Figures of the finished specimens, of a ``wanted`` number, from a seed on.
 
-    Those of an unfinished study are kept in a file, as the text of which they are given.
+    Those of an unfinished study are kept in a file as ``text``.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class Specimens:
     def run(self, module: str, options: Mapping[str, Any], now: Callable[..., None]) -> None:
         """Run the study of a module: the first specimen here, the others on other cores meanwhile.
 
-        What is done is said by ``now``.
+        ``now`` is called with texts on the progress.
         """
         work, told = partial(_figures_of, module, options), dict(options)
         if "told" in self._study.options:
@@ -184,7 +184,7 @@ class Specimens:
                 self._add(figures, seconds, now)
 
     def _add(self, figures: Mapping[str, Any], seconds: float, now: Callable[..., None]) -> None:
-        """Add the figures of the next specimen, say how long it took, and write those so far."""
+        """Add the figures of the next specimen, report its duration, and write all figures."""
         seed = self.next_seed
         self.runs.append(figures)
         self.gathered = (self._study.gather or medians)(self.runs)
@@ -201,11 +201,11 @@ class Specimens:
 
     @property
     def next_seed(self) -> int:
-        """Seed of the specimen that is not done yet."""
+        """Seed of the next specimen."""
         return self._seed + len(self.runs)
 
     def kept(self) -> str:
-        """Return in words what an interruption or an error leaves."""
+        """Return a sentence on the results kept after an interruption or an error."""
         done = f"{len(self.runs)} of {self._wanted} specimens are done"
         if not self.runs:
             return f"{done}; nothing is kept"
@@ -215,7 +215,7 @@ class Specimens:
 
 
 def _figures_of(module: str, options: Mapping[str, int], seed: int) -> tuple[dict[str, Any], float]:
-    """Return the figures of one specimen and how long it took, in a process of its own."""
+    """Return the figures of one specimen and its duration, in a separate process."""
     began = time.monotonic()
     return figures_of(study_of(module).run(seed, **options)), time.monotonic() - began
 
@@ -239,7 +239,7 @@ def for_each(
 def begun(
     work: Callable[[int], T], specimens: int, seed: int, *, ordered: bool = True
 ) -> Iterator[Iterator[T]]:
-    """Begin the work of `for_each`, and give its results; what is not done at the end is ended."""
+    """Begin the work of `for_each`, and yield its results; unfinished work is ended at the exit."""
     others = set(active_children())
     # A terminal sends its interruption to all processes; the first one ends the others.
     ignoring = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)

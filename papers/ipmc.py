@@ -46,14 +46,14 @@ PROBES = ProbeInputs(-VOLTAGE, VOLTAGE, BANDS, SETTLED, loop=(0.1, 0.6), excursi
 SWEEP_PERIOD = 40.0
 """Period of the trajectory in seconds."""
 SHORT, TARGETS = 10.0, 14
-"""Seconds of a hold that is too short to settle, and number of targets at the ends of such."""
+"""Seconds of a hold that is too short to settle, and number of targets at the ends of these."""
 
 
 def run_study(seed: int) -> Results:
     """Carry out the whole study on the specimen of a seed.
 
     ``uniform`` is the paper's experiment with its model, ``ours`` the same with a reversible part
-    on the diagonal; ``responses`` are those behind either model. What follows uses ours.
+    on the diagonal; ``responses`` are those behind both models. All further results use ours.
     """
     laser = ExperimentProtocol(laser=True)
     uniform = run_positioning(seed, NOISE, replace(laser, diagonal="uniform"))
@@ -123,7 +123,7 @@ def _ratios(result: Positioning) -> dict[str, float]:
 
 
 def _spreads(response: FrequencyResponse) -> dict[str, float]:
-    """Return how far the two amplitudes are apart, before and after the operator."""
+    """Return the differences between the two amplitudes, before and after the operator."""
     low, at_one = response.gain_spread(high=HALF_HERTZ), response.gain_spread(HERTZ, HERTZ)
     before, after = response.phase_spread(high=HALF_HERTZ)
     return {
@@ -137,7 +137,7 @@ def _spreads(response: FrequencyResponse) -> dict[str, float]:
 
 
 def _strip(seed: int, experiment: int, noise: float = 0.025) -> Ipmc:
-    """Return a specimen with a curvature sensor; every experiment has noise of its own.
+    """Return a specimen with a curvature sensor; every experiment has its own noise.
 
     ``noise`` is in 1/m; without it, it is that of the laser, converted.
     """
@@ -233,8 +233,8 @@ def run_tracking(seed: int) -> Results:
     The recursion is compared with a batch fit to the most recent samples, repeated at every sample.
     The exponential window has the same mean age as that batch, so that both use the same history.
 
-    ``measured`` (n,) has its outputs in 1/m over the part that is scored, ``predicted`` those from
-    the samples before: ``recursive``, ``batch``, and ``fixed`` of a model identified once, before.
+    ``measured`` (n,) has its outputs in 1/m over the scored part, ``predicted`` the predictions
+    from earlier samples: ``recursive``, ``batch``, and ``fixed`` of a model identified once before.
     """
     grid = uniform_levels(-VOLTAGE, VOLTAGE, BANDS)
     stairs = excitation.decaying_staircase(grid)
@@ -285,9 +285,9 @@ def run_short_holds(seed: int) -> Results:
     """Identify one strip, and drive it to targets at the end of short holds with three inverses.
 
     One staircase with settled holds and one with short ones give a plane with a generic spectrum of
-    creep. ``targets`` (n,) are curvatures in 1/m; ``errors`` those of what is read at the end of
-    each short hold, by the model of the inverse: ``creep``, ``settled``, of the settled values of
-    the long holds, and ``early``, of values at the end of short holds.
+    creep. ``targets`` (n,) are curvatures in 1/m; ``errors`` those of the reading at the end of
+    each short hold, by the model of the inverse: ``creep``; ``settled``, of the settled values of
+    the long holds; and ``early``, of values at the end of short holds.
     """
     grid, noise = uniform_levels(-VOLTAGE, VOLTAGE, BANDS), 0.03
     voltages = excitation.decaying_staircase(grid)
@@ -348,7 +348,7 @@ _DISCRETE = 4
 
 
 def names(study: Results, *_: Any) -> dict[str, Any]:
-    """Return spreads of gains of the specimen that is drawn."""
+    """Return spreads of gains of the drawn specimen."""
     responses = study.responses
     return {
         "spread": {name: one.gain_spread(high=HALF_HERTZ) for name, one in responses.items()},
@@ -367,7 +367,7 @@ def drives_table(study: Results) -> Table:
 
 
 def unavoidable(repetition: Results) -> float:
-    """Return the share of the squared error that every Preisach model has."""
+    """Return the share of the squared error that no Preisach model can avoid."""
     return float(repetition.found.floor / repetition.nrmse["preisach"]) ** 2
 
 

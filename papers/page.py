@@ -38,7 +38,7 @@ def study_report(
 ) -> Report:
     """Return the report of a `Study`.
 
-    Its page, a module, has what the template draws and calls; the template is beside it, with the
+    Its page is a module with the functions of the template; the template is beside it, with the
     ending ``.md``. The first specimen is drawn, ``study`` in the template; ``figures`` are over all
     specimens, ``runs`` of each.
     """
@@ -66,7 +66,7 @@ def study_report(
 
 
 def _repeated(blocks: list[str], names: Names) -> Iterator[Names]:
-    """Yield the names of each repetition of a section, and take the line that says so."""
+    """Yield the names of each repetition of a section, and remove the line with ``@for``."""
     said = re.fullmatch(r"@for (\w+) in (.+)", blocks[0]) if blocks else None
     if said is None:
         yield names
@@ -108,7 +108,7 @@ def table_of(block: str, names: Names) -> Table:
 
 
 def filled(text: str, names: Names) -> str:
-    """Return a text in one line, with figures in the place of their names."""
+    """Return a text in one line, with names replaced by figures."""
     return _Fields().vformat(" ".join(text.split()), (), names)
 
 
@@ -125,13 +125,13 @@ class _Fields(Formatter):
 
 
 def value_of(words: str, names: Names) -> Any:
-    """Return the value of a dotted name, or what a function returns for the names behind it."""
+    """Return the value of a dotted name, or of a function for the names behind it."""
     first, *others = (_named(word, names) for word in words.split())
     return first(*others) if callable(first) else first
 
 
 def _named(word: str, names: Names) -> Any:
-    """Return a number, or what is found by keys, attributes and calls without arguments."""
+    """Return a number, or the value by keys, attributes and calls without arguments."""
     if re.fullmatch(r"[\d.]+", word):
         return float(word)
     module, _, dotted = word.rpartition(":")

@@ -1,8 +1,8 @@
-"""A fast stage in open loop: the inverse with dynamics against that of the hysteresis alone.
+"""A fast stage in open loop: the inverse with dynamics against the inverse of hysteresis alone.
 
 One noisy record of sines of falling amplitude gives operator, resonance and creep. The stage is
 then driven along sines of 1 to 200 Hz without its sensor, with voltages from two inverses: that of
-all of them, and that of an operator identified from the slow part of the same record.
+the whole model, and that of an operator identified from the slow part of the same record.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _INVERSES = {
 }
 """Name, and colour and mark of both inverses."""
 _SHOWN = 100
-"""Frequency in Hz of the sine that is drawn against time."""
+"""Frequency in Hz of the sine drawn against time."""
 
 
 def run_study(seed: int) -> Results:
     """Identify the specimen of a seed, and drive it along all sines.
 
-    ``found`` is the operator with dynamics, of the whole record; ``tracked`` has by frequency in Hz
-    what `_tracked` returns.
+    ``found`` is the operator with dynamics, of the whole record; ``tracked`` has the results of
+    `_tracked` by frequency in Hz.
     """
     stage, u = Stage(seed), record()
     y = stage.positions(u)
@@ -54,7 +54,7 @@ def run_study(seed: int) -> Results:
     found = identify(Record(u, y, times(u)), Dynamics())
     seconds = time.perf_counter() - began
     first = round((REST + SINES[0][1]) * RATE)
-    # Of the slow sine, 500 rows a second are enough for 1 Hz.
+    # For the slow sine of 1 Hz, 500 rows per second are enough.
     law = Plane(25, diagonal="uniform", slope=False, lag=0)
     slow = identify(u[:first:20], y[:first:20], law)
     tracked = {frequency: _tracked(stage, found, slow, frequency) for frequency in FREQUENCIES}
@@ -110,8 +110,8 @@ def _tracked(
 ) -> dict[str, FloatArray]:
     """Drive the stage along one sine with both inverses, and return targets and errors (T,) in um.
 
-    They are counted from the end of the rise on, without the noise of a sensor: ``targets``, and
-    the errors with the inverse of operator, resonance and creep, ``dynamics``, and with that of the
+    They begin at the end of the rise, and are without the noise of a sensor: ``targets``, and the
+    errors with the inverse of operator, resonance and creep, ``dynamics``, and with that of the
     operator alone, ``without_time``.
     """
     wanted, rising = targets(frequency, float(found.model.operator.simulate([0.0])[0]))
@@ -127,7 +127,7 @@ def _tracked(
 
 
 def found_table(study: Results) -> Table:
-    """Return what was identified."""
+    """Return the identified parameters."""
     return Table(("", ""), study.found.summary())
 
 

@@ -1,8 +1,8 @@
 """Walls with and without a crack, beside marks that are no cracks, by seed.
 
-Every wall has scratches, drawing marks, stains and dents, and two in five a weld. With a crack,
-some of them are beside it. Each mark looks as it does by its form: grooves and beads turn the
-light, stains only dim it, and a crack returns hardly any light of any lamp.
+Every wall has scratches, drawing marks, stains and dents, and two in five a weld. Some of them are
+beside the crack. The form of a mark determines its look: grooves and beads deflect the light,
+stains only dim it, and a crack reflects hardly any light of any lamp.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from minorloop_head.vision.reflectance_map import LEAST_SEEN
 from papers.catheter.scene_view import Drawn, SceneView, aimed, first_view
 
 WIDTHS, LENGTHS = (30e-6, 200e-6), (2e-3, 15e-3)
-"""Of the cracks, in metres: those of the claim."""
+"""Range of the cracks in metres: that of the claim."""
 FINE = 0.05e-3
 """Step of a true course in metres, in which its length is counted."""
 _EDGE = 12.0
@@ -69,7 +69,7 @@ def fine_course(crack: Crack, radius: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _in_view(pose: Pose, crack: Crack) -> bool:
-    """Return whether at least 2 mm and half of a crack are seen with the resolution of a map."""
+    """Return whether at least 2 mm and half of a crack are in view with the resolution of a map."""
     course, _ = fine_course(crack, Pipe.radius)
     points = wall_point(course[:, 0], course[:, 1], Pipe.radius)
     local = pose.to_camera(points)

@@ -1,8 +1,8 @@
-"""Detection of cracks, on scenes that the weights of the evidence were not fitted on.
+"""Detection of cracks, on scenes that are not those of the fit of the weights of the evidence.
 
 Each seed gives a wall with a crack and one without, with the same kinds of marks. Courses are
 compared on the map of the calibrated camera, whose pivot and angles have the errors of the scenes
-with holes. Of a crack counts what this map shows.
+with holes. Only the part of a crack on this map counts.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from papers.catheter.scene_view import SceneView
 from papers.harness import Results, mean, median
 
 SAME = 0.2e-3
-"""Distance in metres within which two courses are the same: required."""
+"""Required distance in metres within which two courses are the same."""
 SHARE = 0.5
-"""A crack is found if this share of its course is within `SAME` of what was traced; a trace is
-false if less than this share of it is within `SAME` of the crack."""
+"""Share of the course of a found crack that is within `SAME` of a trace; a trace is false if less
+than this share of it is within `SAME` of the crack."""
 CLASSES = {"100um": (100e-6, math.inf), "50um": (50e-6, 100e-6), "30um": (0.0, 50e-6)}
-"""Classes of width in metres: required."""
+"""Required classes of width in metres."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class CrackOutcome:
     """Drawn width of the crack in metres; 0 without a crack."""
     found: bool
     shares: tuple[float, float]
-    """Shares of the drawn course that was traced, and of the traced one that was drawn."""
+    """Shares of the drawn course that was traced, and of the trace that is on the drawn course."""
     length_error: float
     width_error: float
     """Relative error of the length, and error of the median width in metres; NaN if not found."""
@@ -60,9 +60,9 @@ class CrackOutcome:
     scan: str = ""
     """Verdict of the scan across it; empty without one."""
     depth_error: float = math.nan
-    """Of the depth by the scan, in metres; NaN without one."""
+    """Error of the depth by the scan, in metres; NaN without a depth."""
     width_sd: float = math.nan
-    """Standard deviation of the width that is stated, in metres; NaN if not found."""
+    """Stated standard deviation of the width, in metres; NaN if not found."""
 
 
 def search_cracks(seed: int, crack: bool, *, lit: bool = False) -> Results:
@@ -86,7 +86,7 @@ def search_cracks(seed: int, crack: bool, *, lit: bool = False) -> Results:
 
 
 def score_cracks(seed: int, crack: bool, *, scan: bool = False, lit: bool = False) -> CrackOutcome:
-    """Search one scene, scan across the crack that was found, and compare with the truth."""
+    """Search one scene, scan across the found crack, and compare with the truth."""
     search = search_cracks(seed, crack, lit=lit)
     outcome = outcome_of(seed, search)
     if not (scan and outcome.found):
@@ -106,9 +106,9 @@ def scanned_depth(
 ) -> CrackDepth:
     """Scan across a crack where it is widest, with the noise of a mission, and measure its depth.
 
-    Among the true ``cracks`` one is ``traced``; ``places`` (N, 2) are those of the trace in the
-    pipe without the error of the mount in the acquisition: the scan has its own mount, with its own
-    error, which the camera shares.
+    One of the true ``cracks`` is ``traced``; ``places`` (N, 2) are those of the trace, corrected
+    for the error of the mount in the acquisition: the scan has its own mount with its own error,
+    which the camera shares.
     """
     rng = np.random.default_rng([seed, 23])
     place, width = widest(traced)
@@ -129,7 +129,7 @@ def scanned_depth(
 
 
 def _right(search: Results) -> list[tuple[TracedCrack, BoolArray]]:
-    """Return the traces on the crack, and which of their places are on it."""
+    """Return the traces on the crack, and whether each of their places is on it."""
     right = []
     for trace in search.traces if len(search.course) else ():
         off = between(trace.places, search.course, search.camera.radius)
@@ -162,7 +162,7 @@ def outcome_of(seed: int, search: Results) -> CrackOutcome:
 
 
 def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
-    """Return recall by width, false findings per acquisition, and errors of what was found."""
+    """Return recall by width, false findings per acquisition, and errors of found cracks."""
     cracks = [one for one in outcomes if one.width > 0]
     found = [one for one in cracks if one.found]
     scans = [one for one in found if one.scan]
@@ -216,7 +216,7 @@ def _visible(
 
 
 def shown_on_map(found: Findings, places: FloatArray, radius: float) -> BoolArray:
-    """Return whether places (N, 2) are on texels of the map that are seen."""
+    """Return whether places (N, 2) are on known texels of the map."""
     assert found.wall is not None
     window: Window = found.wall.window
     x, y = np.rint(window.texels(places, radius)).T

@@ -1,7 +1,7 @@
-"""Detection of holes, on scenes that the weights of the evidence were not fitted on.
+"""Detection of holes, on scenes that are not those of the fit of the weights of the evidence.
 
 Each seed gives a scene with a hole and one without, beside saturated glints, in air or in water; or
-one with a hole or pit of 0.4 to 3 mm, beside slots and corrosion, that is searched in all sizes. A
+one with a hole or pit of 0.4 to 3 mm, beside slots and corrosion, with a search of all sizes. A
 finding within 0.3 mm of the hole, or 0.3 diameters of a smaller one, is right; one farther than
 0.8 mm off, or 0.8 diameters of a larger one, or without a hole, is false. Places are compared on
 the map of the calibrated camera, whose pivot is known to 0.2 mm and whose angles are known to 0.05
@@ -41,9 +41,9 @@ from papers.catheter.scene_view import DIAMETERS, SceneView, draw_sized_view, dr
 from papers.harness import mean
 
 NEAR, FAR = 0.3e-3, 0.8e-3
-"""A finding nearer than the first, in metres, is right: the error of a place that is allowed. One
-beyond the second is false. Between them it counts as neither: of findings less than 0.8 mm apart
-only the strongest is kept."""
+"""Distance in metres below which a finding is right, the allowed error of a place; and above which
+it is false. Between them it counts as neither: of findings less than 0.8 mm apart only the
+strongest is kept."""
 FLOODED = "flooded"
 SMALLEST = 0.6e-3
 """Least diameter of the holes and pits for which the recall of all sizes is required, in metres."""
@@ -68,13 +68,13 @@ class SceneOutcome:
     inside: str = ""
     """Appearance of the hole inside; empty without one."""
     evidence: float = -math.inf
-    """Of the hole, however weak; minus infinity if there is no finding."""
+    """Evidence of the hole, also below the threshold; minus infinity without a finding."""
     alarms: tuple[float, ...] = ()
-    """Evidence of all false findings, however weak."""
+    """Evidence of all false findings, also below the threshold."""
     diameter: float = math.nan
     """True diameter in metres; NaN without a hole."""
     marks: int = 0
-    """Number of slots and patches of corrosion that were called holes."""
+    """Number of slots and patches of corrosion found as holes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Search:
     camera: CalibratedCamera
     frames: tuple[LitFrame, ...]
     holes: tuple[Hole, ...]
-    """All findings, however weak, strongest first."""
+    """All findings, also below the threshold, strongest first."""
     place: FloatArray
     """Shape (2,). True phi and z, on the map of the camera."""
 
@@ -147,7 +147,7 @@ def search_scene(
 
 
 def misjudged(view: SceneView, rng: np.random.Generator) -> CalibratedCamera:
-    """Return the calibrated camera of a view, whose pivot is 0.2 mm off: required."""
+    """Return the calibrated camera of a view, with the required error of 0.2 mm of its pivot."""
     way = rng.uniform(0, 2 * np.pi)
     off = np.array(view.mount.offset) + 0.2e-3 * np.array([np.cos(way), np.sin(way)])
     mount = replace(view.mount, offset=(float(off[0]), float(off[1])))
@@ -269,9 +269,9 @@ def _outcome(seed: int, mode: str, search: Search) -> SceneOutcome:
 
 
 def shots(view: SceneView, rng: np.random.Generator, mode: str = SWITCHED) -> list[LitFrame]:
-    """Take an acquisition of a view; each angle is known to 0.05 degrees, required.
+    """Take an acquisition of a view; each angle has the required error of 0.05 degrees.
 
-    The head turns by 2 degrees in an acquisition of five turns, which is required too.
+    The head turns by the required 2 degrees in an acquisition of five turns.
     """
     turns: FloatArray = np.zeros((len(SEQUENCE), 2))
     lights: Sequence[tuple[bool, ...]] = SEQUENCE
@@ -292,7 +292,7 @@ def shots(view: SceneView, rng: np.random.Generator, mode: str = SWITCHED) -> li
 
 
 JUDGED_SCENES = 200
-"""Scenes with a hole, and without, that the figures are of."""
+"""Number of scenes with a hole, and without, of the figures."""
 JUDGE: Mapping[str, Any] = {
     "recall": 0.965,
     "recall_interval": (0.93, 0.98),
@@ -304,18 +304,18 @@ JUDGE: Mapping[str, Any] = {
     "bare": {"false_per_acquisition": 0.06},
     "soil": {"recall": 0.889},
 }
-"""Figures of the hole finder on scenes of another renderer, Mitsuba 3, as ``make judge`` prints
-them: over all walls, on corroded and on bare ones, and of holes full of soil; seeds 0 to 199. It
-shares no code with the twin of the camera, and a study does not run it. Its scenes with cracks and
-with more marks are not part of them; it has none in water. They are quoted beside each recall."""
+"""Figures of the hole finder on scenes of another renderer, Mitsuba 3, as of ``make judge``: over
+all walls, on corroded and on bare ones, and of holes full of soil; seeds 0 to 199. It shares no
+code with the twin of the camera, and a study does not run it. They do not contain its scenes with
+cracks and with more marks; it has no scenes in water. They are quoted beside each recall."""
 _DECIMALS = {"size_within_15pct": 2}
-"""Of the kept figures; the others have three."""
+"""Digits of these kept figures; the others have three."""
 
 
 def outdated(found: Mapping[str, Any]) -> list[str]:
-    """Return a line for each kept figure that is another one now.
+    """Return a line for each kept figure that has changed.
 
-    What is found has figures under ``all``, and of each kind of wall and of hole under its name.
+    ``found`` has figures under ``all``, and of each kind of wall and of hole under its name.
     """
     parts = {name: each for name, each in JUDGE.items() if isinstance(each, Mapping)}
     return [

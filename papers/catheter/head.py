@@ -3,9 +3,9 @@
 Boudjabi, Ferreira and Krupa (Modeling and vision-based control of a micro catheter head for
 teleoperated in-pipe inspection, IEEE ICRA 2003) identify a Preisach model of a shape-memory wire
 from reversal curves, invert it by stepping, and control the head by an internal model around that
-inverse. They find that open loop errs more and more, and leave changing surroundings open. Here
-the head is identified, driven in open and closed loop by seven controllers, disturbed, and given
-targets that it cannot reach; then its camera tracks what was picked.
+inverse. They find that errors in open loop grow with time, and do not treat changing surroundings.
+Here the head is identified, driven in open and closed loop by seven controllers, disturbed, and
+driven to unreachable targets; then its camera tracks picked points.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ DEFAULT, SLOW_POLE = "observer", "slow pole"
 TARGETS = (20.0, 30.0, 40.0)
 """Steps in degrees, those of the paper."""
 STEP_SECONDS = 30.0
-"""Duration of a step: more than twice as long as it may take to settle."""
+"""Duration of a step: more than twice the allowed time to settle."""
 RAMPS_SECONDS = 2 * PERIOD
 """Duration of two of the slow ramps in closed loop."""
 RAMP_AT, RAMP_SECONDS = 40.0, 90.0
@@ -65,17 +65,17 @@ PERIODS = (60.0, 30.0)
 FASTER = (20.0, 15.0, 10.0)
 """Shorter periods in seconds, down to where the wires cool too slowly to follow."""
 CIRCLE_WAIT = 20.0
-"""Wait at the first point of a circle in seconds: longer than a step may take to settle."""
+"""Wait at the first point of a circle in seconds: longer than the allowed time of a step."""
 TURNS = 2
 """Turns of a circle: the first begins from rest, the second shows whether the error stays."""
 OPEN_HOLD, OPEN_TARGETS = 25.0, 14
-"""Targets in open loop: hold in s, of more than three time constants; and how many, by trial."""
+"""Targets in open loop: hold in s, of more than three time constants; and number, by trial."""
 IMPOSSIBLE = {
     "flooded, no sleeve": (Surroundings(convection=1000.0), "convection too high"),
     "ambient -10 C": (Surroundings(ambient=-10.0), "ambient too cold"),
 }
-"""Surroundings in which some specimens reach nearly their whole stroke: the truth decides whether
-it is out of reach, by `CLEARLY`."""
+"""Surroundings in which some specimens reach nearly their whole stroke: the truth decides with
+`CLEARLY` whether a target is out of reach."""
 IMPOSSIBLE_SECONDS = 20.0
 HOT = {
     "little cooling": Surroundings(convection=30.0, ambient=30.0),
@@ -99,8 +99,8 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Res
 
     ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
     experiment and the controller; ``reach`` is the true angle under full current, in degrees, in
-    those in other surroundings or with aged wires; ``ramps`` are those of Fig 8 by case; ``sight``
-    what its camera tracks; ``integral`` a point held with the integral of Eq. (10) and without;
+    runs in other surroundings or with aged wires; ``ramps`` are those of Fig 8 by case; ``sight``
+    results of tracking; ``integral`` a point held with the integral of Eq. (10) and without;
     ``camera`` the head without sensors at its joints.
     """
     began = time.perf_counter()
@@ -224,7 +224,7 @@ def loop_figures(runs: Mapping[Key, HeadRun]) -> dict[str, Any]:
 def unreachable_figures(
     runs: Mapping[Key, HeadRun], reaches: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return how many targets out of reach were given up, when and why, and the false alarms."""
+    """Return the number of given up targets out of reach, with times and reasons; false alarms."""
     found, causes, false = [], [], 0
     for (what, _), run in runs.items():
         reach = reaches.get(what, np.inf)
@@ -247,8 +247,8 @@ def unreachable_figures(
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return medians over specimens, but sums of violations and of false alarms.
 
-    Of the targets out of reach it is the share of specimens in which all of them were found. What
-    the camera sees is scored over all points and pictures.
+    For targets out of reach it is the share of specimens in which all were found. Results of the
+    camera are scored over all points and pictures.
     """
     found = medians([{k: v for k, v in run.items() if k != "sight"} for run in runs])
     found |= gather_sight([run["sight"] for run in runs])
@@ -292,7 +292,7 @@ def _run(
 
 
 def _experiments(seed: int, controls: Mapping[str, HeadControl]) -> Iterator[Experiment]:
-    """Yield what is run on a specimen; the internal model with the paper's G(s) runs steps only."""
+    """Yield the experiments of a specimen; the internal model with the paper's G(s) only steps."""
     laws = [name for name in controls if name != SLOW_POLE]
     for target in TARGETS:
         way = constant(target)
@@ -327,12 +327,11 @@ def _experiments(seed: int, controls: Mapping[str, HeadControl]) -> Iterator[Exp
 
 
 def _later_sensors(seed: int, law: Controller | None) -> dict[str, float]:
-    """Drive a wire by the internal model with sensors that are later than it knows.
+    """Drive a wire by the internal model with sensors of a longer delay than that of the model.
 
-    It has no guard, which would find such readings late. Returns the predicted edges of stability,
-    and the longest delay in s up to which the loop is stable: the angle of an unstable one still
-    moves by more than 2 degrees in the last 15 s. A stable one moves by less, and beyond the edge
-    by ten.
+    It has no guard, which would detect late readings. Returns the predicted edges of stability, and
+    the longest delay in s with a stable loop. A loop is unstable if its angle moves by more than 2
+    degrees in the last 15 s. A stable one moves by less, and beyond the edge by ten.
     """
     assert isinstance(law, InternalModel)
     edges = robust_margins(law)

@@ -1,6 +1,6 @@
 """The head by its camera alone: identification, steps and a circle on the wall, as in the paper.
 
-The paper's head has no sensor at its joints. Here too everything is read from pictures, with the
+The paper's head has no sensor at its joints. Here too all angles are measured in pictures, with the
 errors that a calibration leaves; only the scores use the true angles.
 """
 
@@ -45,24 +45,24 @@ from papers.catheter.scoring import places_seen, true_pixel
 from papers.harness import Results, Study, rms
 
 LAWS = ("observer", "internal_model", "adaptive", "feedforward_pi", "model_reference", "pi")
-"""Laws that run on pictures, the first two on every step."""
+"""Laws that use pictures, the first two in every step."""
 STEPS, STEP_SECONDS = (20.0, 30.0, 40.0), 20.0
-"""Steps of the paper in degrees, and their duration: more than twice as long as one may take."""
+"""Steps of the paper in degrees, and their duration: more than twice the allowed time."""
 QUIET: dict[str, Any] = {"dead_band": 0.02, "learning": 15.0, "steepness": 0.7}
-"""Options of the observer: the angles of pictures have a noise of 0.01 degrees, a fifth of that of
-sensors at the joints, so that smaller differences count, and faster, which needs less power for a
-small error to stay calm. By trial on the seeds 1000, 1002 and 1008, whose pictures have one age; on
-devices, where it varies, such a loop oscillates by some degrees. So does the adaptive law, whose
-operator changes as well; it keeps its own."""
+"""Options of the observer. Angles of pictures have a noise of 0.01 degrees, a fifth of that of
+sensors at the joints: the observer can follow smaller differences, and faster, but then needs less
+power for a small error to stay calm. By trial on the seeds 1000, 1002 and 1008, whose pictures have
+one age; with the varying age of real pictures such a loop oscillates by some degrees. So does the
+adaptive law, whose operator changes as well; it keeps its own options."""
 PICTURES = 3
-"""Pictures at the end of a hold: their mean has half the noise of one, at little cost."""
+"""Number of pictures at the end of a hold: their mean has half the noise of one, at little cost."""
 HOLE = Bore(phi=math.radians(135.0), z=22e-3, diameter=1e-3, brightness=0.0, lining=0.08)
-"""A feature about which a circle goes: between the cold head, whose optical axis meets the wall at
-11 mm, and a line of sight along the pipe, which never does. On a circle 8 mm across no joint comes
-within 5 degrees of its cold end, from where it returns too slowly; on one of the paper's size about
-a hole 10 mm farther on, neither."""
+"""Features in the centres of the circles: between the cold head, whose optical axis meets the wall
+at 11 mm, and a line of sight along the pipe, which does not meet it. On a circle 8 mm across, and
+on one of the paper's size about a hole 10 mm farther on, no joint comes within 5 degrees of its
+cold end, from where it returns too slowly."""
 WAIT = 15.0
-"""Wait at the first point of a circle in seconds, longer than a step may take."""
+"""Wait at the first point of a circle in seconds, longer than the allowed time of a step."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ CIRCLES: Mapping[str, Circle] = {
     "circle_30s": Circle(30.0),
     "circle_paper": Circle(60.0, 10e-3, replace(HOLE, z=32e-3)),
 }
-"""By the key of their figures. The paper's circle is 20 to 25 mm across, on a wall that the text
-does not describe."""
+"""Circles by the key of their figures. The paper's circle is 20 to 25 mm across, on a wall that the
+text does not describe."""
 
 
 def run_camera(seed: int, commands: FloatArray, settled: FloatArray, arbitrary: Results) -> Results:
@@ -131,7 +131,7 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray, arbitrary: 
 
 
 def seen_control(name: str, seen: Results) -> HeadControl:
-    """Return the control of a head by its camera: a late sensor, which may miss some pictures."""
+    """Return the control of a head by its camera, a delayed sensor that may miss some pictures."""
     options = QUIET if name == LAWS[0] else {}
     return camera_control(laws.LAWS[name], seen.wires, coupling=seen.coupling, **options)
 
@@ -143,7 +143,7 @@ def given_camera(
     used: list[PictureSensor] | None = None,
     bores: tuple[Bore, ...] = (),
 ) -> Callable[[Head], PictureSensor]:
-    """Return what gives a head its camera, which is kept in a list."""
+    """Return a function that gives a head its camera, and stores it in a list."""
     kept = [] if used is None else used
 
     def give(head: Head) -> PictureSensor:
@@ -181,7 +181,7 @@ def run_circle(
     picked = np.empty(2)
 
     def give(head: Head) -> PictureSensor:
-        """Return the camera, and pick the hole: half a pixel of 320 off, centred on the outline."""
+        """Return the camera, and pick the hole half a pixel of 320 off, centred on the outline."""
         nonlocal picked
         sensors.append(sensor := camera(head))
         noise = 0.5 * np.random.default_rng([seed, 59]).standard_normal(2)
@@ -240,8 +240,8 @@ def _settled(
 ) -> FloatArray:
     """Return the angles (n, 2) in degrees at the ends of holds of one axis, the other one cold.
 
-    If the view was lost on a way that is followed, which no picture had shown before, the hold is
-    repeated from the one before: the wire forgets that it went back.
+    If the view was lost on a followed way past unknown wall, the hold is repeated from the one
+    before: the wire forgets that it went back.
     """
     inputs = np.zeros((currents.size, 2))
     inputs[:, axis] = currents

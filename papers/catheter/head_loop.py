@@ -38,7 +38,7 @@ Reference: TypeAlias = Callable[[float], tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class Alarm:
-    """A target that the guard declared unreachable: when, of which axis, and why."""
+    """A target that the guard declared unreachable: time, axis and reason."""
 
     t: float
     axis: int
@@ -50,7 +50,7 @@ class HeadRun:
     """One run of a loop."""
 
     name: str
-    """Of the controller."""
+    """Name of the controller."""
     t: FloatArray
     """Shape (T,). Ends of the ticks, in seconds."""
     wanted: FloatArray
@@ -58,9 +58,9 @@ class HeadRun:
     current: FloatArray
     """Shape (T, 2). Targets and readings in degrees, currents in A."""
     truth: Truth
-    """For scoring."""
+    """Truth for scoring."""
     alarms: tuple[Alarm, ...]
-    """When targets were declared unreachable, the first of each."""
+    """First alarm of each target that was declared unreachable."""
     log: tuple[tuple[int, Event], ...]
     """Axis and event, from the guard."""
     step_seconds: FloatArray
@@ -75,7 +75,7 @@ class HeadRun:
     def settle(self) -> float:
         """Time in seconds from which the first axis stays at its last target; infinite without.
 
-        It has settled within 2 % of the target, or 0.3 degrees where that is more.
+        It has settled within 2 % of the target, or 0.3 degrees if that is more.
         """
         target = float(self.wanted[-1, 0])
         out = np.abs(self.truth.angle[:, 0] - target) > max(0.02 * abs(target), 0.3)
@@ -85,7 +85,7 @@ class HeadRun:
 
     @property
     def overshoot(self) -> float:
-        """Of the first axis over its last target, in percent."""
+        """Overshoot of the first axis over its last target, in percent."""
         return max(100.0 * (float(self.truth.angle[:, 0].max() / self.wanted[-1, 0]) - 1), 0.0)
 
     @property
@@ -112,8 +112,8 @@ def run_loop(
 ) -> HeadRun:
     """Run a control loop on a cold head and return it with its truth.
 
-    The controller that is named follows targets in degrees. ``camera`` gives a head the camera that
-    is its only sensor then; specimen, seed and options are those of `Head`.
+    The named controller follows targets in degrees. ``camera`` gives a head the camera that is then
+    its only sensor; specimen, seed and options are those of `Head`.
     """
     options = {"delay": DELAY, **options}
     head = Head(specimen, NOISE, seed, tick=TICK, log_truth=True, **options)

@@ -1,10 +1,10 @@
-"""Fig 8: ramps in open loop by the paper's inverse, and a hypothesis on why they become worse.
+"""Fig 8: ramps in open loop by the paper's inverse, and a hypothesis on their growing errors.
 
 Boudjabi, Ferreira and Krupa drive the head by the inverse of a linear transfer function of the
-heating and by the stepping inverse of the operator, without feedback. The first rising ramp is
-followed; later ones are not, which they explain by the variable dynamics of the heating. The same
-chain drives the twin here, as it is in all other runs: a wire's latent heat and resistance vary. By
-hypothesis its convection varies too, and its heat warms a body of the head, of assumed size.
+heating and by the stepping inverse of the operator, without feedback. The head follows the first
+rising ramp, but not later ones; they explain it by the variable dynamics of the heating. The same
+chain drives the twin of all other runs here, whose latent heat and resistance vary. By hypothesis
+its convection varies too, and its heat warms a body of the head, of assumed size.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from papers.catheter.scoring import body_temperature
 from papers.harness import rms
 
 LOW, HIGH, RAMPS, PERIOD, BEFORE = 5.0, 40.0, 10, 120.0, 30.0
-"""Ramps in degrees, the upper end within the stroke of the weakest wire; how many; seconds for one
-up and down, 15 lags of a wire each way, since the paper's inputs are slow; and before them at the
-lower end, in which the wire warms up."""
+"""Ends of the ramps in degrees, the upper one within the stroke of the weakest wire; their number;
+seconds for one up and down, 15 lags of a wire each way, since the paper's inputs are slow; and
+seconds before them at the lower end, in which the wire warms up."""
 CASES = {"as it is": (None, PERIOD), "faster": (None, 30.0), "body": (Cooling(), PERIOD)}
 """The body of the head in which the model is identified and the ramps are driven, and the period of
 the last ramp in seconds, from `PERIOD` to that of the faster circle. The first is the head of all
@@ -44,7 +44,7 @@ class Ramps:
     wanted: FloatArray
     angle: FloatArray
     command: FloatArray
-    """Shape (T,). Seconds, degrees, degrees as measured, and V."""
+    """Shape (T,). Seconds, degrees, measured degrees, and V."""
     ends: FloatArray
     """Shape (n + 1,). Times at which the ramps begin, and the end of the last, in seconds."""
     body: FloatArray
@@ -134,6 +134,6 @@ def _driven(
 
 
 def ramp_figures(ramps: dict[str, Ramps]) -> dict[str, Any]:
-    """Return the figures of the head as it is, and those of the other cases by their names."""
+    """Return the figures of the usual head, and those of the other cases by their names."""
     own, *others = (run.figures() for run in ramps.values())
     return {**own, **dict(zip(list(ramps)[1:], others, strict=True))}

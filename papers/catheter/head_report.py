@@ -41,8 +41,8 @@ from papers.drawing import WITH_ROOM, draw, level, on_axes, panel
 from papers.harness import Results, Study, rms
 
 _COLOURS = {"pi": "C3", "feedforward_pi": "C4", "internal_model": "C1", "observer": "C0"}
-"""Controllers that are drawn, the default last, on top. In steps, the others lie between the
-internal model and the observer."""
+"""Drawn controllers, the default last, on top. In steps, the others are between the internal model
+and the observer."""
 FIG_7 = ("wanted angle", "inverse of the operator", "power", "inverse of the heating", "command")
 FIG_9 = ("wanted, less what the model missed", "C(s), G(s)", "v", "inverse operator, wire", "angle")
 FIG_9_MODEL = ("v", "H(s)", "angle of the model", "less the angle", "what the model missed")
@@ -59,15 +59,15 @@ WORDS = {
 
 
 class ControllerFigure(NamedTuple):
-    """A figure of a controller, of which less is better."""
+    """A figure of a controller; a smaller one is better."""
 
     key: str
     words: str
     unit: str
     digits: int = 2
-    """Behind the decimal point."""
+    """Digits after the decimal point."""
     least: float = 0.0
-    """Difference that counts if it is exceeded."""
+    """Largest difference that does not count."""
 
     @property
     def heading(self) -> str:
@@ -79,7 +79,7 @@ class ControllerFigure(NamedTuple):
         return cell(figures[self.key], f".{self.digits}f")
 
     def less(self, one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-        """Return whether one controller is better than another, by a difference that counts."""
+        """Return whether one controller is better than another by a difference that counts."""
         low, high = float(one[self.key]), float(other[self.key])
         shown = round(low, self.digits) < round(high, self.digits)
         return shown and not high - low <= self.least + 1e-9  # of times that are whole ticks
@@ -104,7 +104,7 @@ RIVALS = (
 
 
 def names(study: Results, *_: Any) -> dict[str, Any]:
-    """Return what the template names beside figures."""
+    """Return the further names of the template."""
     return {
         "drawn": _drawn(study),
         "interval_ms": 1e3 * TICK,
@@ -136,8 +136,8 @@ def where_better(
 ) -> str:
     """Return in words on which figures another controller is better than the default.
 
-    Figures count as they are shown: a difference behind the last digit is none. Nor is one of up to
-    a tick of the loop in a time, or the noise of a reading in an overshoot.
+    Figures are compared as shown: a difference beyond the last digit does not count. Nor does a
+    difference of up to a tick of the loop in a time, or of the noise of a reading in an overshoot.
     """
     said = ""
     for each in quantities:
@@ -153,7 +153,7 @@ def where_better(
 def holds(*values: float | str) -> str:
     """Return whether the first value is no larger than the others; of several groups, each of them.
 
-    Groups are apart by ``/``. If some hold only, a statement holds in part.
+    Groups are separated by ``/``. If only some hold, a statement holds in part.
     """
     groups: list[list[float]] = [[]]
     for value in values:
@@ -168,7 +168,7 @@ def holds(*values: float | str) -> str:
 
 
 def _drawn(study: Results) -> dict[str, dict[str, float]]:
-    """Return how the steps of each controller settle, and the time of a step of the loop in ms."""
+    """Return figures of the steps of each controller, and the time of a step of the loop in ms."""
     found = {}
     for name in WORDS:
         runs = [study.runs[f"step {target:g}", name] for target in TARGETS]
@@ -259,7 +259,7 @@ def draw_inverse(study: Results) -> Any:
 
 
 def draw_history() -> Any:
-    """Draw Fig 3: inputs in time, and below them what each leaves in the triangle."""
+    """Draw Fig 3: inputs in time, and below them the state of the triangle after each."""
     u = np.linspace(0.0, COMMAND, 241)
     plane = RelayModel(u, np.zeros((u.size, u.size)), relay="unipolar")
     upper, lower = [], []
@@ -380,7 +380,7 @@ def draw_wall_circles(camera: Results) -> Any:
 
 
 def draw_hopeless(study: Results) -> Any:
-    """Draw runs with impossible targets, and when and why they were given up."""
+    """Draw runs with impossible targets, with time and reason of giving up."""
     upper, lower = [], []
     for what in IMPOSSIBLE:
         run = study.runs[what, DEFAULT]
@@ -398,7 +398,7 @@ def draw_hopeless(study: Results) -> Any:
 
 
 def to_rounding(error: float) -> str:
-    """Return in words by how much of the range in percent an exact inverse errs."""
+    """Return the error of an exact inverse, in percent of the range, in words."""
     return "is exact to rounding" if error < 1e-9 else f"errs by {error:.2g} %"
 
 

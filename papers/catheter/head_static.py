@@ -1,9 +1,9 @@
-"""Identification of the head's wires from settled holds: as the paper does it, and as power.
+"""Identification of the head's wires from settled holds: as in the paper, and on power.
 
 Boudjabi, Ferreira and Krupa measure reversal curves on a mesh of 0.1 V over a command of 0 to
-1.2 V and interpolate between them. The same is done here, beside the dots of the fibre paper on
-the same measurements, and an operator on the heating power with its levels where the wire moves.
-All are then tried on random holds and, as in the paper's Fig 5, on an arbitrary continuous input.
+1.2 V and interpolate between them. This model is identified here, with the dots of the fibre paper
+on the same measurements, and an operator on the heating power with its levels where the wire moves.
+All are then tested on random holds and, as in the paper's Fig 5, on an arbitrary continuous input.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MESH, BANDS = 12, 16
 HOLD = 40.0
 """Seconds of a settled hold: more than five times the slowest time constant of the wire."""
 RISE = 20.0
-"""Seconds in which the arbitrary input rises, at its begin and where it leaves the cold."""
+"""Seconds in which the arbitrary input rises, at its beginning and where it leaves the cold."""
 
 
 def run_static(seed: int) -> Results:
@@ -119,7 +119,7 @@ def heating_lag(seed: int, model: Preisach, surroundings: Surroundings | None = 
 def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Results:
     """Drive the first axis by an arbitrary continuous input that no model was fitted to.
 
-    ``t`` (T,) in s, ``command`` (T,) in V, ``angle`` (T,) as measured in degrees; ``predicted``
+    ``t`` (T,) in s, ``command`` (T,) in V, measured ``angle`` (T,) in degrees; ``predicted``
     are the angles (T,) of the operator on ``power`` with its lag, of the ``mesh`` behind a linear
     lag, and of the ``ideal`` H(s) of Fig 9, whose lag is behind the operator.
 
@@ -154,9 +154,9 @@ def arbitrary_figures(
 ) -> dict[str, float]:
     """Return rms errors in degrees, of all samples and of those in which the wire moves.
 
-    Where it does not, any model predicts it. It moves where its angle changes by 0.1 degrees a
-    second over two seconds: a hundredth of the usual rate, and four times the noise of such a
-    difference. Minor loops are reversals from a fall to a rise, of a degree, away from cold.
+    Any model predicts a wire at rest. A wire moves if its angle changes by 0.1 degrees per second
+    over two seconds: a hundredth of the usual rate, and four times the noise of such a difference.
+    Minor loops are reversals from a fall to a rise, of a degree, away from cold.
     """
     later, before = (np.interp(t + off, t, angle) for off in (1.0, -1.0))
     moving = np.abs(later - before) > 0.1 * 2.0
@@ -210,16 +210,16 @@ def identify_axis(
 ) -> tuple[HeatedIdentification, FloatArray, int]:
     """Identify one axis from a first loop, holds where it moves, minor loops too, and a step.
 
-    Returns the model, the readings (2, n) of both axes while only this one moved, and how many
-    holds had no reading.
+    Returns the model, the readings (2, n) of both axes while only this one moved, and the number of
+    holds without a reading.
 
     Parameters
     ----------
     settled : callable
         Returns readings (n, 2) in degrees at the ends of holds of currents (n,) in A, the other
-        axis cold, NaN where there is none; and is told whether it is the first loop.
+        axis cold, NaN without a reading; its last argument says whether it is the first loop.
     step : callable
-        Returns what `step_record` does.
+        Returns the same as `step_record`.
     """
     up = np.linspace(0.0, CURRENT, 25)
     loop = np.concatenate([up, up[-2::-1]])

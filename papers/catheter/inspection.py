@@ -61,11 +61,10 @@ def run_study(
     Detection is scored on so many ``scenes`` with a hole, without, with a crack and without, plain
     edges on a quarter as many, and scans across a quarter of the cracks; depths and bands on so
     many ``scans`` of pits with a flat floor, of which the last has the size for the score of
-    fusion. The name of a part that is done is told with its processor time.
+    fusion. ``told`` is called with the name of each finished part and its processor time.
     """
     work = partial(_part, seed, scenes, scans)
-    # One of several specimens has a core of its own; the first of them, or a single one, does not
-    # leave the others idle.
+    # Of several specimens each has its own core; the first, or a single one, uses idle cores too.
     share = parent_process() is None
     count, total = len(_SHARES), 0.0
     found: dict[str, Any] = {}
@@ -131,11 +130,11 @@ _SHARES: Sequence[tuple[str, Callable[[int, int, int], dict[str, Any]]]] = (
     ("scenes of holes", _holes),
     ("scenes of cracks", _cracks),
 )
-"""Parts of a specimen, the longest first: of its seed, and of the numbers of scenes and scans."""
+"""Parts of a specimen, longest first: functions of its seed and of numbers of scenes and scans."""
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return medians over specimens; shares and spreads over all that was scored."""
+    """Return medians over specimens; shares and spreads are over all scored results."""
     scored = (*_SCORED, "mission")
     found = medians([{k: v for k, v in run.items() if k not in scored} for run in runs])
     every = [outcome for run in runs for outcome in run["outcomes"]]
@@ -161,7 +160,7 @@ _WORDS = {
 _LEAST_SHOWN = 3e-3
 """Left end of the logarithmic axis of false findings, which cannot show 0; by trial."""
 _SHOWN = 6
-"""Most scenes that are drawn of each kind of error, by trial."""
+"""Largest number of drawn scenes of each kind of error, by trial."""
 _LIGHTS = {0: "first light", 1: "second light", 2: "third light", 4: "all lights"}
 """Drawn frames of an acquisition, and their lights; the one without light is left out."""
 
@@ -201,13 +200,13 @@ def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
 
 
 def draw_missed(outcomes: Sequence[SceneOutcome]) -> Any:
-    """Draw holes that were missed, and the outlines with the most evidence there; None of none."""
+    """Draw missed holes, and the outlines with the most evidence there; None without one."""
     own = [each for each in outcomes if each.mode == SWITCHED and each.hole and not each.found]
     return _scenes([(each, each.evidence, each.inside) for each in own])
 
 
 def draw_false(outcomes: Sequence[SceneOutcome]) -> Any:
-    """Draw findings that were none, the strongest of each scene; None of none."""
+    """Draw false findings, the strongest of each scene; None without one."""
     shown = []
     for each in outcomes:
         if each.mode == SWITCHED and each.false:
@@ -217,7 +216,7 @@ def draw_false(outcomes: Sequence[SceneOutcome]) -> Any:
 
 
 def _scenes(shown: Sequence[tuple[SceneOutcome, float, str]]) -> Any:
-    """Draw the first scenes about the findings with some evidence, with words; None of none."""
+    """Draw the first scenes about the findings with some evidence, with words; None without one."""
     panels: list[Paint] = []
     for each, evidence, words in shown[:_SHOWN]:
         (search,) = search_scene(each.seed, each.hole)
@@ -310,7 +309,7 @@ def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
 def names(
     study: Results, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Return what the template names beside figures."""
+    """Return the further names of the template."""
     many, missions = len(runs) > 1, figures["mission"]
     cracks = [one for run in runs for one in run["cracks"]]
     outcomes = [outcome for run in runs for outcome in run["outcomes"]]

@@ -2,7 +2,7 @@
 
 Camera, tracker, hold and the wires' controller form one loop at 25 Hz, with and without angle
 sensors. Without sensors no reading of a joint is used: the model of the wires brings the head near,
-and then the controller gets the angles that follow from the tracked patch of the wall. All pixel
+and then the controller uses the angles computed from the tracked patch of the wall. All pixel
 figures are at the scale of a 320 by 240 image.
 """
 
@@ -50,7 +50,7 @@ FOCAL = LENS.focal / 2
 """Focal length in the pixels of this study: those of an image of 320 x 240."""
 SETTLED_PX = 2.0
 CLICK = 5.0
-"""Rms distance in pixels of 640 between a click and what it is meant for."""
+"""Rms distance in pixels of 640 between a click and the intended point."""
 SWAY_SECONDS, SWAY_WAIT = 40.0, 12.0
 SWING = math.radians(7.0)
 """Amplitude of the motion under which the tracker is tested; its fastest rate is 10 degrees a
@@ -66,8 +66,8 @@ class ServoRun:
 
     ``t`` (T,) in seconds since the servo took over; ``off`` (T,) distance of the true point from
     the middle of the image, in pixels; ``verdicts`` (T,) of the tracker; ``left`` (T,) distance of
-    the true point from the tracked one, in pixels: the motion that remains if each image is
-    shifted by what was tracked. ``place`` (T, 2) is the true point from the middle, in pixels.
+    the true point from the tracked one, in pixels: the remaining motion if each image is shifted by
+    the tracked one. ``place`` (T, 2) is the true point from the middle, in pixels.
     """
 
     t: FloatArray
@@ -77,7 +77,7 @@ class ServoRun:
     place: FloatArray | None = None
 
     def offset(self, after: float) -> float:
-        """Return how far the mean place is from the middle after a time, in pixels."""
+        """Return the distance of the mean place from the middle after a time, in pixels."""
         if self.place is None:
             return np.nan
         return float(np.hypot(*self.place[self.t > after].mean(axis=0)))
@@ -93,7 +93,7 @@ class ServoRun:
         return rms(self.off[self.t > after])
 
     def stabilised_rms(self, after: float) -> float:
-        """Return the same in images shifted by what was tracked; NaN if nothing was."""
+        """Return the same in images shifted by the tracked motion; NaN without tracked frames."""
         if self.left is None:
             return np.nan
         return rms(self.left[self.t > after])
@@ -209,10 +209,10 @@ def run_servo(
     swings: bool = False,
     law: type[Centring] = Centring,
 ) -> ServoRun:
-    """Centre the hole in the image, from where the head starts, and hold it there.
+    """Centre the hole in the image, from the start of the head, and hold it there.
 
-    Without a sensor, no reading of a joint is used. If the head ``swings`` at up to 10 degrees a
-    second about where it starts, the hole is tracked only.
+    Without a sensor, no reading of a joint is used. If the head ``swings`` at up to 10 degrees per
+    second about its start, the hole is only tracked.
     """
     rig = scene.rig(sway, sensor=sensor)
     patience = seconds + TICK  # a tick passes before the first frame is tracked
@@ -235,7 +235,7 @@ def run_servo(
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
-    """Hold the angles at which what was picked is in the middle, without the camera."""
+    """Hold the angles at which the picked point is in the middle, without the camera."""
     rig = scene.rig(sway)
     place = clicked(scene, rig).place
     watch, angles = Watch(scene, rig), aim_at(rig.calibration, place, rig.place)
@@ -246,10 +246,10 @@ def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
 def clicked(
     scene: Scene, rig: InspectionRig, true_pixel: Callable[[], FloatArray] | None = None
 ) -> Results:
-    """Bring the head to where it starts, and pick the hole as an operator who clicks beside it.
+    """Bring the head to its start, and pick the hole like an operator who clicks beside it.
 
     ``true`` (2,) is the pixel of the hole, ``click`` (2,) that of the click; ``pixel`` and
-    ``place`` (2,) are those of the point that the procedure puts on the outline.
+    ``place`` (2,) are those of the point that the procedure moves to the outline.
     """
     rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - 1.0))
     rig.run(meter(rig.calibration, rig.light, 1.0))
@@ -339,7 +339,7 @@ class IntegralStudy:
     runs: Mapping[str, ServoRun]
 
     def figures(self) -> dict[str, Any]:
-        """Return what the integral changes, in pixels of 320 and seconds."""
+        """Return the effect of the integral, in pixels of 320 and seconds."""
 
         def left(name: str, after: float) -> float:
             return self.runs[name].rms(after)
@@ -373,7 +373,7 @@ def run_integral(seed: int, told: Callable[[str], None] = lambda part: None) -> 
 
 
 class _PrintedHold(PointHold):
-    """A hold with the integral of Eq. (10) as it is printed: with a plus."""
+    """A hold with the integral of Eq. (10) as printed: with a plus."""
 
     def correction(self, integral: FloatArray, error: FloatArray | None) -> FloatArray:
         return -super().correction(integral, error)

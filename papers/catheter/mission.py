@@ -1,8 +1,8 @@
 """Unattended inspections of flooded pipes by the product, scored: section 5.2 of the paper.
 
-Each pipe has a pit and a crack. The head lies in water that cools its wires, refracts, absorbs and
-scatters the light, and flows while the probe fires. ``minorloop_head.inspection.inspect`` does all
-else; the truth is read after it has ended.
+Each pipe has a pit and a crack. The head is in water that cools its wires, refracts, absorbs and
+scatters the light, and flows while the probe fires. ``minorloop_head.inspection.inspect`` does the
+inspection; the truth is read after its end.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ CLASSES = {"30um": (30e-6, 50e-6), "50um": (50e-6, 100e-6), "100um": (100e-6, 30
 """Classes of cracks by the width at their widest, in metres, which is equally likely on a
 logarithmic scale: up to 100 um a crack counts as a micro-crack."""
 TEMPERATURES = (10.0, 20.0, 30.0, 40.0)
-"""Of the water, in degrees Celsius, for which the reach of a head is asked."""
+"""Temperatures of the water in degrees Celsius for which the reach of a head is computed."""
 PROMISED = 3.0
-"""Most standard deviations by which the depth of a pit may be wrong, and count as measured: the
-90 % band is scored by its coverage, and excludes one in ten."""
+"""Largest error of a depth that counts as measured, in standard deviations: the 90 % band is scored
+by its coverage, and excludes one in ten."""
 
 
 def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
@@ -75,8 +75,8 @@ def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
     known_x, known_y = (np.array([x, y]) + rng.normal(0, 0.05e-3, 2)).tolist()
     about = np.random.default_rng([seed, 33])
-    # In colder water wires that are never out of it turn the camera too little. A sleeve whose bore
-    # is 10 % wider or narrower differs by 4 % in its convection.
+    # In colder water wires that stay under water turn the camera too little. A sleeve whose bore is
+    # 10 % wider or narrower differs by 4 % in its convection.
     water = Filling(
         level=FULL * RADIUS,
         temperature=float(about.uniform(30.0, 40.0)),
@@ -157,7 +157,7 @@ def run_mission(seed: int) -> Results:
 
 
 def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
-    """Return the errors of the findings of an inspection; NaN where nothing was found."""
+    """Return the errors of the findings of an inspection; NaN without a finding."""
     found, bore, log = content["findings"], truth.bore, truth.log
     holes = [row for row in found if row["kind"] not in ("crack", "mark")]
     off = [wall_distance(_place(row), (bore.phi, bore.z), RADIUS) for row in holes]
@@ -193,7 +193,7 @@ def _place(row: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _crack_figures(rows: Sequence[Mapping[str, Any]], truth: Crack) -> dict[str, Any]:
-    """Return the errors of cracks that are reported; any that is not on the true one is false."""
+    """Return the errors of reported cracks; a crack that is not on the true one is false."""
     course, _ = fine_course(truth, RADIUS)
     right = [row for row in rows if one_course(np.array(row["course"]), course, RADIUS)]
     best = max(right, key=lambda row: float(row["length [mm]"]), default=None)
@@ -262,8 +262,8 @@ def water(temperature: float) -> Surroundings:
 def needed(probe: Probe | None = None) -> FloatArray:
     """Return the least and largest reading (2, 2) of the joints in a raster, in degrees.
 
-    The raster of a probe that is given is bent alone, from a catheter that stays, square to the
-    wall at a tilt of 0; otherwise it is that of the default probe, whose rows are rolled.
+    With ``probe``, the raster is bent only, with a catheter at rest, square to the wall at a tilt
+    of 0; otherwise it is that of the default probe, whose rows are rolled.
     """
     view = _nominal(probe or Probe())
     if probe is None:
@@ -279,7 +279,7 @@ def needed(probe: Probe | None = None) -> FloatArray:
 def reach_figures(seed: int) -> dict[str, float]:
     """Return, for each temperature of the water, whether a head reaches its raster (1 or 0).
 
-    A raster that is reached is reached everywhere in the pipe: the catheter rolls and advances.
+    A reachable raster is reachable everywhere in the pipe: the catheter rolls and advances.
     """
     needs = needed()
     return {

@@ -1,7 +1,7 @@
-"""A simulated head whose angles are read from the pictures of its simulated camera, and only there.
+"""A simulated head whose angles are read only from the pictures of its simulated camera.
 
-Pictures begin at the ends of ticks. The angles of a picture are used two ticks later: it takes one
-to arrive, and one more to be evaluated. Some pictures are lost on the way.
+Pictures begin at the ends of ticks. The angles of a picture are used two ticks later: one for its
+arrival, and one for its evaluation. Some pictures are lost on the way.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ ANGLE, _SCALE = math.radians(0.3), 0.5
 """Largest error of an angle of the mount in rad, and scale of the pictures, of 320 by 240 pixels.
 """
 _WAY = (0.2,) * 15 + (0.6,) * 5 + (2.0,) * 3
-"""Times in seconds between pictures on the way to another angle, of three time constants: the
-fastest wire turns 4 degrees in the shortest, a quarter of what is seen, even if one picture is
-lost; and after the first seconds it is slow."""
+"""Times in seconds between pictures on the way to another angle, of three time constants: even if
+one picture is lost, the fastest wire turns by 4 degrees in the shortest, a quarter of the view; and
+after the first seconds it is slow."""
 _SEARCH = 40
-"""Most pictures at the end of a hold: in 21, angles within the whole reach are tried."""
+"""Most pictures at the end of a hold: 21 are enough to try angles in the whole reach."""
 Disturbance: TypeAlias = Callable[[int, Frame], Frame | None]
 """Changes or loses the picture of a tick, for tests of bad input."""
 
 
 def known_view(tip: SimulatedTip, mount: Mount, seed: int) -> HeadCalibration:
-    """Return the calibration of a tip on its true mount, with errors by seed that one leaves.
+    """Return the calibration of a tip on its true mount, with typical errors by seed.
 
-    Each is drawn evenly within those for which ``head calibrate`` is tested: 0.3 % of the focal
+    Each is drawn uniformly within the bounds of tests of ``head calibrate``: 0.3 % of the focal
     length, 1 pixel of 640 of the principal point, 0.3 degrees of the angles of the mount; 0.1 mm of
     pivot and lever; and 20 micrometres of a gauge of the pipe.
     """
@@ -77,7 +77,7 @@ def known_view(tip: SimulatedTip, mount: Mount, seed: int) -> HeadCalibration:
 
 
 class Missed(NamedTuple):
-    """A picture that did not show the angles: tick, and why."""
+    """A picture that did not show the angles: tick and reason."""
 
     tick: int
     reason: str
@@ -87,9 +87,9 @@ class PictureSensor:
     """A head whose only sensor is its camera; it is cold, and its own sensors are not read.
 
     ``ticks`` counts its pictures, ``missed`` lists those that did not show the angles, ``latest``
-    has the joints (2,) in degrees by the newest one, and ``view`` is what is known of the camera:
-    what is given, or with the errors of a calibration. The seed draws pipe, camera, these errors,
-    and the pictures that are lost, a share of ``dropped``; ``disturb`` changes the others.
+    has the joints (2,) in degrees by the newest one, and ``view`` is the known calibration of the
+    camera: the passed one, or one with errors. The seed draws pipe, camera, these errors, and the
+    lost pictures, a share of ``dropped``; ``disturb`` changes the others.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class PictureSensor:
         self._coming: list[FloatArray] = [np.zeros(2)] * (AGE - 1)
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold two currents for a tick; return the joints in degrees as a loop knows them then."""
+        """Hold two currents for a tick; return the joints in degrees known to a loop then."""
         self.rig.exchange(np.append(u, [0.0, 0.0]))
         self.latest = self.look()
         self._coming.append(self.latest)
@@ -142,7 +142,7 @@ class PictureSensor:
         self.tip.wait(self.rig.tick)
 
     def look(self) -> FloatArray:
-        """Take a picture now, and return the joints (2,) in degrees by it; NaN without."""
+        """Take a picture now, and return its joints (2,) in degrees; NaN if they are not seen."""
         frame: Frame | None = self._frame()
         self.ticks += 1
         if self._disturb is not None and frame is not None:
@@ -169,9 +169,9 @@ class PictureSensor:
     ) -> FloatArray:
         """Hold two currents in A, and return the mean angles (2,) of so many pictures at the end.
 
-        They are in degrees. The angles may be far from the last ones, and the view has to be found
-        again; NaN if it is not. To ``follow`` takes pictures on the way too: where the wall has not
-        been seen before, the view at the end can only be found from there.
+        They are in degrees. If the angles are far from the last ones, the view has to be found
+        again; NaN if it is not. With ``follow`` there are pictures on the way too: past unknown
+        wall, the view at the end can only be found with them.
         """
         way = _WAY if follow else ()
         for pause in way:
@@ -189,7 +189,7 @@ class PictureSensor:
         return np.full(2, np.nan)
 
     def _wait(self, u: FloatArray, seconds: float) -> None:
-        """Hold two currents without a picture, but for the last tick."""
+        """Hold two currents without a picture, except for the last tick."""
         self.rig.head.apply(u, seconds, seconds)
         self.tip.wait(seconds)
         self.rig.exchange(np.append(u, [0.0, 0.0]))
@@ -201,7 +201,7 @@ class PictureSensor:
         return frame
 
     def _meter(self, frame: Frame) -> None:
-        """Set the gain by a picture, which may be late: it was taken with the gain of its time."""
+        """Set the gain by a picture, relative to the gain with which it was taken."""
         self._gain = LIMITS.gain(self._taken_with.get(frame.t, self._gain), frame.image)
 
     def _frame(self) -> Frame:

@@ -1,6 +1,6 @@
 """Pits, holes and marks drawn by seed, scanned by a probe that sways, and scored after the scan.
 
-The estimate gets what a real head has: noisy angles, mount and water temperature with small
+The estimator has the data of a real head: noisy angles, mount and water temperature with small
 errors, and place and size by the camera. The scan is the procedure of mission and console.
 """
 
@@ -50,36 +50,36 @@ _Z, _TICK = 20e-3, 0.04
 
 @dataclass(eq=False, kw_only=True)
 class Scanned:
-    """A probe as it is calibrated, before a place of a pipe, and its truth."""
+    """A calibrated probe before a place of a pipe, and its truth."""
 
     probe: CalibratedProbe
     centre: tuple[float, float]
     """Phi and z of the place by the camera."""
     twin: Ultrasound
     pipe: Pipe
-    """With water, if any."""
+    """Pipe with water, if any."""
     mount: Mount
     """True mount. For scoring only."""
     rng: np.random.Generator
-    """Of the sway, of the noise of the angles, and of the picture."""
+    """Random numbers of sway, noise of the angles, and picture."""
     pose: str = "camera"
-    """What gives the pose of a burst besides the joints: pictures, with "camera", a gyroscope in
-    the base, with "gyroscope", or nothing, with "joints"."""
+    """Source of the pose of a burst besides the joints: "camera" for pictures, "gyroscope" for one
+    in the base, or "joints" without one."""
     specimen: int = 0
     """Seed of camera and wall."""
 
 
 @dataclass(eq=False)
 class ScanSite:
-    """A place of a pipe: what is known of it, and its truth."""
+    """A place of a pipe: known data, and its truth."""
 
     probe: CalibratedProbe
     centre: tuple[float, float]
     """Phi and z of the mouth by the camera."""
     diameter: float
-    """By the camera, in metres."""
+    """Diameter by the camera, in metres."""
     truth: Bore
-    """For scoring only."""
+    """Truth for scoring only."""
     dry: bool
     """Whether there is no water."""
     strayed: tuple[float, float] = (0.0, 0.0)
@@ -212,7 +212,7 @@ def strayed(
 def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     """Scan a raster by the procedure of mission and console, while flow sways the head.
 
-    Joints and catheter follow at once; the joints are measured with noise. The probe returned is at
+    Joints and catheter follow at once; the joints are measured with noise. The returned probe is at
     the place of the scan.
     """
     head = _Head(trial)
@@ -228,7 +228,7 @@ def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
 class _Head:
     """A head before the place of a trial, which sways once the pipe is flooded.
 
-    ``view`` is what is known of it; ``light`` is that of its camera, None without one.
+    ``view`` is its known calibration; ``light`` that of its camera, None without a camera.
     """
 
     def __init__(self, trial: Scanned) -> None:
@@ -249,7 +249,7 @@ class _Head:
         self.light, self._base = Light(), SeenBase(self.view)
 
     def reading(self, request: Request) -> Reading:
-        """Carry out a request, and read joints, catheter, and what else gives the pose."""
+        """Carry out a request, and read joints, catheter, and the other source of the pose."""
         trial, rng = self._trial, self._trial.rng
         t = trial.twin.clock
         self._joints = self._joints if request.angles is None else request.angles
@@ -298,7 +298,7 @@ class _Head:
         return image
 
     def _turned(self, t: float, image: Image | None) -> FloatArray:
-        """Return the turn (2,) of the base as it is measured; zeros by the joints alone."""
+        """Return the measured turn (2,) of the base; zeros by the joints alone."""
         if self._base is not None and self._wet:
             if image is not None:
                 self._base.see(image, t)
@@ -328,11 +328,11 @@ class ScoredScan:
     wall: DepthMap
     """Fused."""
     modality: str
-    """By the first burst."""
+    """Modality by the first burst."""
 
     @property
     def error(self) -> float:
-        """Of the depth, in metres."""
+        """Error of the depth, in metres."""
         return self.found.depth - self.site.depth
 
     @property
@@ -406,7 +406,7 @@ def band_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 
 
 def modality_wrong(scored: Iterable[ScoredScan]) -> int:
-    """Return how often a depth was given in air or for a hole, or the modality was wrong."""
+    """Return the number of depths in air or of holes, and of wrong modalities."""
     wrong = 0
     for run in scored:
         dry, hole = run.site.dry, run.site.truth.through
@@ -438,7 +438,7 @@ SCANS = 6
 def run_scans(seed: int, scans: int = SCANS) -> dict[str, Any]:
     """Scan pits with a flat floor, and places where there is no depth.
 
-    ``scored`` are the scans by the kind of place, or by what gave the pose.
+    ``scored`` are the scans by the kind of place, or by the source of the pose.
     """
     first = 60_000 + (scans + 4) * seed
     drawn = {
@@ -461,7 +461,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def scan_figures(scored: Sequence[Mapping[str, Sequence[ScoredScan]]]) -> dict[str, Any]:
-    """Return bias, deviation and bands of depths, and how often one was made up."""
+    """Return bias, deviation and bands of depths, and the number of false depths."""
     kinds = {kind: [one for each in scored for one in each[kind]] for kind in scored[0]}
     return {
         "depth": {

@@ -31,8 +31,8 @@ DIAMETERS = (0.4e-3, 3e-3)
 """Diameters of the mouths of all sizes, in metres, equally likely on a logarithmic scale; required.
 """
 LEAST_OF_SIZES = 7.0
-"""Their least minor axis, in the same pixels: of a hole of 0.6 mm where the wall is seen as well as
-the search asks for one of that size, with a sixth to spare."""
+"""Their least minor axis, in the same pixels: that of a hole of 0.6 mm at the resolution that the
+search requires for this size, with a sixth to spare."""
 _CLEAR, _REACH = 0.2e-3, 3e-3
 """Least distance of a glint from the rim, and largest from the place, in metres."""
 _DARK = 0.4
@@ -45,17 +45,17 @@ Drawn: TypeAlias = tuple[Mount, float, float, tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """A camera in place, and the truth of what it sees."""
+    """A camera in place, and the truth of its view."""
 
     camera: Camera
-    """Exposed for all LEDs on, looking where the head is."""
+    """Camera exposed for all LEDs on, at the pose of the head."""
     mount: Mount
     """True place of the head."""
     pan: float
     tilt: float
-    """Of the head, in radians."""
+    """Angles of the head, in radians."""
     gain: float
-    """Of the exposure with all LEDs on."""
+    """Gain of the exposure with all LEDs on."""
     flooded: bool = False
     """Whether the pipe is full of water."""
     place: tuple[float, float] = (np.nan, np.nan)
@@ -67,7 +67,7 @@ class SceneView:
     pipe: Pipe = field(default_factory=Pipe)
     """The wall with a crack."""
     width: float = 0.0
-    """Of the crack where it is neither at a tip nor in a branch, in metres; 0 without one."""
+    """Width of the crack away from tips and branches, in metres; 0 without a crack."""
 
 
 def draw_view(
@@ -86,7 +86,7 @@ def draw_view(
     Parameters
     ----------
     inside : {"dark", "backlit", "white"}, optional
-        Seen in the hole; drawn if not given.
+        Inside of the hole; drawn if not given.
     plain : bool
         Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
         saturated pixel within 3 mm of the place; the hole is dark.
@@ -164,7 +164,7 @@ def first_view(
     view_of: Callable[[Drawn], SceneView | None],
     lens: Pinhole = LENS,
 ) -> SceneView:
-    """Return the first view that can be made of a head and a place that are drawn.
+    """Return the first possible view of drawn heads and places.
 
     The head turns 18 to 30 degrees from the axis of the pipe, its pivot is up to 1 mm off it, and
     the place is away from the edges of the picture.
@@ -172,7 +172,7 @@ def first_view(
     Raises
     ------
     ParameterError
-        If there is none in 400 tries, which happens for fewer than one seed in a hundred thousand.
+        If no view is possible in 400 tries, which is so for fewer than one seed in 100,000.
     """
     for _ in range(_TRIES):
         away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
@@ -193,7 +193,7 @@ def first_view(
 def minor_axis(pose: Pose, bore: Bore, lens: Pinhole = LENS) -> float:
     """Return the minor axis of the image of the mouth, in pixels of a 320 by 240 image.
 
-    It is 0 if the mouth is not seen whole.
+    It is 0 if the mouth is not wholly in view.
     """
     angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     edge = bore.diameter / 2 / 10e-3
@@ -279,7 +279,7 @@ def aimed(
     while abs(camera.focus * camera._focus_wanted - 1) > 1e-9:
         camera._advance(camera.sensor.interval)
     camera.expose(0.01, 1.0)
-    # Metered so that the brighter parts of the image are of middle grey.
+    # Metered for a middle grey of the brighter parts of the image.
     metered = 70.0 / max(float(np.percentile(camera.frame().image, 60)), 2.0)
     return camera, metered * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
 
@@ -314,7 +314,7 @@ def _marked_wall(rng: np.random.Generator, bore: Bore, hole: bool) -> Pipe:
 
 
 def _beside(rng: np.random.Generator, bore: Bore, reach: float) -> tuple[float, float]:
-    """Return phi and z within 10 mm of a bore; what reaches that far stays clear of its rim."""
+    """Return phi and z within 10 mm of a bore, so that a mark of a reach is clear of its rim."""
     while True:  # what touches a rim hides it
         x, y = rng.uniform(-10e-3, 10e-3, 2)
         if not reach or math.hypot(x, y) > bore.diameter / 2 + reach + 0.4e-3:

@@ -67,7 +67,7 @@ def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:
 def ends(head: Head, surroundings: Surroundings) -> FloatArray:
     """Return the least and largest settled angle (axes, 2) of the wires in degrees.
 
-    The head is a fresh twin, which is used up; a wire has settled after 15 of its lags, 60 s.
+    The head is a fresh twin, which is heated; a wire has settled after 15 of its lags, 60 s.
     """
     head.surround(surroundings)
     found = []
@@ -98,7 +98,7 @@ def off_middle(tip: Any, bore: Bore) -> float:
 
 
 def places_seen(mount: Mount, joints: FloatArray, bore: Bore, radius: float) -> FloatArray:
-    """Return where (T, 2) the true optical axis meets the wall, round and along it from a bore.
+    """Return the places (T, 2) where the true optical axis meets the wall, relative to a bore.
 
     ``joints`` (T, 2) are true pan and tilt in degrees, on the true mount; places are in metres.
     """

@@ -1,4 +1,4 @@
-"""What the camera of the head tracks, graded by the truth."""
+"""Tracking by the camera of the head, compared with the truth."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SAME = 0.5e-3
 """Distance in metres from the hole, or from the bead, within which a finding is of it: half of the
 hole."""
 ATTITUDE_SECONDS, SNAPSHOTS = 6.0, (0.2, 0.5, 0.8)
-"""Duration of the motion of the head, and when pictures are kept, as shares of it."""
+"""Duration of the motion of the head, and times of the kept pictures, as shares of it."""
 _TICK = 0.04
 
 
@@ -50,9 +50,9 @@ def run_pick(scene: Scene) -> dict[str, float]:
     """Click on a hole, put the point on its outline, centre, expose for it and focus on it.
 
     ``clicked``, ``outlined`` and ``final`` are distances in pixels of the point from the true
-    middle of the hole: as clicked, on the outline, and as it is tracked once it is centred and in
-    focus; ``off`` is that of the true middle from the middle of the image then. ``focus`` is the
-    relative error of the distance that the autofocus found, NaN if it found none.
+    middle of the hole: at the click, on the outline, and tracked once it is centred and in focus;
+    ``off`` is that of the true middle from the middle of the image then. ``focus`` is the relative
+    error of the distance by the autofocus, NaN if it failed.
     """
     rig = scene.rig()
     tip, hole = rig.tip, scene.hole
@@ -86,7 +86,7 @@ def run_insertion(seed: int, control: HeadControl) -> Results:
     pictures with the pixel (2,) where the hole is marked, or NaN: three while the head is inserted,
     three while it turns. In ``told_apart`` of the first the strongest finding is the hole, and
     ``reflections`` findings are the reflection. ``error`` (T,) is that of the tracked point while
-    the head turns, in pixels, and ``tracked`` (T,) whether it was.
+    the head turns, in pixels, and ``tracked`` (T,) whether it counted as tracked.
     """
     rng = np.random.default_rng([seed, 72])
     aim, _ = within_stroke(control, rng, (25.0, 28.0))
@@ -114,7 +114,7 @@ def run_insertion(seed: int, control: HeadControl) -> Results:
     rig = InspectionRig(plant, tip, control, calibration)
     told = reflections = 0
     shots: list[tuple[Image, FloatArray]] = []
-    place = np.array([hole.phi, hole.z])  # the operator steers to what he sees
+    place = np.array([hole.phi, hole.z])  # the operator steers by the picture
     found = place
     for ahead in AHEAD:
         go(rig, place=(hole.z - ahead, 0.0))
@@ -141,7 +141,7 @@ def run_insertion(seed: int, control: HeadControl) -> Results:
 def _turned(
     rig: InspectionRig, tip: SimulatedTip, hole: Bore, found: FloatArray, aim: FloatArray
 ) -> tuple[list[tuple[Image, FloatArray]], FloatArray, BoolArray]:
-    """Track what was found while the head turns with that of the operator."""
+    """Track a found hole while the head follows the operator's head."""
     centring = Centring(calibration=rig.calibration, still=math.inf, patience=ATTITUDE_SECONDS)
     errors: list[float] = []
     seen: list[bool] = []

@@ -1,7 +1,7 @@
-"""Sweeps of partly flooded pipes drawn by seed, and what is found in them, scored after the sweep.
+"""Sweeps of partly flooded pipes drawn by seed, whose finds are scored after the sweep.
 
-The estimate gets what a real head has: noisy angles, mount and water temperature with small
-errors, and the catheter as its sensors read it. The sweep is the procedure of any loop.
+The estimator has the data of a real head: noisy angles, mount and water temperature with small
+errors, and readings of the catheter. The sweep is the procedure of any loop.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ PITS = 3
 AROUND, ALONG = (-0.2, math.pi + 0.2), (20e-3, 22.4e-3)
 """Swept part of the pipe in radians and metres: the flooded half, with some drained wall."""
 SAME = 0.5e-3
-"""Farthest distance in metres of a find from what it is."""
+"""Largest distance in metres of a find from its defect."""
 _APART = 2.5e-3
 """Distance of pits in metres from each other and from the crack."""
 _UNITS = np.array([1e-3, math.radians(1.0)])
@@ -72,13 +72,13 @@ class ScoredSweep:
 
     scan: CScan
     fused: PipeMap
-    """With the pictures of the drained part."""
+    """Map fused with the pictures of the drained part."""
     pipe: Pipe
     """For scoring only."""
     level: float
     """Height of the water in metres. For scoring only."""
     seconds: float
-    """Of the head, from the first line to the last."""
+    """Duration from the first line to the last, in seconds of the head."""
 
 
 def draw_sweep(seed: int, pits: int = PITS) -> Results:
@@ -149,12 +149,12 @@ def _is_clear(one: Bore, others: Sequence[Bore], dents: Sequence[Dent]) -> bool:
 
 
 def _apart(one: Any, other: Any) -> float:
-    """Return the distance on the wall in metres of two things with a place."""
+    """Return the distance on the wall in metres of two objects with a place."""
     return float(wall_distance((one.phi, one.z), (other.phi, other.z), Pipe.radius))
 
 
 def _off(crack: Crack, other: Any) -> float:
-    """Return the distance in metres of something with a place from the course of a crack."""
+    """Return the distance in metres of an object with a place from the course of a crack."""
     course, _ = fine_course(crack, Pipe.radius)
     return float(wall_distance(course, (other.phi, other.z), Pipe.radius).min())
 
@@ -199,7 +199,7 @@ def sweep(
 
 
 def pictures(trial: Results, patch: Patch) -> list[FloatArray]:
-    """Return what the camera sees of a patch in views to all sides, before the sweep.
+    """Return pictures of a patch in views to all sides, before the sweep.
 
     It looks 25 degrees off the axis, from 4.5 mm, where the views show the swept part.
     """
@@ -229,9 +229,9 @@ def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:
     """Merge the map of a sweep with pictures.
 
     Views (rows, columns) are logarithms of the reflectance on the patch of the sweep, such as
-    `resampled` returns; NaN where nothing is seen. Under water a picture is refracted, so that the
-    camera counts above the water line only. Echoes reach above it by the width of the beam, so that
-    both sources meet there. Views under other lights differ by the constant of their medians.
+    `resampled` returns; NaN where unknown. Water refracts a picture, so that the camera counts only
+    above the water line. Echoes extend above it by the width of the beam, where both sources
+    overlap. Views under other lights differ by the constant of their medians.
     """
     patch = scan.wall.patch
     total, count = (np.zeros(scan.amplitude.shape) for _ in range(2))
@@ -295,7 +295,7 @@ def on_pit(run: ScoredSweep, find: EchoFind) -> bool:
 def within_reach(run: ScoredSweep, crack: Crack) -> bool:
     """Return whether the sweep passed over 1.5 mm of a crack under water, 0.1 mm wide or more.
 
-    Narrower ones take so little of the echo that bursts between two lines miss it.
+    A narrower crack takes so little of the echo that bursts between two lines miss it.
     """
     patch = run.scan.wall.patch
     course, widths = fine_course(crack, patch.radius)
@@ -334,11 +334,11 @@ def map_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
 
 
 def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
-    """Return recall, false finds, errors, and what share was mapped in what time.
+    """Return recall, false finds, errors, and the mapped share with its time.
 
-    A find is false where there is neither a pit nor a crack; one that takes a crack for a pit, or a
-    pit for a crack, is of the wrong kind. What the edge cuts is no claim. A crack counts as found
-    if a part of it is.
+    A find without a pit or a crack is false; a pit found as a crack, or a crack found as a pit, is
+    of the wrong kind. A find cut by the edge does not count. A crack counts as found if a part of
+    it is found.
     """
     pits = [(pit_found(run, bore), bore) for run in runs for bore in run.pipe.bores]
     hits = [(find, bore) for find, bore in pits if find is not None]
@@ -379,7 +379,7 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
 
 
 def run_study(seed: int) -> dict[str, ScoredSweep]:
-    """Sweep one pipe; return what is gathered."""
+    """Sweep one pipe; return its results."""
     return {"sweep": run_sweep(seed)}
 
 

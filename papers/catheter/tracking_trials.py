@@ -1,7 +1,7 @@
-"""The tracker graded by the truth: a hole and plain wall, on walls that are hard to follow.
+"""The tracker compared with the truth: a hole and plain wall, on walls that are hard to track.
 
-A head on a swaying base turns before a wall. The tracker gets the pictures and the readings of the
-joints; how far the point that it follows is from the true one is computed afterwards. All pixel
+A head on a swaying base turns before a wall. The tracker uses the pictures and the readings of the
+joints; the distance of the tracked point from the true one is computed afterwards. All pixel
 figures are at the scale of a 320 by 240 image.
 """
 
@@ -38,9 +38,9 @@ WALLS: Mapping[str, str] = {
 }
 """Kinds of walls, and words for them."""
 FRAMES, INTERVAL = 60, 0.04
-"""Frames of a sequence, and the time between them in seconds."""
+"""Number of frames of a sequence, and the time between them in seconds."""
 POINTS = 5
-"""Pieces of wall that are followed beside the hole."""
+"""Number of tracked points of plain wall beside the hole."""
 PITCH = 2.0e-3
 """Distance of equal spots in metres: less than a patch, so that it always shows some."""
 GRADED = 2.0
@@ -70,9 +70,9 @@ def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
 def draw_sequence(kind: str, seed: int) -> Results:
     """Draw one of the ``WALLS``, a motion of the head and the pictures by seed.
 
-    ``images`` (T, height, width) are the pictures and ``angles`` (T, 2) pan and tilt as the joints
-    measured them with these; ``camera`` is the known one; ``picked`` (P, 2) are pixels of the first
-    frame, a click on the hole first, and ``true`` (T, P, 2) the true ones of what they show, for
+    ``images`` (T, height, width) are the pictures and ``angles`` (T, 2) pan and tilt measured by
+    the joints with these; ``camera`` is the known one; ``picked`` (P, 2) are pixels of the first
+    frame, a click on the hole first, and ``true`` (T, P, 2) the true pixels of these points, for
     scoring only.
     """
     rng = np.random.default_rng([seed, 52, list(WALLS).index(kind)])
@@ -115,11 +115,11 @@ def draw_sequence(kind: str, seed: int) -> Results:
 
 
 def follow(sequence: Results) -> list[Results]:
-    """Follow the points of a sequence; one that the tracker refuses to pick is left out.
+    """Track the points of a sequence, except those that the tracker refuses to pick.
 
-    Of each, ``error`` (T,) is in pixels of 320, ``tracked`` (T,) whether it was, and ``shown`` (T,)
-    whether the frame showed its patch: nearer to the edge than 60 pixels of 640, about half a
-    patch, a point cannot be asked for.
+    Of each, ``error`` (T,) is in pixels of 320, ``tracked`` (T,) whether it counted as tracked, and
+    ``shown`` (T,) whether the frame showed its patch: a point nearer to the edge than 60 pixels of
+    640, about half a patch, cannot be tracked.
     """
     tracker, border = PatchTracker(sequence.camera), 60.0
     edge = np.array(sequence.images.shape[:0:-1]) - border

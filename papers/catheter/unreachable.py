@@ -1,7 +1,7 @@
-"""Targets about the reach of a wire, in surroundings that are drawn for each specimen.
+"""Targets about the reach of a wire, in surroundings drawn for each specimen.
 
-Each head is identified, and sent to targets a little beyond its true reach and a little within it,
-in surroundings that are too cold or that cool too much.
+Each head is identified, and driven to targets a little beyond its true reach and a little within
+it, in surroundings that are too cold or that cool too much.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from papers.catheter.scoring import truth
 from papers.harness import Study, mean, median
 
 BOTH: Reason = "colder surroundings or stronger cooling"
-"""What the guard says where the readings do not tell the two causes apart."""
+"""Reason of the guard if the readings do not distinguish the two causes."""
 CLEARLY = 5.0
-"""Degrees out of reach from which a target must be found."""
+"""Least distance out of reach in degrees at which a target must be found."""
 
 
 @dataclass(frozen=True)
 class ImpossibleTarget:
-    """A target, where the wire ends under full current, and what the guard said of it."""
+    """A target, the final angle under full current, and the alarms of the guard."""
 
     cause: Reason
     """The true one."""
     target: float
     reach: float
-    """In degrees."""
+    """Angles in degrees."""
     alarm: Alarm | None
     """The first of the axis."""
     others: int
@@ -44,7 +44,7 @@ class ImpossibleTarget:
 
     @property
     def short(self) -> float:
-        """Degrees by which the target is out of reach."""
+        """Distance of the target out of reach, in degrees."""
         return self.target - self.reach
 
 
@@ -114,7 +114,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def cause_found(verdict: Unreachable, cause: str) -> bool | None:
-    """Return whether a verdict names a cause, None if it leaves open which of two it is."""
+    """Return whether a verdict names a cause; None if it leaves two causes open."""
     return None if verdict.reason == BOTH else verdict.reason == cause
 
 

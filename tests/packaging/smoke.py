@@ -202,7 +202,9 @@ def main(extras: list[str]) -> None:
     say(began, "plain", f"{wheel.name} works, and says what is missing")
     if not extras or "core" in extras or lowest:
         say(began, "core", test_core(plain))
-    for extra in [name for name in extras if name not in ("core", "lowest")] if extras else wanted_extras():
+    for extra in (
+        [name for name in extras if name not in ("core", "lowest")] if extras else wanted_extras()
+    ):
         place = environment(extra, plain)
         install(place, str(head) if extra == "head" else f"{wheel}[{extra}]")
         said = use(place, USES[extra], fails=extra in MISSING)

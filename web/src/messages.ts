@@ -137,7 +137,7 @@ export interface Ping {
   t: number;
 }
 
-/** What the pages need to know of the camera: pixels, and lever and radius in metres. */
+/** Camera for the pages: numbers of pixels, and lever and radius in metres. */
 export interface CameraView {
   width: number;
   height: number;
@@ -210,7 +210,7 @@ export interface LoopState {
   spots: [number, number, number, number][];
 }
 
-/** Who has the controls; ``grant`` is 0 for everybody but the pilot. */
+/** Holder of the controls; ``grant`` is 0 for everybody except the pilot. */
 export interface Controls {
   type: "controls";
   you: number;
@@ -279,7 +279,7 @@ export interface Notice {
   text: string;
 }
 
-/** The loop does not run; ``again`` if it is being restarted. */
+/** The loop does not run; ``again`` if it is restarting. */
 export interface Failed {
   type: "failed";
   text: string;
@@ -315,9 +315,9 @@ export interface ScanEnded {
   finding: number;
 }
 
-/** The map of a sweep is there, with a number that rises from sweep to sweep.
+/** The map of a sweep is available, with a number that rises from sweep to sweep.
  *
- * ``mapped`` is the share of its area that is mapped, ``whole`` whether it was not cut. */
+ * ``mapped`` is the mapped share of its area, ``whole`` whether the sweep was complete. */
 export interface SweepMapped {
   type: "swept";
   number: number;

@@ -1,8 +1,8 @@
 """Certainty equivalence: control with the newest estimate of the model.
 
-The observer's bias, which is fast, compensates ambient and convection. What a bias does not
-explain, because it differs between targets, changes the weights of the operator: from settled
-samples only, in small steps, undone if predictions become worse.
+The fast bias of the observer compensates ambient and convection. Errors that differ between
+targets, which a bias does not explain, change the weights of the operator: from settled samples
+only, in small steps, undone if predictions become worse.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class AdaptiveEstimate:
     control: ObserverControl
     """The law with the estimated operator."""
     recursion: RecursiveState
-    """Of its weights."""
+    """Recursion of its weights."""
     free: HeatedState
     identified: HeatedState
     """Estimated and identified wire, simulated with the current and the slow bias."""
@@ -37,7 +37,7 @@ class AdaptiveEstimate:
     """Smoothed absolute errors of these two wires at settled samples, in degrees."""
     updates: int = 0
     rollbacks: int = 0
-    """How often weights were changed, and reset."""
+    """Numbers of changes and of resets of the weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class AdaptiveControl:
         """Return the current for the next interval and the next state.
 
         A wire is settled within 0.4 degrees of its target and 1 % of the range of power; samples
-        that are nearer than 2 % of this range to the last one tell nothing new.
+        that are nearer than 2 % of this range to the last one add no information.
         """
         # The two free wires are simulated for an interval.
         adapted, options = state.adapted, {"ambient": state.adapted.ambient}
@@ -144,8 +144,8 @@ class AdaptiveControl:
     def _learnt(self, state: AdaptiveState, angle: float) -> AdaptiveState:
         """Return the state after a settled sample at an angle.
 
-        It has a share of a fifth in the slow bias, and of a tenth in the errors of the two free
-        wires, before it is used.
+        Before that, it updates the slow bias with a weight of a fifth, and the errors of the two
+        free wires with a weight of a tenth.
         """
         adapted, estimate = state.adapted, state.observer.estimate
         own, first = abs(adapted.free.angle - angle), abs(adapted.identified.angle - angle)

@@ -38,8 +38,8 @@ class InverseLoop(Loop):
     def inverse(self, tracker: Tracker, angle: float) -> float:
         """Return the current in A whose power brings an operator to an angle in degrees.
 
-        It is the largest for angles at the end of the range and beyond: where the plane is flat
-        there, the inverse would give the least input that reaches it.
+        It is the largest for angles at the end of the range and beyond: if the plane is flat there,
+        the inverse would return the least input that reaches the end.
         """
         beyond = angle >= tracker.model.range[1]
         return self.highest if beyond else self.current(tracker.aim(angle, "clip"))
@@ -112,7 +112,7 @@ class InternalModel(InverseLoop):
         ratio = self.model_lag / self.response
         v = state.filter + ratio * (wanted - state.filter)
         current = self.inverse(tracker, v)
-        # The filter sees the input that would have given what is achieved (Hanus, 1987).
+        # The filter uses the input that would have given the achieved output (Hanus, 1987).
         settled = tracker.peek(current**2)
         driven = state.filter + (settled - state.filter) / ratio
         filtered = driven + (state.filter - driven) * math.exp(-self.interval / self.response)
@@ -173,7 +173,7 @@ def poles(law: InternalModel, *, gain: float = 1.0, delay: int = 0, lag: float =
 
 
 def margins(law: InternalModel, *, gain: float = 1.0, lag: float = 1.0) -> Margins:
-    """Return the edges of stability; those that are not sought are of the plant that is given.
+    """Return the edges of stability, each with the other quantities of the stated plant.
 
     Gains and ratios of lags up to 1e4 are tried: no actuator differs so much from its model.
     """
@@ -192,9 +192,9 @@ def margins(law: InternalModel, *, gain: float = 1.0, lag: float = 1.0) -> Margi
 def robust_margins(law: InternalModel) -> Margins:
     """Return the worst edges of stability over the plants that identification leaves possible.
 
-    The inverse may mistake one branch of the loop for the other, which is a gain, or the wire may
-    be where nothing transforms, so that its lag lacks the latent heat. Both together do not
-    occur: where the slope is great, so is the latent heat.
+    The inverse may mistake one branch of the loop for the other, which changes the gain, or the
+    wire may be at angles without transformation, where its lag lacks the latent heat. Both do not
+    occur together: if the slope is large, so is the latent heat.
     """
     cold = law.wire.lag / law.model_lag
     found = [margins(law, gain=slope_ratios(law.wire)[1]), margins(law, lag=cold)]

@@ -20,7 +20,7 @@ class ModelReferenceState(InverseState):
     """State of the loop."""
 
     weights: tuple[float, float, float]
-    """Of the target, of the reading, and a constant in degrees."""
+    """Weights of the target and of the reading, and a constant in degrees."""
     seen: float
     """Last reading in degrees."""
     model: float
@@ -89,7 +89,7 @@ class ModelReference(InverseLoop):
         """Return the weights after a difference between reading and reference model.
 
         One of 0.1 degrees, twice the noise of a sensor, adapts nothing. Weights stay within 0.5 to
-        2 times what the identified wire asks for: its lag and gain change by less than twofold in
+        2 times the value of the identified wire: its lag and gain change by less than twofold in
         surroundings in which it still moves.
         """
         low, high = self.wire.operator.range

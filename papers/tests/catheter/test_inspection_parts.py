@@ -201,13 +201,13 @@ def test_the_catheter_rolls_to_where_weak_wires_reach_a_place_that_they_would_no
         most=np.full(2, np.inf),
     )
     below, above = np.array([np.pi / 2, 20e-3]), np.array([-np.pi / 2, 20e-3])
-    assert steps._near(rig, below)[1] == 0.0
-    rolled = steps._near(rig, above)
+    assert steps._place_before(rig, below)[1] == 0.0
+    rolled = steps._place_before(rig, above)
     wanted = rig.calibration.joints(steps.aim_at(rig.calibration, above, rolled))
     assert (wanted > 5.0).all()
     assert (wanted < 20.0).all()
     stroke[:, 1] = 60.0
-    assert steps._near(rig, above)[1] == 0.0
+    assert steps._place_before(rig, above)[1] == 0.0
 
 
 def test_lines_of_one_course_are_one_and_are_visited_once():

@@ -1,6 +1,6 @@
 """The catheter head: two heated wires that turn a camera and an ultrasonic probe in a pipe.
 
-Its public names are here, and are imported when they are first asked for.
+Its public names are here, and are imported at their first use.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Export of models as complete firmware for a Cortex-M4 board, with feedforward on the board.
 
-The firmware speaks the protocol of `minorloop.lab.drivers.serial_board`, with two questions more:
-``FOLLOW y ...`` gives targets, to which the exact inverses of the models lead from then on, and
-``ON`` is answered with the inputs that are on. Each axis has limits of value and rate on the board.
-Without a question for its patience the board goes to its safe inputs.
+The firmware speaks the protocol of `minorloop.lab.drivers.serial_board`, with two more queries:
+``FOLLOW y ...`` sets targets, to which the exact inverses of the models lead from then on, and
+``ON`` returns the present inputs. Each axis has limits of value and rate on the board. Without a
+query for its patience the board goes to its safe inputs.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from minorloop_head.procedures.head_file import FORMAT, read_head
 __all__ = ["HEAD_LINES", "BoardAxis", "BoardSource", "board_of", "board_source"]
 
 _MOST_AXES = 4
-"""Axes whose numbers fit into a line of the protocol."""
+"""Largest number of axes whose numbers fit into a line of the protocol."""
 _MOST_LINES = 8
-"""Digital lines: a port of eight pins. The protocol names them by one digit, which allows ten."""
+"""Largest number of digital lines: a port of eight pins. One digit of the protocol allows ten."""
 _INTERVAL = 0.04
 _LOW, _HIGH = -10.0, 90.0
 """Angles in degrees beyond which a reading of a head is an error."""
@@ -62,9 +62,9 @@ class BoardAxis:
     """
 
     model: Preisach | HeatedWire
-    """From input to output; monotone. The input of a `HeatedWire` is a current in A."""
+    """Model from input to output; monotone. The input of a `HeatedWire` is a current in A."""
     input: Channel
-    """With finite limits, and a rate limit if there is one."""
+    """Channel with finite limits, and a rate limit if there is one."""
     output: Channel
     rest: float = 0.0
     """Safe input."""
@@ -204,7 +204,7 @@ def board_source(
 def _context(
     k: int, axis: BoardAxis, numbers: Numbers, tick: int, response: float
 ) -> dict[str, Any]:
-    """Return what the templates need of an axis."""
+    """Return the values of an axis for the templates."""
     low, high, rate = axis.input.low, axis.input.high, axis.input.rate
     model = axis.model
     heated = isinstance(model, HeatedWire)
@@ -282,7 +282,7 @@ def board_of(
     ----------
     paths : sequence of path
     warn : callable
-        Is given the warnings of each model file.
+        Called with the warnings of each model file.
     rate : float, optional
         Fastest change of an input in its unit per second; without it its range in one interval.
     interval : float
@@ -349,7 +349,7 @@ def _channel(
 
 
 def _is_head(path: Path) -> bool:
-    """Whether a file says that it is of a head; others are read as model files."""
+    """Whether a file has the format of a head; others are read as model files."""
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):

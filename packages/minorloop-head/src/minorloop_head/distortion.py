@@ -1,4 +1,4 @@
-"""Distortion of a lens, for numbers, arrays and compiled loops alike."""
+"""Distortion of a lens, for numbers, arrays and compiled loops."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ DISTORTION = ("k1", "k2", "k3", "p1", "p2")
 def distorted(
     x: Any, y: Any, k1: float, k2: float, k3: float, p1: float, p2: float
 ) -> tuple[Any, Any, Any, Any, Any]:
-    """Return where a lens moves normalised coordinates x, y, and the slopes of this.
+    """Return normalised coordinates x, y after the distortion of a lens, and their derivatives.
 
-    The slopes are those of the first by x, of the first by y, which is that of the second by x, and
-    of the second by y. Numbers and arrays are taken alike; the compiled loops use this function
+    The derivatives are those of the first by x, of the first by y, which is that of the second by
+    x, and of the second by y. Arguments are numbers or arrays; the compiled loops use this function
     too (`minorloop_head._geometry_kernels`).
 
     References

@@ -22,7 +22,7 @@ from minorloop_head.distortion import DISTORTION, distorted
 AXES = ("pan", "tilt")
 """Names of the axes of the head, in the order of all arrays with one entry an axis."""
 REACH = float(np.radians(30.0))
-"""Half-angle of the cone in which the head may look; beyond, the lens touches the wall."""
+"""Half-angle of the cone of allowed lines of sight; beyond, the lens touches the wall."""
 WATER_INDEX = 1.333
 """Refractive index of water, at 20 degrees Celsius and 589 nm; it varies by 0.005 from 0 to 60
 degrees and from red to blue."""
@@ -31,11 +31,11 @@ _NEWTON_STEPS = 40
 bound only ends a search that has no solution."""
 
 _PORT_SAMPLES = 200
-"""Radii at which the distortion by a flat port is fitted; with 50 it is the same to 0.01 pixel."""
+"""Number of radii at which the distortion by a flat port is fitted; 50 change it by 0.01 pixel."""
 
 _TURN, _LONGEST_STEP, _ON_PLACE = 1e-6, 0.2, 1e-9
-"""Turn for a difference, longest Newton step, both in radians, and distance at which the tool is on
-its place, in metres."""
+"""Step of numerical derivatives and longest Newton step, both in radians, and tolerance of the
+place of the tool, in metres."""
 
 
 def rotation_x(angle: float) -> FloatArray:
@@ -97,7 +97,7 @@ class Pose:
     """Position and orientation of a camera in the pipe."""
 
     rotation: FloatArray
-    """Shape (3, 3). From the camera to the pipe."""
+    """Shape (3, 3). Rotation from the camera to the pipe."""
     position: FloatArray
     """Shape (3,). Centre of the lens in the pipe, in metres."""
 
@@ -120,16 +120,16 @@ class Mount:
     """
 
     lever: float = 8e-3
-    """From the pivot to the lens along the optical axis, in metres."""
+    """Distance from the pivot to the lens along the optical axis, in metres."""
     offset: tuple[float, float] = (0.0, 0.0)
-    """Of the pivot from the axis, along x and y of the pipe, in metres."""
+    """Offset of the pivot from the axis, along x and y of the pipe, in metres."""
     roll: float = 0.0
-    """Of the base about the axis of the pipe, in radians."""
+    """Roll of the base about the axis of the pipe, in radians."""
     advance: float = 0.0
     """Position of the pivot along the pipe, in metres."""
     squint: float = 0.0
     camera_roll: float = 0.0
-    """Of the camera on the joints: sideways, then about its optical axis, in radians."""
+    """Rotation of the camera on the joints: sideways, then about its optical axis, in radians."""
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -158,8 +158,8 @@ class Mount:
     def aim(self, point: npt.ArrayLike) -> tuple[float, float]:
         """Return pan and tilt, in radians, that centre a (3,) point of the pipe in the image.
 
-        The lens is on the line from the pivot, so the lever does not matter. Of a point that no
-        tilt reaches, the nearest is aimed at.
+        The lens is on the line from the pivot, so the lever does not matter. If no tilt reaches the
+        point, the angles are the nearest ones.
         """
         way = self.way_to(point)
         return _turned_onto(self.camera[:, 2], way) or pan_tilt_of(way)
@@ -180,18 +180,18 @@ class Probe:
 
     Notes
     -----
-    With the default squint and azimuth the beam is normal to the wall at a pan of -20 degrees: on
-    the side where the wires are coldest, since water cools them so much that they reach little
-    more. The default face leaves 8 mm of water.
+    With the default squint and azimuth the beam is normal to the wall at a pan of -20 degrees, on
+    the side where the wires are coldest: water cools them so much that they reach little more. The
+    default face leaves 8 mm of water.
     """
 
     squint: float = float(np.radians(70.0))
     """Angle of the beam off the optical axis, in radians."""
     azimuth: float = float(np.pi)
-    """Side of the camera to which the beam points, from its x axis towards its y axis, in
+    """Direction of the beam about the optical axis of the camera, from its x axis to its y axis, in
     radians."""
     face: float = 2e-3
-    """From the pivot to the face of the disc along the beam, in metres."""
+    """Distance from the pivot to the face of the disc along the beam, in metres."""
     aperture: float = 5e-3
     """Diameter of the disc, in metres."""
     focus: float = 8e-3
@@ -222,7 +222,7 @@ class Probe:
         return self._turned(mount, mount.way_to(point))
 
     def moved(self, mount: Mount, pan: float, tilt: float, other: Mount) -> tuple[float, float]:
-        """Return pan and tilt that give, at another roll of the mount, the beam of these angles.
+        """Return pan and tilt of the same beam at another roll of the mount.
 
         Raises a `ParameterError` if there are none.
         """
@@ -266,9 +266,9 @@ class Tool:
     """
 
     offset: tuple[float, float, float] = (0.0, 3.5e-3, 0.0)
-    """Of its point when it is drawn in, in the camera, in metres."""
+    """Position of its withdrawn point in the camera, in metres."""
     slope: tuple[float, float] = (0.0, -0.1)
-    """Of its way: metres to the right and down for a metre along the optical axis."""
+    """Slope of its way: metres to the right and down per metre along the optical axis."""
     longest: float = 25e-3
     """Longest extension, in metres."""
 
@@ -340,7 +340,7 @@ class Tool:
     def _off(
         self, mount: Mount, angles: FloatArray, place: FloatArray, radius: float
     ) -> FloatArray:
-        """Return where the tool meets the wall less a place, in metres around and along."""
+        """Return the offset of the contact of the tool from a place, in metres around and along."""
         phi, z, _ = self.meet(mount, float(angles[0]), float(angles[1]), radius)
         return np.array([radius * float(wrapped(phi - place[0])), z - place[1]])
 
@@ -355,7 +355,7 @@ class Pinhole:
 
     width: int = 640
     height: int = 480
-    """Of the image, in pixels; the centre of the first pixel is (0, 0)."""
+    """Size of the image, in pixels; the centre of the first pixel is (0, 0)."""
     focal: float = 520.0
     """Focal length along the rows, in pixels."""
     centre: tuple[float, float] = (319.5, 239.5)
@@ -433,7 +433,7 @@ class Pinhole:
         return self.undistort((seen - np.asarray(self.centre)) / self.focals)
 
     def off_axis(self, points: npt.ArrayLike) -> float:
-        """Return how far normalised coordinates (2,) are from the principal point, in pixels."""
+        """Return the distance of normalised coordinates (2,) from the image centre, in pixels."""
         return float(np.hypot(*(np.asarray(points) * self.focals)))
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
@@ -453,7 +453,7 @@ class Pinhole:
         )
 
     def in_water(self) -> Pinhole:
-        """Return the lens that sees, from behind a flat port in water, the same pixels.
+        """Return the lens that is equivalent to this one behind a flat port in water.
 
         Notes
         -----

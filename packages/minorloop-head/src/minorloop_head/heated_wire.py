@@ -21,15 +21,15 @@ from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
 
 SMALLEST_CHANGE = 1e-15
-"""Change of the effective power in A^2 that counts as none: slopes would be rounding errors."""
+"""Least change of the effective power in A^2: with less, slopes would be rounding errors."""
 _LONGEST_STEP = 0.1
 """Longest implicit step in seconds: a fortieth of a usual lag."""
 SOLVES = 2
 """Fixed-point iterations for the slope in a step."""
 _HALVINGS = 40
-"""Bisections for the past of a wire: 1e-12 of the range."""
+"""Number of bisections for the past of a wire: to 1e-12 of the range."""
 _GRID = 513
-"""Powers at which the slope of the operator is found: 20 and more in each of its bands."""
+"""Number of powers at which the slope of the operator is computed: at least 20 in each band."""
 _NEAR = 0.01
 """Tolerance of an angle as a share of the range."""
 
@@ -65,7 +65,7 @@ class HeatedWire:
     """
 
     operator: Preisach
-    """From effective power in A^2 to angle in degrees; monotone."""
+    """Operator from effective power in A^2 to angle in degrees; monotone."""
     lag: float
     """tau in seconds, of a wire that does not move; positive."""
     latent: float = 0.0
@@ -108,9 +108,9 @@ class HeatedWire:
     def found(self, power: float, angle: float) -> HeatedState:
         """Return the state of a wire that has settled under a power, at an angle.
 
-        Its past is not known; it is assumed to be a rise to some power and a return. If none
-        gives the angle, it is the rise alone, or the longest return, where that comes to within
-        1 % of the range, and otherwise the effective power is the one that gives it from cold.
+        Its past is unknown; a rise to some power and a return is assumed. If none of them gives the
+        angle, the rise alone or the longest return is assumed if it comes to within 1 % of the
+        range; otherwise the effective power is replaced by the one that gives the angle from cold.
 
         Parameters
         ----------

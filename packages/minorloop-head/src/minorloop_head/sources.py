@@ -1,4 +1,4 @@
-"""A camera and an ultrasonic probe, and what they give; simulated and real ones alike."""
+"""Protocols of a camera and an ultrasonic probe, and their data; for simulated and real ones."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -13,7 +13,7 @@ __all__ = ["EchoSource", "Frame", "FrameSource", "Shot"]
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image and when it was taken."""
+    """An image and its time."""
 
     t: float
     """Time on the clock of the plant, in seconds."""
@@ -23,7 +23,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """An ultrasonic trace and when its pulse was fired."""
+    """An ultrasonic trace and the time of its pulse."""
 
     t: float
     """Time on the clock of the plant, in seconds."""
@@ -46,4 +46,4 @@ class EchoSource(Protocol):
     """An ultrasonic probe."""
 
     def shot(self) -> Shot:
-        """Fire one pulse, and return what is received."""
+        """Fire one pulse, and return the received trace."""

@@ -178,7 +178,7 @@ def test_head_drive_keeps_and_shows_what_it_measured_until_an_error_or_a_signal(
     assert ["30.00", "25.00"] in [line.split()[1:4:2] for line in out.splitlines()]
     said = error.splitlines()
     assert said[0] == (
-        "the drive ended after 3.0 s, and what was measured is kept in reached.csv; the head has "
+        "the drive ended after 3.0 s, and the record is kept in reached.csv; the head has "
         "confirmed that it is safe"
     )
     assert said[1].startswith("warning: pan and tilt, from 2.84 s to the end: the sensor is lost")
@@ -333,7 +333,7 @@ def bad_pictures(scene, tmp_path_factory):
     ("options", "sentence"),
     [
         ("--mount mount --angles radians.csv", "column 'pan [rad]' of"),
-        ("--mount lens", "the name of 00.png has no angles; call it such as pan12.5_tilt-3.png"),
+        ("--mount lens", "the name of 00.png has no angles; rename it, such as pan12.5_tilt-3.png"),
         ("--pictures few", "few: 2 pictures with a target; give 3 or more; 1 is left out: "),
         ("--pictures cats", "no picture of cats shows a target: no markers, chessboard or grid"),
         ("--pictures mirrored", "they are mirrored; take them again"),
@@ -379,12 +379,12 @@ SEES = "head identify --actuator twin:pipe --specimen 3"
         (f"{CALIBRATES} --leds 1,2,300 --force", "0.2 to 50 mm from the lens"),
         (f"{CALIBRATES} --force", "there is nothing to calibrate"),
         (f"{CALIBRATES} --leds 1,2,3 --head new.json", "the lens is not calibrated; give its pic"),
-        (f"{CALIBRATES} --print-target target.doc", "let it end in .pdf, .svg, .png"),
+        (f"{CALIBRATES} --print-target target.doc", "end its name in .pdf, .svg, .png"),
         (f"{TAKES} --out new --plan count=0", "count of --plan is 0; give 1 to 1000"),
         (f"{TAKES} --out new --exposure 0", "--exposure is 0; give 0.01 to 1000 ms"),
         (f"{TAKES} --out new --exposure 2", "camera:0 does not let its exposure be set from here"),
         (f"{TAKES} --out new --actuator twin:head --plan highest=9", "beyond the limits"),
-        (f"{INSPECTS} --actuator twin:pipe --camera camera:0", "twin:pipe has a camera of its own"),
+        (f"{INSPECTS} --actuator twin:pipe --camera camera:0", "twin:pipe has its own camera"),
         (
             f"{INSPECTS} --actuator twin:pipe --advances 0,103",
             "has 103, and the pipe ends at 102",
@@ -396,7 +396,7 @@ SEES = "head identify --actuator twin:pipe --specimen 3"
         ),
         (f"{BENCH} --camera camera:0 --head bare.json --resume", "there is no folder s1; give"),
         (f"{DRIVES} twin:pipe", "is of head 'H-07', and the head here is 'twin-head-nominal'"),
-        (f"{DRIVES} twin:pipe --camera camera:0", "twin:pipe has a camera of its own; leave --cam"),
+        (f"{DRIVES} twin:pipe --camera camera:0", "twin:pipe has its own camera; leave --cam"),
         (f"{DRIVES} bench:head.toml --hold 0.01", "hold is 0.01 s; give 0.04 to 3600 s"),
         (f"{DRIVES} bench:head.toml --hold 1e9", "hold is 1000000000.0 s; give 0.04 to 3600 s"),
         (f"{DRIVES.replace('angles', 'far')} bench:head.toml", "pan of target 1 is 80 degrees"),

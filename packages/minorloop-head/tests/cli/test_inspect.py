@@ -143,4 +143,6 @@ def test_pictures_of_a_plate_are_searched_without_lens_or_pose(run):
     status, out, _ = run("inspect pictures --plate 0.5 --out found --json")
     assert status == 0
     assert json.loads(out)["unusable"] == {"black": 1}
-    assert Path("found/findings.csv").read_text().startswith("picture,kind,x [mm],y [mm],width [mm]")
+    assert (
+        Path("found/findings.csv").read_text().startswith("picture,kind,x [mm],y [mm],width [mm]")
+    )

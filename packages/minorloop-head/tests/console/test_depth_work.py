@@ -91,5 +91,5 @@ def test_the_bursts_of_a_sweep_give_a_map_with_the_pit():
     assert (empty["finds"], empty["mapped"] < 0.1) == ([], True)
     camera.tick(request(here, ("begin_sweep", [*phi, *z]), number=1))
     none = camera.tick(request(here, ("end_sweep", [0.0]), number=1))
-    assert "nothing of the sweep was fired" in none.events[0]["text"]
+    assert "the sweep has no bursts yet" in none.events[0]["text"]
     assert camera.jobs == [job]

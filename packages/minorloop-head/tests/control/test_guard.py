@@ -174,7 +174,7 @@ def test_readings_that_stay_while_the_wire_is_heated_are_no_sign_of_the_surround
 
     currents, state, _ = loop(guard, 35.0, 20.0, state=state, plant=plant, spoil=still)
     assert "no motion at 25 degrees" in str(state.unreachable)
-    assert "what is read does not turn with it" in str(state.unreachable)
+    assert "the sensor does not turn with it" in str(state.unreachable)
     assert currents[-1] == 0.0
 
 

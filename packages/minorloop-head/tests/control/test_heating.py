@@ -62,7 +62,7 @@ def test_bad_input_is_refused():
     wire = made_up()
     t, u = np.arange(3.0), np.zeros(3)
     levels = np.sqrt(wire.operator.levels)
-    with pytest.raises(SignalError, match="heating does not tell the sign"):
+    with pytest.raises(SignalError, match="heating does not depend on the sign"):
         identify_heating([-0.1, 0.2, 0.3], [0, 1, 2], step=(t, u, u), levels=levels)
     with pytest.raises(SignalError, match="does not increase"):
         wire.simulate([0.0, 0.0], [0.1, 0.1])
@@ -126,7 +126,7 @@ def every(stride):
         ({"step_current": lambda i: 1e3 * i}, "samples of the step lie outside of the levels"),
         ({"step_angle": np.zeros_like}, "moves by 0 degrees in the step"),
         ({"step_angle": lambda y: y[:2]}, "150 times and 2 angles"),
-        ({"step_angle": at_random(60.0)}, "is followed to .* rms only"),
+        ({"step_angle": at_random(60.0)}, "the fit of the step has an rms error of"),
         ({"t": lambda t: 1e6 * t}, "lasts .* give times in seconds"),
         (first(2), "has 2 samples; give 10"),
         (every(14), r"is sampled every 2\.8 s and the lag is"),

@@ -164,7 +164,7 @@ def test_it_ends_with_a_report_whatever_part_of_it_could_not_be_computed(script,
 
 @pytest.mark.parametrize("least", [-1e-3, 0.0, math.nan, 1.0])
 def test_a_wall_that_cannot_be_left_is_refused_before_anything_moves(script, least):
-    with pytest.raises(ParameterError, match="the wall that must be left is"):
+    with pytest.raises(ParameterError, match="the least remaining wall is"):
         script.run(least_wall=least)
     assert not script.folder.exists()
 
@@ -226,7 +226,7 @@ IMPOSSIBLE = [
     ("view", ("sight",), None, "has None as 'sight', which must be object"),
     ("scan", ("point",), True, "has True as 'point', which must be int"),
     ("scan", ("bursts", 0, "shots"), [16, 8], "has (16, 8) as 'shots', which must be no more used"),
-    ("scan", ("bursts", 0, "trace"), "AAA", "is not whole: Invalid base64 encoded string"),
+    ("scan", ("bursts", 0, "trace"), "AAA", "is incomplete: Invalid base64 encoded string"),
     ("ring", ("profile", "spots"), [[0.1, 11.0]], "has [0.1, 11.0] as 'spots'"),
 ]
 
@@ -247,7 +247,9 @@ def test_a_line_with_an_impossible_value_is_refused(script):
 
 @pytest.mark.usefixtures("unreported")
 def test_one_that_cannot_be_resumed_is_refused(script):
-    with pytest.raises(RecordError, match=r"there is no folder .*; give that of the inspection"):
+    with pytest.raises(
+        RecordError, match=r"there is no folder .*; give the folder of the interrupted inspection"
+    ):
         script.run(resume=True)
     script.run()
     with pytest.raises(ParameterError, match=r"the inspection in .* is finished; give another"):

@@ -125,7 +125,7 @@ def test_an_interrupted_sweep_is_kept(script, ending):
         ({"interval": 0.0}, "has 0.0 as 'interval', which must be 1e-09 to 5e-08"),
         ({"spot": [1e300, 0, 0]}, "has [1e+300, 0.0, 0.0] as 'spot', which must be -6.283 to"),
         ({"angles": [math.nan, 0.0]}, "has [nan, 0.0] as 'angles'"),
-        ({"fired": 10**400}, "is not whole: Number out of range"),
+        ({"fired": 10**400}, "is incomplete: Number out of range"),
         ({"shots": [16, 8]}, "has (16, 8) as 'shots', which must be no more used than fired"),
         ({"trace": base64.b64encode(bytes(24)).decode()}, "has 3 as 'samples of the trace'"),
         ({"trace": base64.b64encode(np.full(2000, 7.0)).decode()}, "has 7.0 as 'trace', which"),
@@ -156,7 +156,7 @@ def test_it_goes_on_from_any_line_with_the_bursts_before(script):
         assert script.sweep().content["bursts"] == 2
         copy = script.folder / f"journal.damaged{number or ''}.jsonl"
         assert copy.read_bytes() == damaged
-        said = f"line 4 of {script.file} is damaged; what is kept before it: 2 bursts"
+        said = f"line 4 of {script.file} is damaged; kept before it: 2 bursts"
         assert said in script.told[-2]
         assert str(copy) in script.told[-2]
         again = script.file.read_bytes().split(b"\n")

@@ -59,7 +59,7 @@ def test_a_frozen_frame_and_broken_angles():
 def test_a_wall_with_detail_that_is_darker_than_its_noise_is_not_picked():
     dim = photograph(*AIM, gain=0.02, noise=3.0)
     dim[:60, :60] = 80  # a reflection: the frame is not black
-    with pytest.raises(SignalError, match="lost in noise"):
+    with pytest.raises(SignalError, match="too little texture for its noise"):
         TRACKER.begin(dim, CAMERA.pixel(PLACE, *AIM), *AIM)
 
 

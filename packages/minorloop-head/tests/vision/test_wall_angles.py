@@ -115,7 +115,7 @@ def test_dirt_in_which_most_patches_match_elsewhere_stays_on_trial_until_the_len
     assert len(found) > 6
     assert all(each.trial and error(each, *REST) < CLOSE for each in found)
     assert found[-1].reason.startswith(
-        "the view that was found again has not turned with the head yet, and "
+        "the view found in a search has not turned with the head yet, and "
     )
     clean = [seen.step(math.radians(-20.0), REST[1]) for _ in range(3)][-1]
     assert (clean.trial, clean.reason) == (False, "")

@@ -81,7 +81,7 @@ def photograph(
 _Head = Annotated[
     Path | None,
     typer.Option(
-        help="File of the head to write. If it exists, what is not measured is kept, and "
+        help="File of the head to write. If it exists, its other parameters are kept, and "
         "a calibration is replaced with --force."
     ),
 ]
@@ -204,7 +204,7 @@ def calibrate(
 
 
 def _before(path: Path, serial: str | None, force: bool) -> HeadFile:
-    """Return the head as known so far; refuse that of another one."""
+    """Return the head as known so far; refuse the file of another head."""
     from minorloop_head.procedures.head_file import HeadFile, read_head
 
     before = read_head(path) if path.exists() else None
@@ -243,7 +243,7 @@ def _target_of(text: str) -> ExpectedTarget:
 
 
 def _pipe_of(text: str) -> dict[str, float]:
-    """Return radius and thickness in metres of ``radius=10,thickness=2``, those that are given."""
+    """Return radius and thickness in metres of ``radius=10,thickness=2``; both are optional."""
     from minorloop.arrays import as_finite
 
     def made(radius: float | None = None, thickness: float | None = None) -> dict[str, float]:

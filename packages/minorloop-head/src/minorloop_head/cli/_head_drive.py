@@ -1,4 +1,4 @@
-"""What ``head drive`` prints and saves, also of a drive that was not finished."""
+"""Output of ``head drive``, also of an unfinished drive."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MEANS = "degrees, means of the last fifth of each hold"
 
 
 class UnfinishedDrive:
-    """Keeps what a drive measured before an error or a signal ended it, and shows it.
+    """Keeps and shows the record of a drive that an error or a signal ended.
 
     ``save``: file to be written; ``force``: whether it may be replaced; ``as_json``: whether it is
     shown as an object beside that of the error.
@@ -34,19 +34,19 @@ class UnfinishedDrive:
         self._found: SteeredHead | None = None
 
     def __call__(self, found: SteeredHead, safe: bool) -> None:
-        """Keep what was measured; ``safe`` tells whether the head confirmed that it is."""
+        """Keep the record; ``safe`` says whether the head confirmed that it is safe."""
         self._found = found
         kept = "nothing is kept without --save"
         if self._save is not None:
             save_drive(found, self._save, self._force)
-            kept = f"what was measured is kept in {self._save}"
+            kept = f"the record is kept in {self._save}"
         self._said = f"the drive ended after {found.t[-1]:.1f} s, and {kept}"
         if safe:
             self._said += "; the head has confirmed that it is safe"
 
     @contextmanager
     def said(self) -> Iterator[None]:
-        """Show what was measured, and say what is kept, if the work inside ends early."""
+        """Show the record, and name the kept file, if the work inside ends early."""
         try:
             yield
         except (KeyboardInterrupt, MinorloopError) as error:
@@ -64,7 +64,7 @@ class UnfinishedDrive:
 
 
 def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
-    """Write what was measured in each tick, as a table."""
+    """Write the record of all ticks as a table."""
     import numpy as np
 
     table = {"time [s]": np.round(found.t, 6)}
@@ -78,7 +78,7 @@ def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
 
 
 def finish_drive(result: SteeredHead, save: Path | None, force: bool, as_json: bool) -> None:
-    """Save a drive, print the angles at the end of each hold, and warn of what was wrong."""
+    """Save a drive, print the angles at the end of each hold, and warn of problems."""
     if save is not None:
         save_drive(result, save, force)
     if as_json:
@@ -89,7 +89,7 @@ def finish_drive(result: SteeredHead, save: Path | None, force: bool, as_json: b
 
 
 def show_warnings(result: SteeredHead) -> None:
-    """Print what was wrong on stderr, a line for each."""
+    """Print the problems on stderr, one per line."""
     for said in result.warnings:
         typer.echo(f"warning: {said}", err=True)
 
@@ -104,7 +104,7 @@ def _rms(result: SteeredHead) -> float:
 
 
 def _numbers(result: SteeredHead) -> dict[str, Any]:
-    """Return what is printed of a drive as JSON."""
+    """Return the numbers of a drive for JSON."""
     import numpy as np
 
     return {

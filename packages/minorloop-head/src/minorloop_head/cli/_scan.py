@@ -1,4 +1,4 @@
-"""``minorloop head scan``: flaws in A-scans that somebody else recorded."""
+"""``minorloop head scan``: flaws in third-party A-scans."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _Given = Annotated[
     str,
     typer.Option(
         metavar="KEY=VALUE,...",
-        help="What replaces the values of the file: sampling rate in MHz; start, the time of "
+        help="Values that replace those of the file: sampling rate in MHz; start, the time of "
         "the first sample in us, the pulse being at 0; step between A-scans along x, and "
         "y-step, in mm; low and high, the ends of the band of the pulse in MHz; disc, the "
         "diameter of the probe in mm.",
@@ -58,7 +58,7 @@ _Field = Annotated[
     list[str] | None,
     typer.Option(
         metavar="FIELD=NAME",
-        help="How the file calls a field whose name is not known, such as traces=rf or "
+        help="Name in the file of a field with an unusual name, such as traces=rf or "
         "rate=f_ADC; may be repeated.",
     ),
 ]
@@ -73,10 +73,10 @@ def scan(
     field: _Field = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Find surfaces and flaws in a scan that somebody else recorded, line or raster.
+    """Find surfaces and flaws in a third-party scan, line or raster.
 
-    Options replace what the file says. Tilt is found and compensated, and what is below surfaces
-    is focused through the layers, so that a hole is drawn as narrow as it is.
+    Options replace values of the file. Tilt is measured and compensated. Echoes below surfaces are
+    focused through the layers, so that holes are drawn with their true width.
     """
     from minorloop_head.inspection.scan_report import (
         COLUMNS,

@@ -27,7 +27,7 @@ Level = Annotated[
 
 
 def water_of(text: str) -> Water:
-    """Return what fills the simulated pipe."""
+    """Return the filling of the simulated pipe."""
     from minorloop_head.inspection import Water
 
     given = parsed(text)

@@ -10,7 +10,7 @@ from minorloop.errors import MinorloopError
 
 _CAMERAS = "dev/video*"
 _FIRST_PICTURE = 5.0
-"""Seconds in which a camera must give its first picture."""
+"""Longest time in seconds to the first picture of a camera."""
 
 
 def found() -> Iterator[DeviceRow]:
@@ -20,7 +20,7 @@ def found() -> Iterator[DeviceRow]:
 
 
 def probed(address: str) -> DeviceRow | None:
-    """Return the size of a picture of a camera, a video or a folder, or why there is none."""
+    """Return the size of a picture of a camera, a video or a folder, or why it has no picture."""
     if not address.startswith("camera:") and not Path(address).exists():
         return None
     from minorloop_head.vision.video import LiveCamera

@@ -63,8 +63,8 @@ _Resume = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Go on with what is in --out and was cut off, with the other options as they were. "
-        "What is before a damaged line of its journal is kept.",
+        help="Resume the interrupted work in --out, with the same other options. "
+        "Lines before a damaged line of its journal are kept.",
     ),
 ]
 _File = Annotated[
@@ -101,7 +101,7 @@ _Inspected = Annotated[
     typer.Option(
         show_default=False,
         help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
-        "findings.json, report.html, pictures, and 3-D models of what was scanned.",
+        "findings.json, report.html, pictures, and 3-D models of scanned findings.",
     ),
 ]
 _Advances = Annotated[
@@ -124,7 +124,7 @@ _Probe = Annotated[
     Path | None,
     typer.Option(
         help="TOML file of the pulser and the digitiser of a head of devices, which then also "
-        "scans what the camera finds; the pump must be a line of the bench."
+        "scans the finds of the camera; the pump must be a line of the bench."
     ),
 ]
 _Pipe = Annotated[
@@ -132,7 +132,7 @@ _Pipe = Annotated[
 ]
 _LeastWall = Annotated[
     float | None,
-    _common.number_option("Wall in mm that must be left for a finding to be accepted."),
+    _common.number_option("Least remaining wall in mm under an accepted finding."),
 ]
 _Probed = Annotated[
     str,
@@ -295,7 +295,7 @@ def inspect(
 
     The camera finds them. A head with a probe, that of twin:pipe, also touches each, scans it in
     the flooded pipe and measures its depth. The head is made safe at the end, and after an error
-    or Ctrl-C. What was found until then is kept, and --resume goes on from there, also after a
+    or Ctrl-C. Findings until then are kept, and --resume goes on from there, also after a
     power cut. The exit status is 1 if no view could be searched.
     """
     from minorloop_head.cli.inspect import check_usable
@@ -348,7 +348,7 @@ def sweep(
     """Map the flooded wall by ultrasound, and find pits and cracks in it, without the camera.
 
     The probe fires while the catheter rolls. A square centimetre takes the head two to three
-    minutes. After Ctrl-C, the map of what was fired is kept, and --resume goes on from there, also
+    minutes. After Ctrl-C, the map of all bursts is kept, and --resume goes on from there, also
     after a power cut. Only the simulated head has a probe.
     """
     from minorloop_head.inspection import sweep as sweep_wall
@@ -374,7 +374,7 @@ def sweep(
 
 @contextmanager
 def _noted() -> Iterator[None]:
-    """Print what an error notes of the work that it ended."""
+    """Print the notes of an error on the interrupted work."""
     try:
         yield
     except BaseException as error:

@@ -1,4 +1,4 @@
-"""``minorloop inspect``: find defects in pictures of a pipe or plate that somebody else took."""
+"""``minorloop inspect``: find defects in third-party pictures of a pipe or plate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAME = "inspect"
 EXAMPLE = "minorloop inspect pictures --lens 520 --radius 10 --tilt 20 --out found"
 _POSE = {"pan": "deg", "tilt": "deg", "advance": "mm", "roll": "deg"}
 _LEFT_OUT = ("time [s]", "u [px]", "v [px]")
-"""Columns that a terminal has no room for."""
+"""Columns that are left out on a terminal."""
 _OBLIQUE = (
     "pictures without wall in view show it too obliquely or from too far away; check that --pan, "
     "--tilt, --lens and --radius are right"
@@ -65,7 +65,7 @@ _Lever = Annotated[
 _Pan = Annotated[
     float | None,
     _common.number_option(
-        "Line of sight from the axis, in deg; with --head, what the sensor of the joint reads."
+        "Line of sight from the axis, in deg; with --head, the reading of the joint."
     ),
 ]
 _Tilt = Annotated[float | None, _common.number_option("The same upward, in deg.")]
@@ -131,10 +131,10 @@ def run(
 
 
 def check_usable(content: dict[str, Any], what: str = "view") -> None:
-    """End with status 1 if no view could be searched: nothing found says nothing then.
+    """End with status 1 if no view could be searched: no finding means nothing then.
 
-    ``content``: numbers of views and of those that are not usable, with the reason; ``what``:
-    ``view`` or ``picture``.
+    ``content``: numbers of views and of unusable ones, with the reason; ``what``: ``view`` or
+    ``picture``.
     """
     if sum(content["unusable"].values()) == content[f"{what}s"]:
         typer.echo(
@@ -188,7 +188,7 @@ def _view(
 
 
 def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator[PicturePose]:
-    """Return the poses of the pictures as given, one after the other; NaN is along the pipe."""
+    """Yield the stated poses of the pictures, one after the other; NaN is along the pipe."""
     from minorloop.lab.columns import read_columns, read_headers
     from minorloop_head.procedures.pictures import PicturePose
 

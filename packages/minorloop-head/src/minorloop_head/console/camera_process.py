@@ -1,4 +1,4 @@
-"""The camera process: answers the newest request of the loop, sends pictures to the server."""
+"""The camera process: answers the newest request of the loop and sends pictures to the server."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from minorloop_head.vision.imaging import opencv
 from minorloop_head.vision.video import LiveCamera
 
 _QUALITY = 78
-"""Of a JPEG, 1 to 100."""
+"""Quality of a JPEG, 1 to 100."""
 _POLL = 0.1
 _WAVES = 50.0
 """Radians of the texture from one edge of the picture to the other: some eight waves."""
@@ -56,7 +56,7 @@ def run(
     calibration: HeadCalibration | None = None,
     cold: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Run the camera until the control loop or the supervisor ends; for a process of its own.
+    """Run the camera until the control loop or the supervisor ends, in a separate process.
 
     ``handle``: gives pipes to the control loop, to the server for pictures and jobs, and to the
     plant for the lights of a bench. ``calibration``: of camera and probe; that of the tip without
@@ -93,7 +93,7 @@ def run(
 def _tip(
     settings: LoopSettings, calibration: HeadCalibration | None, plant: NewestPipe
 ) -> tuple[Tip, HeadCalibration]:
-    """Return what carries the camera, and the calibration; only a simulated one has its own."""
+    """Return the tip and the calibration of its camera, which only a simulated one has itself."""
     if not is_pipe(settings.address):
         if calibration is None:
             raise ParameterError("the camera is not calibrated; give the file of the head")
@@ -135,9 +135,9 @@ def _serve(
 
 
 def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> str:
-    """Answer the newest request of the loop; return why there is no answer, empty if there is one.
+    """Answer the newest request of the loop; return the reason without an answer, else empty.
 
-    Without a picture there is none, and the loop holds. A picture under other lights is not shown.
+    Without a picture it gives none, and the loop holds. It hides pictures under other lights.
     """
     request = newest(loop)
     if perception is None:
@@ -175,7 +175,7 @@ def jpeg(grey: Image) -> bytes:
 
 
 def _in(pool: ThreadPoolExecutor) -> Later:
-    """Return what runs computations of `Perception` in a pool."""
+    """Return a function that runs computations of `Perception` in a pool."""
 
     def later(work: Any) -> Any:
         future = pool.submit(work)
@@ -206,7 +206,7 @@ class StillTip(BenchTip):
 
 
 def _warm_up(perception: Perception) -> None:
-    """Compile what the first pictures would wait for."""
+    """Compile functions for which the first pictures would wait."""
     compile_outlines()
     first: list[CameraCommand] = [("pick", [320.0, 400.0]), ("find", [])]
     request = CameraRequest(number=0, t=0.0, position=(0.0, 0.0, 0.0, 0.0), stance=(0.0,) * 6)

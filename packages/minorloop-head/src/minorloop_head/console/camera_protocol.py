@@ -1,7 +1,7 @@
 """Messages between the control loop and the camera process.
 
-The loop sends where the head is and commands for the camera; a tick later the camera process
-reports what it found. They are separate processes, so that no picture ever delays the loop.
+The loop sends the position of the head and commands for the camera; a tick later the camera process
+reports its results. They are separate processes, so that no picture ever delays the loop.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from minorloop_head.console.units import Position
 PICTURED = b"p"
 """First byte of a picture that the camera process sends to the loop for a recording."""
 PROBLEM = b"!"
-"""First byte of a sentence that says why there is no picture."""
+"""First byte of a sentence on a missing picture."""
 FEW_PICTURES = 5
-"""Ticks for one picture where an operator only looks on, in a recording, and while the head in a
-simulated pipe scans, or holds or rests before a view that was searched: five pictures a second."""
+"""Ticks per picture if an operator only looks on, in a recording, and while the head in a simulated
+pipe scans, or holds or rests before a searched view: five pictures per second."""
 CameraCommand: TypeAlias = tuple[str, list[float]]
 """A name of `Perception.commands` and its arguments."""
 
@@ -33,29 +33,29 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
     """A tick of the control loop, for the camera process."""
 
     number: int
-    """Of the tick."""
+    """Number of the tick."""
     t: float
-    """In seconds, on the clock of the loop."""
+    """Time in seconds, on the clock of the loop."""
     position: Position
-    """Pan and tilt about the middle, advance and roll as measured, in rad and m."""
+    """Measured pan and tilt about the middle, advance and roll, in rad and m."""
     stance: tuple[float, ...] = ()
-    """For a simulated tip only, see `Plant.stance`."""
+    """Pose for a simulated tip only, see `Plant.stance`."""
     commands: list[CameraCommand] = []
     keep: bool = False
     """Whether pictures are to be sent to the loop, for a recording."""
     cold: bool = False
     """Whether the head has no current, and had none since it was made safe."""
     holding: bool = False
-    """Whether the head holds, so that nothing is steered by the pictures."""
+    """Whether the head holds, so that the pictures steer nothing."""
     centring: bool = False
     """Whether the tracked point is centred, so that the camera is exposed for it."""
 
 
 class CameraReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What the camera process found in a tick."""
+    """Results of the camera process in a tick."""
 
     number: int
-    """Of the tick."""
+    """Number of the tick."""
     target: tuple[float, float, float, bool] | None = None
     """Pixel of the tracked point, score of its recognition, and whether it is visible; None without
     a tracked point."""
@@ -64,11 +64,11 @@ class CameraReport(msgspec.Struct, frozen=True, kw_only=True):
     events: list[dict[str, Any]] = []
     """Results, each with a ``what``."""
     joints: Pair | None = None
-    """Pan and tilt of joints without sensors as the picture shows them, in degrees."""
+    """Pan and tilt of joints without sensors, measured in the picture, in degrees."""
     unseen: str = ""
-    """Why there are none, although the pictures have to give them."""
+    """Reason why angles are missing, although the pictures have to give them."""
     zero: bool = True
-    """Whether the picture of the cold head is known, from which they are counted."""
+    """Whether the picture of the cold head, the zero of the angles, is known."""
 
 
 # Made while the module is imported: see `minorloop_head.console.messages`.
@@ -81,10 +81,10 @@ class CameraLink(Protocol):
 
     @property
     def problem(self) -> str:
-        """Why there is no picture; empty if that is not known, or there is one."""
+        """Reason why there is no picture; empty if it is unknown, or there is a picture."""
 
     def send(self, request: CameraRequest) -> None:
-        """Send where the head is, and commands."""
+        """Send the position of the head, and commands."""
 
     def reports(self) -> list[CameraReport]:
         """Return the reports since the last call."""
@@ -118,7 +118,7 @@ class RemoteCamera:
             return self._introduction
 
     def send(self, request: CameraRequest) -> None:
-        """Send a request; it replaces one that was not sent yet, and takes over its commands."""
+        """Send a request; it replaces an unsent request, and takes over its commands."""
         with self._changed:
             if self._next is not None and self._next.commands:
                 commands: list[CameraCommand] = [*self._next.commands, *request.commands]
@@ -158,6 +158,6 @@ class RemoteCamera:
     def _introduce(self, content: bytes) -> None:
         with self._changed:
             self._introduction = msgspec.json.decode(content)
-            # Commands for the process before are not for this one.
+            # Drop commands for the former process.
             self._introduced, self._next = True, None
             self._changed.notify_all()

@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 
 
 class NewestPipe:
-    """The newest pipe to another process; when that restarts, a thread replaces the pipe.
+    """The newest pipe to another process; a thread replaces it when that process restarts.
 
     ``pipe``: the first one.
     """
@@ -27,14 +27,14 @@ class NewestPipe:
     def next(
         self, last: Connection | None = None, timeout: float | None = None
     ) -> Connection | None:
-        """Return the newest pipe once it is not the last one; None if that takes too long."""
+        """Wait for a pipe newer than the last one, and return it; None if that takes too long."""
         with self._changed:
             if self._changed.wait_for(lambda: self._pipe is not last, timeout):
                 return self._pipe
             return None
 
     def pipes(self) -> Iterator[Connection]:
-        """Yield each new pipe, for a thread that reads one until it ends."""
+        """Yield each new pipe, for a thread that reads each until it ends."""
         last = None
         while True:
             last = self.next(last)
@@ -54,7 +54,7 @@ class NewestPipe:
 
 
 class Outbox:
-    """Messages for a thread to send: all events, and the newest state."""
+    """Messages that a thread sends: all events, and the newest state."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -83,7 +83,7 @@ class Outbox:
             return taken
 
     def forward(self, channel: NewestPipe) -> None:
-        """Send messages forever; for a thread of its own."""
+        """Send messages forever, in a separate thread."""
         while True:
             events, state = self.wait()
             for content in events:

@@ -1,7 +1,7 @@
-"""Connected pages: one pilot and any number of viewers, and what is sent to each of them.
+"""Connected pages: one pilot and any number of viewers, and the messages to each of them.
 
-Each viewer has a place for the newest state, image and map, and a short queue of messages that
-must not be lost. A slow page misses pictures; it delays nobody and takes no memory.
+Each viewer keeps the newest state, image and map, and a short queue of messages that must not be
+lost. A slow page misses pictures; it delays no other page and uses no more memory.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from minorloop.errors import SignalError
 from minorloop_head.console import messages
 
 SILENCE = 3.0
-"""Seconds without a message of the pilot after which the controls are taken back."""
+"""Seconds without a message of the pilot after which the pilot loses the controls."""
 _MOST_WAITING = 200
-"""Messages in a queue; the oldest are dropped from it."""
+"""Largest number of messages in a queue; it drops the oldest ones."""
 _MOST_A_SECOND, _BURST = 250, 500
-"""Messages that a page may send in a second, and at once; the console's own page sends 50."""
+"""Most messages of a page per second, and at once; the console's own page sends 50 per second."""
 
 
 class HostileMessageError(SignalError):
@@ -61,7 +61,7 @@ class Viewer:
         return out
 
     def check(self, message: messages.Message, now: float) -> None:
-        """Refuse a message that comes out of order, or one too many.
+        """Refuse a message that is out of order, or beyond the allowed rate.
 
         Raises a `HostileMessageError` with a sentence for the page.
         """
@@ -79,9 +79,9 @@ class Viewer:
 
 
 class Clients:
-    """All viewers, and who of them has the controls.
+    """All viewers, one of whom may have the controls.
 
-    ``silence``: seconds without a message of the pilot after which the controls are taken back.
+    ``silence``: seconds without a message of the pilot after which the pilot loses the controls.
     """
 
     def __init__(self, *, silence: float = SILENCE) -> None:
@@ -122,7 +122,7 @@ class Clients:
         return was_pilot
 
     def take(self, viewer: Viewer) -> bool:
-        """Give free controls to a viewer; return whether the viewer has newly got them."""
+        """Give free controls to a viewer; return whether the viewer did not have them before."""
         if self.pilot is not None and self.pilot is not viewer:
             sentence = f"viewer {self.pilot.number} has the controls; ask for their release"
             viewer.send(messages.encode(messages.Notice(text=sentence)))
@@ -140,7 +140,7 @@ class Clients:
         self.send_controls()
 
     def may(self, viewer: Viewer, order: messages.Order) -> bool:
-        """Return whether an order is valid; one with an earlier grant of the viewer is ignored.
+        """Return whether an order is valid; an order with an earlier grant of the viewer is not.
 
         Raises a `HostileMessageError` if the viewer never had the controls with this grant.
         """

@@ -1,4 +1,4 @@
-"""Work on echoes, for a worker process: depth, fused map and mesh of a scan; map of a sweep."""
+"""Computations on echoes in a worker: depth, fused map and mesh of a scan; map of a sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Candidates for defects: found in frames under switched lights, and remembered on the wall."""
+"""Candidates for defects: found in frames under switched lights, stored by place on the wall."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _REST = to_si((0.4, 0.4, 0.2, 0.5))
 _NEW = to_si((5.0, 5.0, 2.0, 6.0))
 """Change of the position after which the view is searched again."""
 _MOST_KNOWN, _MOST_SHOWN = 60, 8
-"""Candidates that are remembered, and that a picture shows."""
+"""Largest numbers of stored candidates, and of candidates shown in a picture."""
 _LEAST_PIXELS = 6.0
-"""Smallest diameter of a candidate that is shown, in pixels."""
+"""Smallest diameter of a shown candidate, in pixels."""
 
 
 @dataclass(eq=False)
@@ -41,7 +41,7 @@ class Finder:
         self._frames: tuple[LitFrame, ...] = ()
 
     def note(self, position: Position) -> None:
-        """Note where the head is in a tick."""
+        """Store the position of the head in a tick."""
         self._recent.append(position)
 
     @property
@@ -50,21 +50,21 @@ class Finder:
         return len(self._recent) == _REST_TICKS and not (np.ptp(self._recent, axis=0) > _REST).any()
 
     def has_searched(self, position: Position) -> bool:
-        """Return whether the view from here is the one that was searched last."""
+        """Return whether the view from a position is the last searched one."""
         return self._searched is not None and bool(
             (np.abs(np.subtract(position, self._searched)) <= _NEW).all()
         )
 
     def searched(self, position: Position) -> None:
-        """Remember that the view from here is searched."""
+        """Store a position whose view is searched."""
         self._searched, self._frames = position, ()
 
     def keep(self, frames: tuple[LitFrame, ...]) -> None:
-        """Keep the frames of the acquisition that is searched."""
+        """Store the frames of the searched acquisition."""
         self._frames = frames
 
     def frames_with(self, now: LitFrame, position: Position) -> tuple[LitFrame, ...]:
-        """Return a frame under all lights after those under other lights from the same place."""
+        """Return the frames under other lights from the same place, then one under all lights."""
         if self._searched is None or (np.abs(np.subtract(position, self._searched)) > _REST).any():
             return (now,)
         return (*self._frames[:-1], now)
@@ -74,7 +74,7 @@ class Finder:
         return find_holes(frames, self.view.camera_at(position[2:]))
 
     def add(self, found: Findings) -> None:
-        """Remember candidates, each once."""
+        """Store candidates, each once."""
         every = strongest([*self.known, *found.holes], self.view.radius, -np.inf)
         self.known = every[:_MOST_KNOWN]
 

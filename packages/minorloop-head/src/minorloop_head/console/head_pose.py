@@ -23,12 +23,12 @@ Quaternion: TypeAlias = tuple[float, float, float, float]
 _STEEPEST = 0.1
 """Cosine of the pitch below which the yaw is undefined in practice."""
 _LEAST_NORM, _MOST_NORM = 0.5, 1.5
-"""Lengths of a quaternion that is accepted as a pose."""
+"""Least and largest length of a quaternion that is accepted as a pose."""
 _ROUND = math.radians(270.0)
-"""Turn from the reference beyond which a head looks rather at it from the other side."""
+"""Turn from the reference beyond which the way round the other side is shorter."""
 _FASTEST, _LEAST_JUMP = math.radians(1000.0), math.radians(30.0)
-"""Fastest turn of a head in rad/s, and least turn in rad that counts as a jump: a tracker that
-repeats a pose makes up for it in the next, and times of poses are known to a tick."""
+"""Fastest turn of a head in rad/s, and least turn in rad that counts as a jump: after a repeated
+pose the next one of a tracker catches up, and times of poses are known to a tick."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class HeadPoseState:
 
 
 def anchored(state: HeadPoseState, command: Pair | None = None) -> HeadPoseState:
-    """Return a state whose next pose, whatever it is, corresponds to the present command.
+    """Return a state whose next pose, any pose, corresponds to the present command.
 
     ``command``: the present command in radians, if another source set it.
     """
@@ -104,7 +104,7 @@ def gaze(
         return replace(anchored(state), reference=pose)
     turned = _turned(state, pose)
     if abs(turned[0]) > _ROUND:
-        # It has come round: what it looks at now counts, and not the way there.
+        # The head has come round: its direction counts, not the way there.
         turned = float(wrapped(turned[0])), turned[1]
         state = replace(state, turned=turned, smooth=turned)
     smooth, speed = _filtered(config, state, turned, interval)
@@ -113,7 +113,7 @@ def gaze(
 
 
 def aimed(config: HeadPoseMap, state: HeadPoseState, turned: Pair) -> Pair:
-    """Return the command that a turn of the head from the reference asks for, all in radians."""
+    """Return the command for a turn of the head from the reference, all in radians."""
     x, y = _beyond(turned, config.dead_band)
     return into_cone(
         (state.base[0] + config.scale * x, state.base[1] + config.scale * y), config.cone
@@ -126,7 +126,7 @@ def angle_between(one: Quaternion, other: Quaternion) -> float:
 
 
 def jumped(before: Quaternion, after: Quaternion, passed: float) -> bool:
-    """Return whether no head turns from one pose to another in a time in seconds."""
+    """Return whether a turn between two poses in a time in seconds is too fast for a head."""
     return angle_between(before, after) > max(_LEAST_JUMP, _FASTEST * passed)
 
 

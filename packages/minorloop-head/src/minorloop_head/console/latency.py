@@ -1,4 +1,4 @@
-"""How far head and picture are behind the operator's head, by stage."""
+"""Delay of head and picture after the operator's head, by stage."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from minorloop_head.console.messages import Pair
 
 STAGES = ("tracker", "network", "loop", "wire", "picture")
 _LONGEST = 60.0
-"""Seconds of following that count, the newest."""
+"""Newest seconds of following that count."""
 _LEAST, _TURNED = 30.0, math.radians(2.0)
-"""Seconds and turn in radians, as a standard deviation, from which on a delay can be told."""
+"""Least seconds, and least turn as a standard deviation in radians, for a delay to be estimated."""
 _SLOWEST = 3.0
-"""Longest delay in seconds that is looked for."""
+"""Longest delay in the search, in seconds."""
 
 
 @dataclass(eq=False)
@@ -46,8 +46,8 @@ class Latency:
         """Take in a tick: ages in seconds, and directions in radians.
 
         ``tracker``, ``waited``, ``picture``: age of the pose when it was sent, time from then to
-        this tick, age of the picture; ``aimed``, ``command``, ``angle``: what the pose asks for,
-        what the head is told, and where it is.
+        this tick, age of the picture; ``aimed``, ``command``, ``angle``: direction of the pose,
+        commanded angle, and angle of the head.
         """
         self._ticks.append((tracker, waited, picture, *aimed, *command, *angle))
 
@@ -56,9 +56,9 @@ class Latency:
         self._ticks.clear()
 
     def stages(self) -> dict[str, float]:
-        """Return the delay of each of `STAGES` in seconds; NaN where it cannot be told.
+        """Return the delay of each of `STAGES` in seconds; NaN if it cannot be estimated.
 
-        That of the network is not known: packets and pages have clocks of their own.
+        The delay of the network is unknown: packets and pages have their own clocks.
         """
         if len(self._ticks) * self.interval < _LEAST:
             return dict.fromkeys(STAGES, math.nan)
@@ -71,14 +71,14 @@ class Latency:
 
     @property
     def words(self) -> str:
-        """The delays as a sentence; empty if none is known."""
+        """The known delays as a sentence; empty without one."""
         known = {name: value for name, value in self.stages().items() if math.isfinite(value)}
         said = ", ".join(f"{name} {1e3 * value:.0f} ms" for name, value in known.items())
         return f"behind your head: {said}" if said else ""
 
 
 def delay(signal: FloatArray, response: FloatArray, interval: float) -> float:
-    """Return by how many seconds a response (T, N) is behind a signal, as fits best.
+    """Return the delay in seconds of a response (T, N) after a signal with the best fit.
 
     NaN if the signal hardly moved, or the response is later than the longest delay.
     """

@@ -15,7 +15,7 @@ from minorloop_head.console.channel import NewestPipe
 from minorloop_head.console.settings import LoopSettings
 
 _MOST_WAITING = 512
-"""Orders that may wait for the loop: some ten seconds of a page."""
+"""Most orders that wait for the loop: some ten seconds of a page."""
 _FAILED = b'{"type":"failed"'
 _MAKES_SAFE = "The head is made safe and its wires cool. The loop is restarted and then holds."
 _SILENT = f"The control loop does not respond. {_MAKES_SAFE}"
@@ -25,8 +25,8 @@ _GONE = f"The control loop has ended. {_MAKES_SAFE}"
 class ConsoleLink:
     """Connection to a control loop and a camera in processes of their own.
 
-    ``received``: handles each message of theirs; called in the event loop that ran ``start``.
-    ``loop`` and ``camera``: without them, there are no such processes.
+    ``received``: handles each of their messages; called in the event loop that ran ``start``.
+    ``loop`` and ``camera``: pipes to the processes; without them, there are no such processes.
     """
 
     def __init__(
@@ -49,13 +49,13 @@ class ConsoleLink:
             threading.Thread(target=work, daemon=True).start()
 
     def order(self, message: messages.ToLoop) -> None:
-        """Send an order to the loop; drop it if no loop would carry it out now."""
+        """Send an order to the loop; drop it if there is no loop to carry it out now."""
         if self._loop_runs or isinstance(message, messages.Release):
             with contextlib.suppress(queue.Full):
                 self._orders.put_nowait(msgspec.msgpack.encode(message))
 
     def stop(self) -> None:
-        """Leave the loop alone; it continues without the server."""
+        """Disconnect from the loop; it continues without the server."""
 
     def _receive_from_loop(self) -> None:
         for pipe in self._loop.pipes():

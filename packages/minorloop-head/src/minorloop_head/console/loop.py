@@ -1,9 +1,9 @@
-"""The control loop: a process of its own with 25 ticks a second, which never waits for others.
+"""The control loop: a separate process with 25 ticks per second, which never waits for others.
 
 It only does the tick. The camera process takes, searches and encodes pictures; the process of the
-plant applies inputs. Threads receive and send messages. Between them and the tick only the newest
-message is kept, so that a page, a server, a camera or a disk that hangs does not delay a tick. When
-the server ends, the loop holds and waits for another; when the supervisor ends, the loop ends.
+plant applies inputs. Threads receive and send messages, and pass only the newest one to the tick: a
+page, a server, a camera or a disk that hangs does not delay it. When the server ends, the loop
+holds and waits for another; when the supervisor ends, the loop ends.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from minorloop_head.control.head import HeadControl
 from minorloop_head.procedures.calibration import HeadCalibration
 
 _STOOD_STILL = 0.2
-"""Seconds that a tick may be late; a later one means that the process was stopped."""
+"""Longest delay of a tick in seconds; a longer one means that the process was stopped."""
 _WAIT = 0.025
-"""Seconds in which the plant has to answer; the rest of a tick of 40 ms is for everything else."""
+"""Longest wait for an answer of the plant, in s; the loop needs the rest of a tick of 40 ms."""
 _MOST_LATE = 0.1
-"""Seconds of silence in which fewer readings are missed than make a sensor count as lost."""
+"""Longest silence in seconds that misses fewer readings than those of a lost sensor."""
 _POLL = 0.1
 _NEW_SERVER = object()
 _COLLECT_EVERY = _STATUS_EVERY = 25
@@ -59,7 +59,7 @@ def run(
     tracking: socket.socket | None = None,
     control: HeadControl | None = None,
 ) -> None:
-    """Run the loop until the supervisor ends; for a process of its own.
+    """Run the loop until the supervisor ends, in a separate process.
 
     ``handle``: gives pipes to the server, to the plant, and to the camera, whose first message is
     its calibration; ``tracking``: receives the packets of a tracker of the operator's head;
@@ -70,7 +70,7 @@ def run(
     sys.setswitchinterval(1e-3)
     be_nice(-10)  # it helps where other programs use the same cores
     silence = settings.patience / 2
-    # A longer silence without readings would count as a lost sensor first.
+    # A longer silence would first count as a lost sensor.
     wait = _WAIT if silence < _MOST_LATE else None
     camera, plant = RemoteCamera(pictures), RemotePlant(wires, silence, wait)
     try:
@@ -100,7 +100,7 @@ def run(
 
 
 def _identified(settings: LoopSettings) -> HeadControl:
-    """Identify the head; what this needs is not imported for one that is known."""
+    """Identify the head; the modules for this are not imported for a known head."""
     from minorloop_head.console.identified_head import head_of
 
     return head_of(settings.address, settings.specimen)
@@ -129,7 +129,7 @@ def _fail(sentence: str, server: NewestPipe, handle: ProcessHandle, stop: thread
 
 
 class _Stub:
-    """A plant and a camera that do nothing, to compile what the first ticks would wait for."""
+    """A plant and a camera that do nothing, to compile functions before the first ticks."""
 
     tick, time, problem = 0.04, None, ""
 
@@ -200,7 +200,7 @@ class _Loop:
             handle.beat()
             due += interval
             if session.ticks % _COLLECT_EVERY == 0:
-                gc.collect()  # all of it, in a tenth of a millisecond: what was there is frozen
+                gc.collect()  # takes 0.1 ms: older objects are frozen
             time.sleep(max(due - time.monotonic(), 0.0))
 
     def _tick(self, late: float) -> None:
@@ -242,7 +242,7 @@ class _Loop:
     def _watch_plant(self) -> None:
         """Hold if the plant does not answer, and rest if it was made safe.
 
-        That it may not be safe is said until it is.
+        A warning stays until the plant is safe.
         """
         self._session.danger = "" if self._plant.answer.safe else self._plant.answer.why
         lost = not self._plant.responds
@@ -289,7 +289,7 @@ class _Loop:
         self._recording.keep(PICTURE, messages.HEADER.unpack_from(content)[2], content)
 
     def _receive_all(self) -> None:
-        """Receive the messages of servers; for a thread of its own."""
+        """Receive the messages of servers, in a separate thread."""
         for pipe in self._server.pipes():
             self._inbox.append((time.monotonic(), _NEW_SERVER))
             with contextlib.suppress(EOFError, OSError):

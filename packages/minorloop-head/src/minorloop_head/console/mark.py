@@ -1,8 +1,8 @@
-"""A touch of the tracked point with the micro-tool from the console: what is said of it.
+"""A touch of the tracked point with the micro-tool from the console, and its messages.
 
-TRACK is its mode: leaving it ends the touch. The head turns until the point is where the tool would
-meet the wall. The camera process carries out the rest, as `minorloop_head.procedures.mark.Marking`
-does for a rig. Every touch ends with a sentence.
+Its mode is TRACK: leaving it ends the touch. The head turns until the tool would meet the wall at
+the point. The camera process carries out the rest, as `minorloop_head.procedures.mark.Marking` does
+for a rig. Every touch ends with a message.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ PATIENCE = 30.0
 """Longest duration of a stage in seconds: in the simulated pipe the head takes 5 to 12 s to come to
 rest, and the tool 2 s to the wall and back."""
 _UNSEEN = 0.5
-"""Seconds for which a point may not be recognised while the head comes to rest: on wall with little
-texture this is one picture of ten, and a loaded machine gives them late. TRACK ends at 0.6 s."""
+"""Longest seconds without recognition of a point while the head comes to rest: on wall with little
+texture one picture in ten fails, and a loaded machine is late. TRACK ends at 0.6 s."""
 TOUCHED = "the tool has touched the wall, and is withdrawn"
 _NOT_SHOWN = "the camera does not show its mark"
 NO_CONTACT = (
@@ -39,30 +39,30 @@ OUT_OF_REACH = (
 
 
 def marking(view: HeadCalibration) -> Marking:
-    """Return the procedure as the camera process carries it out; the head is turned by TRACK."""
+    """Return the part of the procedure in the camera process; TRACK turns the head."""
     close = Centring.in_middle
     return Marking(calibration=view, close=close, patience=PATIENCE, unseen=_UNSEEN, tries=1)
 
 
 def reaches(view: HeadCalibration, pixel: npt.ArrayLike, now: Reading) -> bool:
-    """Return whether the tool reaches what a pixel (2,) shows."""
+    """Return whether the tool reaches the wall at a pixel (2,)."""
     place = np.asarray(view.camera_at(now.place).place(pixel, *now.angles.tolist()))
     known = bool(np.isfinite(place).all())
     return known and Marking(calibration=view).angles(place, now.place) is not None
 
 
 def servoed(view: HeadCalibration, pixel: Pair, now: Reading) -> FloatArray:
-    """Return the pixel (2,) to be centred, so that a point gets to where the tool meets it."""
+    """Return the pixel (2,) to be centred, so that the tool meets a point."""
     assert view.tool is not None
     met = tool_pixel(view, view.tool, now.place, now.angles)
     return np.asarray(np.asarray(pixel) - met + np.asarray(view.lens.centre))
 
 
 def ended(verdict: str, off: float | None, score: float = 1.0) -> str:
-    """Return the sentence on a touch.
+    """Return the message on a touch.
 
     ``verdict``: of `Marking`. ``off``: distance of the mark from the picked point in metres; None
-    if it is not seen. ``score``: of the recognition of the point when the touch began.
+    if the mark is not seen. ``score``: of the recognition of the point when the touch began.
     """
     said = _ended(verdict, off)
     if score < SURELY:
@@ -88,5 +88,5 @@ def _ended(verdict: str, off: float | None) -> str:
 
 
 def unmeasured(why: str) -> str:
-    """Return the sentence on a touch whose mark was not measured."""
+    """Return the message on a touch whose mark was not measured."""
     return f"{TOUCHED}; its distance from the picked point is not known: {why}"

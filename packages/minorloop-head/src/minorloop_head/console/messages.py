@@ -17,7 +17,7 @@ from msgspec import UNSET, UnsetType
 from minorloop.errors import SignalError
 
 LONGEST = 2048
-"""Most bytes of a message from a page; the longest valid one has about 300."""
+"""Largest size of a message from a page in bytes; the longest valid one has about 300."""
 HEADER = struct.Struct("<B3xIdffff")
 """Kind, number, time in s, pan and tilt in degrees, advance in mm and roll in degrees."""
 IMAGE, MAP, JOB = 1, 2, 3
@@ -56,7 +56,7 @@ class _FromPage(
 
 
 class _Order(_FromPage, frozen=True, kw_only=True):
-    """A message that only the pilot may send; ``grant`` is the number of the taking of controls."""
+    """A message that only the pilot may send; ``grant`` counts how often controls were taken."""
 
     grant: _Number
 
@@ -195,7 +195,7 @@ class _ToPage(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag=s
 
 
 class CameraView(msgspec.Struct, frozen=True, kw_only=True):
-    """What the pages need to know of the camera: pixels, and lever and radius in metres."""
+    """Camera for the pages: numbers of pixels, and lever and radius in metres."""
 
     width: int
     height: int
@@ -274,7 +274,7 @@ class LoopState(_ToPage, frozen=True, kw_only=True, tag="state"):
 
 
 class Controls(_ToPage, frozen=True, kw_only=True, tag="controls"):
-    """Who has the controls; ``grant`` is 0 for everybody but the pilot."""
+    """Holder of the controls; ``grant`` is 0 for everybody except the pilot."""
 
     you: int
     pilot: int | None
@@ -303,7 +303,7 @@ class Notice(_ToPage, frozen=True, kw_only=True):
 
 
 class Failed(_ToPage, frozen=True, kw_only=True):
-    """The loop does not run; ``again`` if it is being restarted."""
+    """The loop does not run; ``again`` if it is restarting."""
 
     text: str
     again: bool | UnsetType = UNSET
@@ -339,9 +339,9 @@ class ScanEnded(_ToPage, frozen=True, kw_only=True, tag="scanned"):
 
 
 class SweepMapped(_ToPage, frozen=True, kw_only=True, tag="swept"):
-    """The map of a sweep is there, with a number that rises from sweep to sweep.
+    """The map of a sweep is available, with a number that rises from sweep to sweep.
 
-    ``mapped`` is the share of its area that is mapped, ``whole`` whether it was not cut.
+    ``mapped`` is the mapped share of its area, ``whole`` whether the sweep was complete.
     """
 
     number: int
@@ -404,9 +404,9 @@ Order: TypeAlias = (
     | Release
 )
 Message: TypeAlias = Order | Take | Ping
-"""What a page may send."""
+"""Messages of a page."""
 ToLoop: TypeAlias = Order | DepthFitted | SweepFitted | ControlsTaken | KnownFindings
-"""What the server sends to the control loop."""
+"""Messages of the server to the control loop."""
 ToPage: TypeAlias = (
     Hello
     | LoopState
@@ -423,7 +423,7 @@ ToPage: TypeAlias = (
     | DepthProgress
     | ReplayEnded
 )
-"""What a page may receive."""
+"""Messages to a page."""
 
 # msgspec inspects a class when a decoder for it is first made, and crashes where two threads do so
 # at once. All decoders of the console are therefore made while modules are imported.
@@ -436,7 +436,7 @@ _encoder = msgspec.json.Encoder()
 def decode(text: str | bytes) -> Message:
     """Return the message in a text from a page.
 
-    Raises a `SignalError` if it is not a valid message; the sentence says what is wrong with it.
+    Raises a `SignalError` that says what is wrong if it is not a valid message.
     """
     if len(text) > LONGEST:
         raise SignalError(f"the message has {len(text)} characters; at most {LONGEST} are allowed")

@@ -1,7 +1,7 @@
-"""Modes of the console: who moves the head.
+"""Modes of the console: the source of the motion of the head.
 
 In HEAD the head follows the operator's head. In TRACK the camera keeps a point of the image in the
-middle, whatever the operator's head does. In SCAN the probe visits the points of a scan. In HOLD
+middle, independently of the operator's head. In SCAN the probe visits the points of a scan. In HOLD
 head and catheter stand still. A change of mode moves nothing: each mode starts at the present
 command. A stick moves the catheter: forward pushes it into the pipe, right rolls it to the right.
 """
@@ -66,9 +66,9 @@ class TeleopConfig:
     gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
-    """Seconds that a target may be out of sight before TRACK ends."""
+    """Longest seconds without sight of the target in TRACK."""
     pictures: float = 0.12
-    """Seconds that may pass without a picture."""
+    """Longest seconds without a picture."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,11 +86,11 @@ class TickInput:
     stick: Pair = (0.0, 0.0)
     """Forward and right, -1 to 1."""
     lost: str = "the pose of the operator's head was lost"
-    """What to say if there is no pose, or an old one."""
+    """Message if there is no pose, or an old one."""
     clutch: bool = False
     """Whether the clutch is pressed."""
     blind: str = ""
-    """What to say if the camera gives no pictures, or no angles; empty if it does."""
+    """Message if the camera gives no pictures, or no angles; empty otherwise."""
     servo: Pair | None = None
     """Rates of pan and tilt that centre the target, in rad/s; None while the target is not
     visible."""
@@ -105,11 +105,11 @@ class TeleopState:
 
     mode: Mode = "HOLD"
     reason: str = "no mode has been chosen yet; take the controls and press one"
-    """Why the mode is on, if it was not requested; empty otherwise."""
+    """Reason of a mode that was not requested; empty otherwise."""
     gaze: HeadPoseState = field(default_factory=HeadPoseState)
     """Its ``command`` is that of the head, in radians about the middle of the cone."""
     rates: Rates = (0.0, 0.0)
-    """Of the catheter, in m/s and rad/s."""
+    """Rates of the catheter, in m/s and rad/s."""
     unseen: float = 0.0
     """Seconds that the target has been out of sight."""
 
@@ -123,17 +123,17 @@ def advance(
     config: TeleopConfig, state: TeleopState, inputs: TickInput, interval: float
 ) -> TeleopState:
     """Return the state after one tick."""
-    state = _entered(config, state, inputs)
+    state = _enter(config, state, inputs)
     if state.mode == "HOLD":
         return replace(state, rates=(0.0, 0.0))
     if state.mode == "SCAN":
-        return _scanned(config, state, inputs.scan, interval)
+        return _scan(config, state, inputs.scan, interval)
     rates = push(config.stick, state.rates, inputs.stick, interval)
     if state.mode == "HEAD":
         after = gaze(config.gaze, state.gaze, inputs.pose, interval, clutch=inputs.clutch)
         return replace(state, gaze=after, rates=rates)
     unseen = 0.0 if inputs.servo is not None else state.unseen + interval
-    moved = _servoed(config, state.command, inputs.servo, interval)
+    moved = _servo(config, state.command, inputs.servo, interval)
     return replace(state, gaze=anchored(state.gaze, moved), rates=rates, unseen=unseen)
 
 
@@ -142,7 +142,7 @@ def held(state: TeleopState, reason: str) -> TeleopState:
     return TeleopState("HOLD", reason, anchored(state.gaze))
 
 
-def _entered(config: TeleopConfig, state: TeleopState, inputs: TickInput) -> TeleopState:
+def _enter(config: TeleopConfig, state: TeleopState, inputs: TickInput) -> TeleopState:
     """Return the state in the mode of this tick."""
     wanted = inputs.request or state.mode
     refusal = _refusal(config, state, inputs, wanted)
@@ -154,10 +154,10 @@ def _entered(config: TeleopConfig, state: TeleopState, inputs: TickInput) -> Tel
 
 
 def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted: Mode) -> str:
-    """Return why a mode cannot be on; empty if it can."""
+    """Return the reason why a mode is impossible; empty if it is possible."""
     if wanted == "HOLD":
         return ""
-    # Written so that an infinite timeout does not admit a page that never sent anything.
+    # Written so that an infinite timeout does not accept a page that never sent a message.
     if not inputs.link_age <= config.stick.timeout:
         return (
             f"no message came from the operator's page for {config.stick.timeout:g} s; press a "
@@ -177,14 +177,14 @@ def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted
     return ""
 
 
-def _servoed(config: TeleopConfig, command: Pair, servo: Pair | None, interval: float) -> Pair:
+def _servo(config: TeleopConfig, command: Pair, servo: Pair | None, interval: float) -> Pair:
     if servo is None or not math.isfinite(servo[0] + servo[1]):
         return command
     wanted = command[0] + interval * servo[0], command[1] + interval * servo[1]
     return slewed(config.gaze, command, into_cone(wanted, config.gaze.cone), interval)
 
 
-def _scanned(
+def _scan(
     config: TeleopConfig, state: TeleopState, requested: tuple[Pair, Rates] | None, interval: float
 ) -> TeleopState:
     assert requested is not None
@@ -198,8 +198,8 @@ def push(
 ) -> Rates:
     """Return rates of advance and roll after an interval, in m/s and rad/s.
 
-    ``before``: present rates. ``deflection``: forward and right, each from -1 to 1. None stops at
-    once, as fast as the motors can. ``interval``: in seconds.
+    ``before``: present rates. ``deflection``: forward and right, each from -1 to 1; None stops as
+    fast as the motors can. ``interval``: in seconds.
     """
     if deflection is None:
         return 0.0, 0.0

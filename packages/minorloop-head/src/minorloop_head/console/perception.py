@@ -50,17 +50,17 @@ from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED, TrackState
 
 _POLL = 0.04
-"""Seconds between two looks for the result of a computation."""
+"""Seconds between two checks for the result of a computation."""
 _MOST_QUEUED = 4
-"""Commands that wait for the camera."""
+"""Most commands that wait for the camera."""
 _ASTRAY, _SETTLING = 2.0, 2.0
-"""Factor by which the first picture that is shown may be brighter or darker than metered, and
-seconds after which one is shown all the same: of a camera that sets its exposure by itself."""
+"""Largest factor by which the first shown picture is brighter or darker than metered, and seconds
+after which a picture is shown anyway: that of a camera that sets its exposure itself."""
 _SNAP = 18.0
 """Pixels from a candidate within which a pick takes the candidate."""
 
 Later: TypeAlias = Callable[[Callable[[], Any]], Callable[[], Any | None]]
-"""Starts a computation; what it returns gives the result, or None until there is one."""
+"""Starts a computation; returns a function that returns the result, or None before its end."""
 
 
 def at_once(work: Callable[[], Any]) -> Callable[[], Any | None]:
@@ -69,8 +69,8 @@ def at_once(work: Callable[[], Any]) -> Callable[[], Any | None]:
     return lambda: result
 
 
-def _unpicked(picked: tuple[float, float], pixel: FloatArray, error: MinorloopError) -> str:
-    """Return the sentence on a picked pixel that cannot be tracked, at the pixel that was tried."""
+def _pick_refusal(picked: tuple[float, float], pixel: FloatArray, error: MinorloopError) -> str:
+    """Return the message on a picked pixel that cannot be tracked, at the tried pixel."""
     moved = ", by the middle of the outline there," if math.dist(picked, pixel) > 1.0 else ""
     u, v = picked
     return f"pixel ({u:.0f}, {v:.0f}) was not picked{moved} and there is no target now: {error}"
@@ -137,9 +137,8 @@ class Perception:
     def tick(self, request: CameraRequest) -> CameraReport:
         """Carry out the commands, process a frame and report.
 
-        ``image`` is the one to show, ``taken`` its time, and ``shown`` says whether it is of this
-        tick. While a camera has only pictures of the lights before, the report has what the angles
-        give.
+        ``image`` is the picture to show, ``taken`` its time, and ``shown`` whether it is of this
+        tick. While a camera only has pictures under the former lights, the report uses the angles.
         """
         self._position, joints = request.position, None
         self._tip.move_to(request.stance)
@@ -155,7 +154,7 @@ class Perception:
             self._queue.pop(0)()
         if (
             not self._busy
-            and not self._fires
+            and not self._is_firing
             and (self._seen_angles is None or self._seen_angles.known)
             and self._finder.at_rest
             and not self._finder.has_searched(request.position)
@@ -168,7 +167,7 @@ class Perception:
         if self._seen_angles is not None and frame is not None and self._all_lights:
             joints = self._joints(self._seen_angles, frame, request.cold)
         if self._echoes is not None and self._all_lights:
-            self._scanned(self._echoes, None if frame is None else frame.image)
+            self._use_picture(self._echoes, None if frame is None else frame.image)
         centred = self._track is not None and request.centring
         self._light.place = self._track.place if centred and self._track is not None else None
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
@@ -185,7 +184,7 @@ class Perception:
         )
 
     def _joints(self, seen: SeenAngles, frame: Frame, cold: bool) -> tuple[float, float] | None:
-        """Return the angles that a picture shows, which are its position too."""
+        """Return the angles by a picture, and set its position to them."""
         read = seen.read(frame, cold=cold)
         if not np.isfinite(read).all():
             return None
@@ -204,7 +203,7 @@ class Perception:
             self._settled = self._settled or late or off < math.log(_ASTRAY)
             self.image, self.shown = image, self._settled
             fresh = self._picked is None
-            if not fresh:  # the track starts at this frame, so it is not followed in it
+            if not fresh:  # the track starts at this frame
                 self._try(self._begin_track, [reading])
         target = self._follow(reading, lit and fresh and free)
         if self._work is not None:
@@ -214,11 +213,11 @@ class Perception:
         return target
 
     def _frame(self, request: CameraRequest) -> Frame | None:
-        """Return the frame of a tick; None while it may show the lights before.
+        """Return the frame of a tick; None while it may show the former lights.
 
-        Between bursts a scan needs none, nor a head that holds where its view was searched, or
-        rests there and tracks nothing, so that a simulated camera draws only some to show; a device
-        that stops is noticed in each tick.
+        A scan between bursts needs no frames, nor does a head that holds before a searched view, or
+        rests there and tracks nothing: a simulated camera then draws only some of them to show. A
+        real camera is read in each tick, so that a failure is noticed.
         """
         if self._newest is not None:
             return self._newest()
@@ -226,7 +225,7 @@ class Perception:
         used = used or (self._echoes is not None and self._echoes.waiting)
         still = request.holding or (self._track is None and self._finder.at_rest)
         known = still and self._finder.has_searched(self._position)
-        few = not used and (known or self._fires)
+        few = not used and (known or self._is_firing)
         return None if few and request.number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
@@ -250,13 +249,13 @@ class Perception:
     # --- the tracked point
 
     def _pick(self, u: float, v: float) -> None:
-        """Track what is at a pixel, from the next frame under all lights."""
+        """Track the point at a pixel, from the next frame under all lights."""
         self._picked = self._wanted = (u, v)
 
     def _begin_track(self, reading: Reading) -> None:
         """Track the candidate near the picked point, or the outline about it once it is known.
 
-        What was tracked is not what is wanted now: nothing may touch it.
+        The former point is given up: the tool may not touch it.
         """
         assert self._picked is not None
         assert reading.image is not None
@@ -269,7 +268,7 @@ class Perception:
                 return
         frame = LitFrame(reading.image, *reading.angles.tolist())
         frames = self._finder.frames_with(frame, self._position)
-        # It takes as long as many frames.
+        # This takes the time of many frames.
         outline = self._later(lambda: self._outlined(frames, picked, reading))
         self._pending.append((outline, partial(self._track_from, reading, picked)))
 
@@ -282,14 +281,14 @@ class Perception:
             return np.array(picked)
 
     def _track_from(self, reading: Reading, picked: tuple[float, float], pixel: FloatArray) -> None:
-        """Track what the picture of a reading shows at a pixel, unless another one was picked."""
+        """Track the point at a pixel in the picture of a reading, unless another one was picked."""
         if picked is not self._wanted:
             return
         assert reading.image is not None
         try:
             track, self._track = self._centring.pick(reading.image, pixel, reading)
         except MinorloopError as error:
-            self._report("unpicked", text=_unpicked(picked, pixel, error))
+            self._report("unpicked", text=_pick_refusal(picked, pixel, error))
             return
         self._visible, self._score = True, track.score
 
@@ -300,7 +299,7 @@ class Perception:
         pixel = self._pixel_of(self._track)
         if self._mark is not None:
             image = reading.image if usable else None
-            self._go_on_marking(*self._mark, replace(reading, image=image))
+            self._continue_mark(*self._mark, replace(reading, image=image))
             pixel = self._pixel_of(self._track)
         elif usable:  # under other lights, or out of focus, only the angles are used
             now, self._track = self._centring.follow(self._track, reading, reading.image)
@@ -360,9 +359,9 @@ class Perception:
             self._queue.append(self._sharpen)
             return
         guess = wall_ahead(self.view, self._reading())
-        self._use(focus(self.view.lens, self._pixel_of(self._track), guess), self._sharpened)
+        self._use(focus(self.view.lens, self._pixel_of(self._track), guess), self._use_focus)
 
-    def _sharpened(self, found: FocusPeak) -> None:
+    def _use_focus(self, found: FocusPeak) -> None:
         self._light.focusing = False
         self._report("focused", distance=float(found.distance), verdict=found.verdict)
 
@@ -381,11 +380,11 @@ class Perception:
             self._mark = Running(self._marking.resume(touch), carry_out, withdrawn), touch
 
     def _end_mark(self) -> None:
-        """Withdraw the tool, whatever it does."""
+        """Withdraw the tool at any stage."""
         self._mark = None
         apply_to_tip(self._tip, Request(extension=0.0))
 
-    def _go_on_marking(self, running: Running[Touch], touch: Touch, reading: Reading) -> None:
+    def _continue_mark(self, running: Running[Touch], touch: Touch, reading: Reading) -> None:
         """Do one step of a touch, which tracks the point too."""
         extension, touching = self._tip.tool_state() if isinstance(self._tip, ToolTip) else (0, 0)
         reading = replace(reading, extension=extension, touching=bool(touching))
@@ -411,7 +410,7 @@ class Perception:
         assert touch.before is not None
         assert touch.met is not None
         assert touch.track is not None
-        # The edge of a pit may be off by a pixel: it is as much brighter as it is darker.
+        # An edge of a pit that is off by a pixel is no mark: it is brighter as much as darker.
         after = reading.image, reading.angles + touch.track.turn
         if seen_mark(self.view, reading.place, touch.met, after, touch.before) is not None:
             return None
@@ -421,9 +420,9 @@ class Perception:
 
     def _find(self) -> None:
         """Search the view for defects."""
-        self._acquire(self._found)
+        self._acquire(self._use_findings)
 
-    def _found(self, findings: Findings) -> None:
+    def _use_findings(self, findings: Findings) -> None:
         self._finder.add(findings)
         self._report("found", count=len(findings.holes), verdict=findings.verdict)
 
@@ -432,12 +431,12 @@ class Perception:
         if self._track is None:
             self._report("extracted", hole=None, verdict="no target is tracked")
             return
-        self._acquire(self._extracted)
+        self._acquire(self._use_outline)
 
-    def _extracted(self, findings: Findings) -> None:
+    def _use_outline(self, findings: Findings) -> None:
         self._finder.add(findings)
         assert self._track is not None
-        # Without an outline in these frames, one that was seen from farther away is used.
+        # Without an outline in these frames, use one of a view from farther away.
         hole = nearest(findings.holes, self._track.place, self.view.radius)
         hole = hole or self._finder.near(self._track.place)
         if hole is None:
@@ -457,8 +456,8 @@ class Perception:
     def _acquire(self, then: Callable[[Findings], None]) -> None:
         """Take five frames under switched lights, then search them for defects.
 
-        Only one acquisition is searched at a time, and few wait: a busy machine is slower than
-        the camera, and each acquisition has megabytes.
+        Only one acquisition is searched at a time, and few wait: a busy machine is slower than the
+        camera, and each acquisition takes megabytes.
         """
         if self._busy:
             if len(self._queue) < _MOST_QUEUED:
@@ -481,7 +480,7 @@ class Perception:
         return self._work is not None or bool(self._pending) or self._mark is not None
 
     @property
-    def _fires(self) -> bool:
+    def _is_firing(self) -> bool:
         """Whether a scan or a sweep is on."""
         return self._echoes is not None or self._sweep is not None
 
@@ -509,7 +508,7 @@ class Perception:
         self._echoes = ScanEchoes(self.view, int(finding), (phi, z), diameter)
         self._echoes.read(self._now, self._position)
 
-    def _scanned(self, echoes: ScanEchoes, image: Image | None) -> None:
+    def _use_picture(self, echoes: ScanEchoes, image: Image | None) -> None:
         """Use a picture for the scan, and report a burst whose pose is known."""
         begun = echoes.begun
         if image is not None:
@@ -521,7 +520,7 @@ class Perception:
             self._report("burst", count=len(echoes.bursts), verdict=verdict)
 
     def _flood(self, echoes: ScanEchoes) -> None:
-        """Let the water in, after the first picture of a scan; end the scan if it is of no use."""
+        """Flood the pipe after the first picture of a scan; end the scan if that is not usable."""
         problem = "" if echoes.begun else echoes.why
         try:
             if not problem:
@@ -533,14 +532,14 @@ class Perception:
             self._report("unscanned", text=problem)
 
     def _fire(self, pan: float, tilt: float) -> None:
-        """Fire at a point of the scan, which was requested at a pan and tilt."""
+        """Fire at a point of the scan with the requested pan and tilt."""
         if self._echoes is None:
             self._report("unscanned", text="the camera was started anew")
             return
         self._echoes.fire(self._tip, self._now, self._position, (pan, tilt))
 
     def _finish_scan(self) -> None:
-        """Hand the echoes over to be fitted, and end the scan."""
+        """Send the echoes to the fit, and end the scan."""
         if self._echoes is None:
             raise SignalError("no scan is on")
         self.jobs.append(self._echoes.job())
@@ -573,10 +572,10 @@ class Perception:
             self._sweep.fire(self._tip)
 
     def _end_sweep(self, whole: float) -> None:
-        """Drain the pipe, and hand over what was fired to be mapped."""
+        """Drain the pipe, and send the bursts to be mapped."""
         sweep, self._sweep = self._sweep, None
         if sweep is not None and sweep.bursts:
             self.jobs.append(sweep.job(whole=bool(whole)))
         elif sweep is not None:
-            self._report("notice", text="nothing of the sweep was fired yet, so nothing is mapped")
+            self._report("notice", text="the sweep has no bursts yet, so nothing is mapped")
         self._tip.flood(False)

@@ -2,7 +2,7 @@
 
 There are two interfaces, since one process drives the wires and another one reads camera and probe.
 `Plant` is a head with two wires on a catheter with two motors. `Tip` is the camera with its lights
-and the ultrasonic probe. The wires are known as identified, camera and probe as calibrated.
+and the ultrasonic probe. Wires are known by identification, camera and probe by calibration.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _LENGTH = 0.1024
 _CLEAR = 2.5e-3
 """Least distance along the pipe of a crack from a pit or a hole, in metres."""
 _FOUND, _AWAY = (0.85e-3, 1.15e-3), 2e-3
-"""Least and largest diameter of a pit or a hole, those that the camera is to find, and how far each
-may be along the pipe from the middle of its part, in metres."""
+"""Least and largest diameter of a pit or a hole for the camera, and largest distance along the pipe
+from the middle of its part, in metres."""
 FULL_PIPE = -9.999e-3
 """Height of the water in the full pipe, in metres; y points down from the axis."""
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
@@ -54,7 +54,7 @@ def reading_at(position: Position, **known: Any) -> Reading:
 
 
 class _ProbedPlant(NamedTuple):
-    """What is known of a plant: serial number, tick in seconds, LEDs, and sensors at its joints."""
+    """Properties of a plant: serial number, tick in seconds, LEDs, and sensors at its joints."""
 
     serial: str | None
     tick: float
@@ -63,7 +63,7 @@ class _ProbedPlant(NamedTuple):
 
 
 def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFile, _ProbedPlant]:
-    """Return the file of the head at an address, and what is known of its plant.
+    """Return the file of the head at an address, and the properties of its plant.
 
     A head that is not simulated is made safe and read.
 
@@ -83,7 +83,7 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
 
 
 def _simulated(address: str, specimen: int | None) -> _ProbedPlant:
-    """Return what is known of the simulated head."""
+    """Return the properties of the simulated head."""
     from minorloop_head.twins.head import Head
 
     head = Head(specimen)
@@ -91,7 +91,7 @@ def _simulated(address: str, specimen: int | None) -> _ProbedPlant:
 
 
 def probed(address: str, specimen: int | None = None) -> _ProbedPlant:
-    """Return what is known of a plant, which is made safe and closed.
+    """Return the properties of a plant, which is then made safe and closed.
 
     Raises a `ParameterError` if nothing can be steered at the address, or it takes too long to make
     it safe; an `InstrumentError` if a device is missing, busy, or does not answer.
@@ -186,7 +186,7 @@ def open_tip(
 
 
 class _LoopClock(WallClock):
-    """The clock of a plant whose ticks the control loop keeps: the plant only reads it."""
+    """The clock of a plant that the control loop paces: the plant only reads it."""
 
     def sleep(self, seconds: float) -> None:
         """Return at once."""
@@ -205,7 +205,7 @@ def _actuator_plant(address: str, specimen: int | None = None, seed: int = 0) ->
 
 
 def flowing_water(level: float | None = FULL_PIPE, temperature: float | None = None) -> Filling:
-    """Return what fills the simulated pipe when it is flooded: water that flows.
+    """Return the filling of the flooded simulated pipe: water that flows.
 
     ``level``: height of its surface in metres, y pointing down from the axis; None for a dry pipe.
     ``temperature``: in degrees Celsius; that of a room without it.
@@ -220,7 +220,7 @@ def flowing_water(level: float | None = FULL_PIPE, temperature: float | None = N
 def _pipe(seed: int) -> Pipe:
     """Return a pipe with dents, dirt and scratches, and with pits, holes and cracks along it.
 
-    That of seed 0, the demonstration, has a first pit that is easy to find: black, flat, and large.
+    The pipe of seed 0, the demonstration, has a first pit that is easy to find: black, flat, large.
     """
     from minorloop_head.twins.pipe import Bore, Pipe, draw_pit
 
@@ -236,7 +236,7 @@ def _pipe(seed: int) -> Pipe:
 
 
 def _cracks(seed: int, bores: Sequence[float]) -> tuple[Crack, ...]:
-    """Return a crack between each two bores, at these places along the pipe, and beside none."""
+    """Return a crack between each two neighbouring bores, apart from all of them."""
     from minorloop_head.twins.pipe import draw_crack
 
     rng, found = np.random.default_rng([seed, 44]), []

@@ -1,6 +1,6 @@
 """The processes of the console: plant, control loop, camera and server, under a supervisor.
 
-Each process imports only what it needs, and the supervisor none of it, so that they start fast.
+To start fast, each process imports only the modules that it needs, and the supervisor none of them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PIPES = (
     ("camera", "server"),
     ("plant", "camera"),
 )
-"""Processes that have a pipe to each other; that of plant and camera is for lights and pump."""
+"""Pairs of processes with a pipe; the pipe of plant and camera is for lights and pump."""
 
 
 def supervised(
@@ -72,12 +72,12 @@ def supervised(
 
 
 def _run(handle: ProcessHandle, module: str, *given: Any) -> None:
-    """Run a module of the console; for a process of its own, which imports it."""
+    """Import and run a module of the console, in a separate process."""
     import_module(f"minorloop_head.console.{module}").run(handle, *given)
 
 
 def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
-    """Serve the pages until the supervisor ends; for a process of its own.
+    """Serve the pages until the supervisor ends, in a separate process.
 
     ``handle``: gives pipes to the control loop and to the camera.
     """

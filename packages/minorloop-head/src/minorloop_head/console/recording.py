@@ -23,15 +23,15 @@ SUFFIX = ".session"
 TEXT, PICTURE = 0, 1
 _ENTRY = struct.Struct("<Bdl")
 _LONGEST = 1 << 24
-"""Bytes of an entry above which a file counts as damaged."""
+"""Largest size of an entry in bytes; a file with a larger one counts as damaged."""
 MOST_UNWRITTEN = 20_000
-"""Entries of a recording that may wait for the disk: some ten minutes of them."""
+"""Most entries of a recording that wait for the disk: some ten minutes."""
 
 
 class Recorder:
     """Writes a recording.
 
-    ``folder``: it is made if it does not exist; ``name``: of the file, without its suffix. Raises
+    ``folder``: created if it does not exist; ``name``: of the file, without its suffix. Raises
     an `OSError` if it cannot be written, or the recording exists.
     """
 
@@ -50,7 +50,7 @@ class Recorder:
     def write(self, kind: int, t: float, content: bytes) -> None:
         """Add an entry.
 
-        Raises an `OSError` if the disk has no room for the whole of it; then nothing of it is left.
+        Raises an `OSError` if the disk has no room for the whole entry; none of it remains then.
         """
         self._put(_ENTRY.pack(kind, t, len(content)) + content)
 
@@ -64,7 +64,7 @@ class Recorder:
         self._file.close()
 
     def _put(self, content: bytes) -> None:
-        """Write all or nothing: a disk that becomes full takes a part first."""
+        """Write all or nothing: a disk that becomes full may have written a part."""
         if self._file.write(content) < len(content):
             self._file.truncate(self.size)
             self._file.seek(self.size)
@@ -73,10 +73,10 @@ class Recorder:
 
 
 class SessionRecording:
-    """Recordings one after the other; nothing but `write` and `close` waits for the disk.
+    """Recordings one after the other; only `write` and `close` wait for the disk.
 
-    Its ``recorder``: of the recording that goes on. ``folder``: of the recordings; ``ended``: takes
-    the sentence on a recording that ended because of the disk, in any thread.
+    Its ``recorder``: of the present recording. ``folder``: of the recordings; ``ended``: called in
+    any thread with the message on a recording that ended because of the disk.
     """
 
     def __init__(self, folder: Path, ended: Callable[[str], None]) -> None:
@@ -93,7 +93,7 @@ class SessionRecording:
         self.recorder = Recorder(self._folder, name)
 
     def keep(self, kind: int, t: float, content: bytes) -> None:
-        """Keep an entry, in any thread, if a recording goes on."""
+        """Queue an entry, in any thread, if a recording is on."""
         recorder = self.recorder
         if recorder is None:
             return
@@ -104,19 +104,19 @@ class SessionRecording:
             self._unwritten.put((recorder, (kind, t, content)))
 
     def end(self) -> None:
-        """End the recording; what was kept is still written."""
+        """End the recording; queued entries are still written."""
         recorder, self.recorder = self.recorder, None
         if recorder is not None:
             self._unwritten.put((recorder, None))
 
     def write(self) -> None:
-        """Write what is kept, for ever; for a thread of its own."""
+        """Write queued entries forever, in a separate thread."""
         while True:
             recorder, entry = self._unwritten.get()
             try:
                 if entry is None:
                     recorder.close()
-                elif not recorder.closed:  # an entry may be kept while its recording ends
+                elif not recorder.closed:  # an entry may be queued while its recording ends
                     recorder.write(*entry)
             except OSError as error:
                 recorder.close()

@@ -1,6 +1,6 @@
-"""Findings and introduction as they are sent to the pages, in degrees and mm.
+"""Messages to the pages with findings and introduction, in degrees and mm.
 
-A number of a finding is never used twice, and every change goes to the pages.
+A number of a finding is never used twice, and every change is sent to the pages.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from minorloop_head.reconstruction import findings as tables
 from minorloop_head.reconstruction.findings import kind_of
 
 NO_ECHOES = "no echoes yet"
-"""Verdict before a finding was scanned."""
+"""Verdict before the scan of a finding."""
 
 
 def camera_finding(
@@ -65,7 +65,7 @@ def _reported(
 def with_depth(
     finding: ReportedFinding, result: Mapping[str, Any], radius: float
 ) -> ReportedFinding:
-    """Return the finding with the result of its echoes; values they did not give stay as before."""
+    """Return the finding with the result of its echoes; other values do not change."""
     changed: dict[str, Any] = {"verdict": result["verdict"], "kind": kind_of(result["verdict"])}
     if result.get("diameter") is not None:
         changed |= {
@@ -113,7 +113,7 @@ def introduction(
     wires: Iterable[Any],
     no_probe: str = "",
 ) -> bytes:
-    """Return the message with camera, cone, planes of the wires, and why there is no probe."""
+    """Return the message with camera, cone, planes of the wires, and the reason of no probe."""
     lens = view.lens
     return messages.encode(
         messages.Hello(
@@ -160,19 +160,19 @@ class NumberedFindings:
         self._last_number = 0
 
     def extracted(self, hole: Any, t: float) -> None:
-        """Add what the camera has measured at a time in seconds."""
+        """Add a hole that the camera has measured at a time in seconds."""
         self._add(camera_finding, t, hole, self._radius)
         self.send()
 
     def swept(self, finds: Any, t: float) -> None:
-        """Add what a sweep has found, known at a time in seconds, but for what is known before."""
+        """Add the finds of a sweep at a time in seconds, except known findings."""
         for found in finds:
             if not any(self._same(found, known) for known in self.all):
                 self._add(_swept_finding, t, found)
         self.send()
 
     def _same(self, found: Any, known: ReportedFinding) -> bool:
-        """Return whether a find of a sweep is a known finding: both are cracks, or none is."""
+        """Return whether a find of a sweep may be a known finding: both or neither are cracks."""
         places = (found["phi"], found["z"]), (math.radians(known.phi), 1e-3 * known.z)
         near = float(wall_distance(*places, self._radius)) < SAME
         return near and (found["kind"] == CRACK) == (known.kind == CRACK)
@@ -196,7 +196,7 @@ class NumberedFindings:
         self.send()
 
     def wanted(self, number: int | None) -> ReportedFinding | str:
-        """Return a finding by its number, the last one without; a sentence if it is not there."""
+        """Return a finding by its number, or the last one; a message if there is none."""
         wanted = [f for f in self.all if number is None or f.number == number]
         if wanted:
             return wanted[-1]
@@ -210,15 +210,15 @@ class NumberedFindings:
         self._out.send(messages.FindingList(findings=self.all))
 
     def _add(self, reported: Callable[..., ReportedFinding], t: float, *found: Any) -> None:
-        self._last_number += 1  # never used again: a late fit must not meet another finding
+        self._last_number += 1  # never used again: a late fit must not change another finding
         self.all.append(reported(self._last_number, round(t, 2), *found))
 
 
 class Outgoing:
     """Messages and commands, in their order.
 
-    Its ``events``: encoded messages to the pages, as bytes; whoever sends them takes them out. Any
-    thread adds to them.
+    Its ``events``: encoded messages to the pages, as bytes; the sender removes them. Any thread may
+    add some.
     Its ``commands``: of this tick.
     """
 

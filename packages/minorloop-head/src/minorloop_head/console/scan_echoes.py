@@ -23,13 +23,13 @@ from minorloop_head.ultrasound.wall_echoes import SweptBurst
 from minorloop_head.vision.calibrated_camera import Image
 
 _PATIENCE = 0.5
-"""Seconds after a burst for which a picture of its pose is waited for: more than the latency of a
-usual camera."""
+"""Longest wait in seconds for a picture of the pose of a burst: more than the latency of a usual
+camera."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Fired:
-    """A burst at a time, where joints and catheter were then, and where they were wanted."""
+    """A burst with its time, the position of joints and catheter, and their wanted position."""
 
     t: float
     shots: list[Shot]
@@ -60,7 +60,7 @@ class ScanEchoes:
 
     @property
     def why(self) -> str:
-        """Why the last picture did not show how the head is turned; empty if it did."""
+        """Reason why the last picture did not show the turn of the head; empty if it did."""
         return self._base.why
 
     @property
@@ -69,7 +69,7 @@ class ScanEchoes:
         return not self.begun or self._fired is not None
 
     def read(self, t: float, position: Position) -> None:
-        """Note where joints and catheter are at a time in seconds."""
+        """Store the position of joints and catheter at a time in seconds."""
         self._base.read(t, position[:2], position[2:])
 
     def see(self, image: Image, t: float) -> None:
@@ -83,11 +83,11 @@ class ScanEchoes:
             self._base.begin(image, t)
 
     def fire(self, tip: Tip, t: float, position: Position, wanted: Pair) -> None:
-        """Fire a burst at a time in seconds, at a position, where a pan and tilt were wanted."""
+        """Fire a burst at a time in seconds, at a position, for a wanted pan and tilt."""
         self._fired = _Fired(t, tip.shots(SHOTS), position, wanted)
 
     def arrived(self, t: float) -> str | None:
-        """Return the verdict of the burst that was fired; None until pictures show its pose.
+        """Return the verdict of the last burst; None until pictures show its pose.
 
         A burst whose pose is not seen in time is dropped.
 
@@ -106,7 +106,7 @@ class ScanEchoes:
         return f"pose not seen: {self.why}"
 
     def _kept(self, fired: _Fired, angles: FloatArray) -> str:
-        """Keep a burst that was fired at a line of sight, and return why it is unusable."""
+        """Keep a burst with its line of sight, and return why it is unusable, or empty."""
         place, coupled = fired.position[2:], has_coupling(self.bursts)
         if self._reference is None:
             self._reference = self._scan.rolled(self._centre[0], place)
@@ -148,7 +148,7 @@ class SweepEchoes:
         self._now = t, position
 
     def fire(self, tip: Tip) -> None:
-        """Fire a burst where they are now."""
+        """Fire a burst at the present position."""
         t, position = self._now
         shots = tuple(tip.shots(SWEEP_SHOTS))
         reading = reading_at(position, t=t, shots=shots, fired=True)
@@ -157,7 +157,7 @@ class SweepEchoes:
     def job(self, *, whole: bool) -> dict[str, Any]:
         """Return the arguments of `minorloop_head.console.depth_work.sweep`.
 
-        ``whole``: whether the sweep was not cut.
+        ``whole``: whether the sweep was complete.
         """
         return {
             "bursts": self.bursts,

@@ -1,8 +1,8 @@
-"""Scans and sweeps of the probe, one at a time: what a tick of the console does for them.
+"""Scans and sweeps of the probe, one at a time, tick by tick of the console.
 
-SCAN is their mode. The camera process has the probe; it fires the bursts and keeps the echoes. In
-the end the head goes back to where it was. Leaving the mode ends a scan, and cuts a sweep, whose
-bursts until then are mapped; the head goes back from it before another mode begins.
+Their mode is SCAN. The camera process has the probe; it fires the bursts and keeps the echoes. At
+the end the head returns to its former position. Leaving the mode ends a scan, and stops a sweep,
+whose bursts until then are mapped; the head returns from it before another mode begins.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ middle of the picture to the edge of a sweep: twice a pit of 1.5 mm, in a minute
 FARTHEST = 40e-3
 """Distance in metres from head to place beyond which the picture looks along the pipe."""
 _HOMING = 8.0
-"""Longest seconds of the way back; at the end of its travel friction holds the catheter off."""
+"""Longest seconds of the way back; friction may hold the catheter before the end of its travel."""
 _LOOK_AT_THE_WALL = (
     "a sweep maps the wall in the middle of the picture; look at a place of it that is at least "
     f"{1e3 * ALONG:g} mm from the start of the catheter and at most {1e3 * FARTHEST:g} mm ahead"
 )
 STOPPED = (
-    "the sweep was stopped; what was fired is mapped; press Head or Track, and the head first goes "
+    "the sweep was stopped; its bursts are mapped; press Head or Track, and the head first goes "
     "back to where it was"
 )
 
 
 class _ScanTick(NamedTuple):
-    """What a tick requests: angles and rates, a hold with its reason, a mode to enter."""
+    """Requests of a tick: angles and rates, a hold with its reason, a mode to enter."""
 
     requested: tuple[Pair, Pair] | None = None
     hold: str = ""
@@ -55,14 +55,14 @@ class _ScanTick(NamedTuple):
 
 @dataclass(eq=False)
 class ProbeRun:
-    """A scan or a sweep that is on, and its way back."""
+    """A running scan or sweep, with its way back."""
 
     number: int
-    """Of the finding; 0 of a sweep."""
+    """Number of the finding; 0 for a sweep."""
     home: Position
-    """Pan, tilt, advance and roll to which the head goes back, in rad and m."""
+    """Pan, tilt, advance and roll to which the head returns, in rad and m."""
     made: Probed
-    """Without bursts, which the camera process has."""
+    """The state without bursts, which are in the camera process."""
     running: Running[None]
     waited: float = 0.0
     """Seconds since it began."""
@@ -71,7 +71,7 @@ class ProbeRun:
 
     @property
     def stage(self) -> str:
-        """Of the procedure, then ``back`` and ``done``."""
+        """Stage of the procedure, then ``back`` and ``done``."""
         return "done" if self.running.done else self.made.stage
 
     def advance(self, here: Position, interval: float) -> Request:
@@ -82,9 +82,9 @@ class ProbeRun:
 
 
 class Scanning:
-    """The scan or sweep that is on, and one whose head has still to go back.
+    """The running scan or sweep, and a stopped sweep whose head has still to return.
 
-    Its ``scan``: the scan or sweep that is on. ``interval``: of a tick, in seconds.
+    Its ``scan``: the running scan or sweep. ``interval``: of a tick, in seconds.
     """
 
     def __init__(
@@ -117,13 +117,13 @@ class Scanning:
 
         # The head returns to where it was commanded, the catheter to where it was measured.
         home = *command, *here[2:]
-        procedure = _and_back(scan.scan(made, centre), made, home, ended)
+        procedure = _with_return(scan.scan(made, centre), made, home, ended)
         running = Running(procedure, carry_out, Request(water=False))
         self.scan = ProbeRun(found.number, home, made, running)
         return True
 
     def begin_sweep(self, command: Pair, here: Position) -> bool:
-        """Begin a sweep about what is looked at, and return whether it was begun."""
+        """Begin a sweep about the middle of the picture, and return whether it was begun."""
         if self.scan is not None and not self.scan.number:
             self._out.notice("a sweep is on already; press Hold to stop it")
             return False
@@ -154,18 +154,18 @@ class Scanning:
             self._out.command("end_sweep", not made.trouble)
 
         home = (*command, *here[2:]) if self._left is None else self._left.home
-        procedure = _and_back(sweep.sweep(made), made, home, ended)
+        procedure = _with_return(sweep.sweep(made), made, home, ended)
         running = Running(procedure, carry_out, Request(water=False))
         self.scan, self._left, self._after = ProbeRun(0, home, made, running), None, None
         return True
 
     def fired(self) -> None:
-        """Take notice that the burst of a scan was fired."""
+        """Note that the burst of a scan was fired."""
         if self.scan is not None:
             self.scan.fired = True
 
     def back_first(self, request: Mode | None) -> Mode | None:
-        """Return the mode to enter for a request: first the way back from a sweep, which is cut."""
+        """Return the mode to enter for a request: first the way back from a stopped sweep."""
         sweep = self._left if self.scan is None else self.scan
         if sweep is None or sweep.number or request not in ("HEAD", "TRACK"):
             return request
@@ -177,7 +177,7 @@ class Scanning:
         return "SCAN"
 
     def tick(self, mode: Mode, command: Pair, here: Position) -> _ScanTick:
-        """Return what scan or sweep requests; they advance only in their mode."""
+        """Return the request of scan or sweep, which advance only in their mode."""
         scan = self.scan
         if scan is None or scan.stage == "done":
             return _ScanTick()
@@ -198,7 +198,7 @@ class Scanning:
             after, self._after = self._after, None
             return _ScanTick(mode=after)
         trouble = scan.made.trouble
-        how = f"has ended early: {trouble}; what was fired is mapped" if trouble else "is done"
+        how = f"has ended early: {trouble}; its bursts are mapped" if trouble else "is done"
         return _ScanTick(hold=f"the sweep {how}, and the head is back; press a mode to continue")
 
     def leave(self) -> None:
@@ -226,10 +226,10 @@ class Scanning:
         )
 
 
-def _and_back(
+def _with_return(
     procedure: Procedure[Probed], made: Probed, home: Position, ended: Callable[[], None]
 ) -> Procedure[None]:
-    """Carry out a scan or a sweep, say that it has ended, and bring the head back."""
+    """Carry out a scan or a sweep, report its end, and bring the head back."""
     yield from procedure
     made.stage = "back"
     ended()

@@ -1,6 +1,6 @@
 """The server of the pages: it passes messages between the pages and the control loop.
 
-It does not steer. The control loop is a process of its own, and holds if the server fails.
+It does not steer. The control loop is a separate process, and holds if the server fails.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.vision.imaging import opencv
 
 _PAINT_EVERY, _SHOW_EVERY = 5, 25
-"""Pictures after which the map gets one, and after which it is sent: five and one a second."""
+"""Pictures per update of the map, and per message with it: five and one per second."""
 _JOB = bytes([messages.JOB])
 _MOST_MESHES = 100
-"""Findings whose meshes are kept in memory."""
+"""Largest number of findings whose meshes are kept in memory."""
 _MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
 _SWEPT = {"png": "image/png", "csv": "text/csv"}
 _MEASURED = ("phi", "phi_sd", "z", "z_sd", "diameter", "diameter_sd", "depth", "depth_sd")
@@ -58,7 +58,7 @@ class Console:
     authentication: Authentication
     loop: LoopSettings = field(default_factory=LoopSettings)
     link: Callable[..., ConsoleLink] = ConsoleLink
-    """Makes the link to the control loop from its settings and a receiver of its messages."""
+    """Creates the link to the control loop from its settings and a receiver of its messages."""
     workers: int = 2
     """Simultaneous computations of the lab page."""
 
@@ -85,7 +85,7 @@ class _Server:
         self._fitters = Workers(
             min(self._workers, 1), tasks="minorloop_head.console.depth_work", longest=300.0, nice=7
         )
-        # Import and compile now, or everybody waits at the first picture. No process may be started
+        # Import and compile now, or all pages wait at the first picture. No process may be started
         # while OpenCV is imported, since that changes the path of modules meanwhile.
         opencv()
         lens = Pinhole(32, 24, 26.0, (15.5, 11.5))
@@ -174,7 +174,7 @@ class _Server:
         self._clients.send(content)
 
     def _handle_hello(self, hello: bytes) -> None:
-        """Take in the first message of a loop; send the findings to one that was restarted."""
+        """Handle the first message of a loop; send the findings to a restarted loop."""
         self._clients.hello = hello
         if self._wall_image is None:
             self._wall_image = WallImage(
@@ -185,7 +185,7 @@ class _Server:
             self._link.order(messages.KnownFindings(findings=findings))
 
     def _keep_known(self, numbers: set[int]) -> None:
-        """Drop fits and meshes of deleted findings; be ready for a scan once there is one."""
+        """Drop fits and meshes of deleted findings; prepare a scan at the first finding."""
         self._known = numbers
         if numbers:
             self._fitters.start()
@@ -209,7 +209,7 @@ class _Server:
         fitting.add_done_callback(self._fitting.pop)
 
     async def _fit(self, job: dict[str, Any]) -> None:
-        """Have the echoes of a scan fitted, and send the result to the loop and the pages."""
+        """Fit the echoes of a scan in a worker; send the result to the loop and the pages."""
         number = job["finding"]
         last: dict[str, Any] = {}
         began = time.monotonic()
@@ -227,7 +227,7 @@ class _Server:
         self._send_progress(number, "", 0.0)
 
     async def _map_sweep(self, job: dict[str, Any]) -> None:
-        """Have the bursts of a sweep mapped, and send the finds to the loop and the pages."""
+        """Map the bursts of a sweep in a worker; send the finds to the loop and the pages."""
         self._send_progress(0, "mapping the wall", 0.0)
         found = await self._fitters.ask("sweep", **job)
         self._send_progress(0, "", 0.0)
@@ -252,7 +252,7 @@ class _Server:
         self._clients.send(messages.encode(progress))
 
     def _paint(self, content: bytes, show: bool) -> None:
-        """Add a picture to the map, and send the map if asked; for a thread."""
+        """Add a picture to the map, and send the map if ``show``; for a thread."""
         try:
             cv2 = opencv()
             _, number, t, *where = messages.HEADER.unpack_from(content)
@@ -322,7 +322,7 @@ class _Server:
                     self._clients.free()
 
     async def _replay(self, socket: WebSocket, name: str) -> None:
-        """Send a recording at the pace at which it was made."""
+        """Send a recording at its original rate."""
         if name not in recording.listed(self._folder):
             await _close(socket, _REFUSED, f"there is no recording {name[:80]!r}")
             return

@@ -35,12 +35,12 @@ from minorloop_head.vision.video import NO_NEW_PICTURE
 _LOST_TICKS = 3
 """Ticks without a reading after which a sensor counts as lost."""
 _UNSEEN_TICKS = 50
-"""Ticks without angles by the camera after which the head holds: 2 s, more than a search of the
-view under switched lights takes."""
+"""Ticks without angles by the camera after which the head holds: 2 s, longer than a search under
+switched lights."""
 _STALE_TICKS = 8
-"""Ticks after which a report of the camera is too old to steer by."""
+"""Ticks after which a report of the camera is too old for steering."""
 _LONGEST_MEMORY = 40
-"""Extrema of a wire's memory that the pages are sent."""
+"""Most extrema of a wire's memory in messages to the pages."""
 
 
 class _HeadTracker(Protocol):
@@ -50,7 +50,7 @@ class _HeadTracker(Protocol):
     """Seconds between the newest poses; NaN if not known."""
 
     def read(self, now: float) -> tuple[Quaternion | None, float, str]:
-        """Return the newest pose, its age in seconds, and what to say if the age is too high."""
+        """Return the newest pose, its age in seconds, and the message on a pose that is too old."""
 
 
 @dataclass(eq=False)
@@ -59,15 +59,15 @@ class Session:
 
     plant: Plant
     view: HeadCalibration
-    """Of its camera and probe."""
+    """Calibration of its camera and probe."""
     control: HeadControl
-    """Of its head."""
+    """Control of its head."""
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)
     tracker: _HeadTracker | None = None
-    """Gives the pose of the operator's head instead of the page."""
+    """Source of the pose of the operator's head instead of the page."""
     no_probe: str = ""
-    """Why no depth can be measured; empty with a probe."""
+    """Reason why no depth can be measured; empty with a probe."""
     sensors: bool = True
     """Whether the joints have sensors; without them the reports of the camera give the angles."""
 
@@ -111,11 +111,11 @@ class Session:
 
     @property
     def scan(self) -> ProbeRun | None:
-        """The scan or sweep that is on."""
+        """The running scan or sweep."""
         return self._scanning.scan
 
     def receive(self, message: messages.ToLoop, at: float) -> None:
-        """Take in a message of the server, received at a time in seconds."""
+        """Handle a message of the server, received at a time in seconds."""
         if isinstance(message, messages.Drive):
             self._jumped = self._jumped or _jumped(self._drive, message)
             self._drive, self._drive_at = message, at
@@ -152,9 +152,9 @@ class Session:
             self._found.restore(message.findings)
 
     def hold(self, reason: str) -> None:
-        """Hold, and forget the last input of the operator.
+        """Hold, and drop the last input of the operator.
 
-        That the plant may not be safe is a graver reason than any other.
+        A plant that may not be safe has priority over any other reason.
         """
         reason = f"{self.danger}; press Head (1) when it is back" if self.danger else reason
         before, self.state = self.state.mode, held(self.state, reason)
@@ -170,7 +170,7 @@ class Session:
     def tick(self, now: float) -> FloatArray:
         """Do one tick at a time in seconds; return the four inputs that were applied."""
         for report in self.camera.reports():
-            self._take(report)
+            self._handle_report(report)
         self._watch_pictures()
         self._watch_mark()
         before = self.state.mode
@@ -217,10 +217,10 @@ class Session:
         return currents
 
     def _stop_after(self, before: str) -> None:
-        """In HOLD, stop where the head is: it may be ten degrees behind its command.
+        """In HOLD, stop at the angles of the head: they may be ten degrees behind its command.
 
-        The command stays for the next mode. The angles are those of the model, which no single
-        reading moves far.
+        The command stays for the next mode. The angles are those of the model, on which a single
+        reading has little effect.
         """
         if self.state.mode != "HOLD":
             self._stop = None
@@ -303,7 +303,7 @@ class Session:
         return {"pose": pose, "pose_age": age, "lost": problem}
 
     def _react(self, before: str) -> None:
-        """Tell the camera of a new mode; end a scan whose mode has ended."""
+        """Send a new mode to the camera; end a scan whose mode has ended."""
         mode = self.state.mode
         if mode == "HEAD" and before != "HEAD":
             self.focus = ""
@@ -312,7 +312,7 @@ class Session:
             self._scanning.leave()
 
     def _watch_latency(self, before: str, inputs: TickInput) -> None:
-        """Note how far the head is behind in HEAD, and say it when it stops after a while."""
+        """Measure the delay of the head in HEAD, and report it when HEAD ends after a while."""
         drive, state = self._drive, self.state
         if state.mode == before == "HEAD" and drive is not None:
             own = drive.age if self.tracker is None else 0.5 * self.tracker.spacing
@@ -343,7 +343,7 @@ class Session:
         self._pictured = self._pictured or self.seen.number > 0
 
     def _blind(self) -> str:
-        """Return why there are no pictures; empty if there are."""
+        """Return the reason of missing pictures; empty if there are pictures."""
         if self._no_pictures:
             said = self.camera.problem or (
                 f"no picture came from the camera for {self.config.pictures:g} s, which a longer "
@@ -361,9 +361,9 @@ class Session:
         return ""
 
     def _see_angles(self) -> None:
-        """Take the angles of joints without sensors from the newest report, once.
+        """Use the angles of joints without sensors from the newest report, once.
 
-        A camera process that was started anew does not know the cold head.
+        A restarted camera process does not know the cold head.
         """
         if self.sensors:
             return
@@ -375,7 +375,7 @@ class Session:
                 "press a mode when the head stands still"
             )
 
-    def _take(self, report: CameraReport) -> None:
+    def _handle_report(self, report: CameraReport) -> None:
         self.seen, self._joints = report, report.joints or self._joints
         for event in report.events:
             kind = event["what"]
@@ -393,7 +393,7 @@ class Session:
                     messages.FocusResult(distance=event["distance"], verdict=event["verdict"])
                 )
             elif kind == "extracted":
-                self._extracted(event)
+                self._add_hole(event)
             elif kind == "burst":
                 self._scanning.fired()
             elif kind == "unscanned" and self.state.mode == "SCAN":
@@ -401,7 +401,7 @@ class Session:
             elif kind == "touched":
                 self._touched = True
             elif kind == "marked":
-                self._marked(event)
+                self._report_mark(event)
             elif kind == "not extended":
                 self._end_mark(event["text"])
             elif kind == "found":
@@ -413,7 +413,7 @@ class Session:
     # --- the micro-tool
 
     def _begin_mark(self) -> None:
-        """Turn the tool to the target, whether the last picture shows it or the one before."""
+        """Turn the tool to the target, which the last picture or the one before it shows."""
         target = self.seen.target
         if self.view.tool is None:
             self.notice("this head has no micro-tool; nothing can be marked with it")
@@ -433,8 +433,8 @@ class Session:
         if self.state.mode != "TRACK":
             self._stop_mark(self.state.reason or "another mode was chosen; press Track, then Mark")
 
-    def _marked(self, event: dict[str, Any]) -> None:
-        """Say how a touch has ended, and what is wrong if it was none."""
+    def _report_mark(self, event: dict[str, Any]) -> None:
+        """Report the end of a touch, and the problem if it failed."""
         trouble = "" if self._touched else self._trouble()
         said = ended(event["verdict"], event["off"], self._score)
         self._end_mark(f"{said} ({trouble})" if trouble else said)
@@ -461,7 +461,7 @@ class Session:
         target, now = self._visible(), self._reading()
         if target is None:
             return None
-        # The place of a mark goes to where the tool meets the wall, not to the middle.
+        # The place of a mark is brought to the point of the tool, not to the middle.
         pixel = servoed(self.view, target, now) if self._marking else np.asarray(target)
         step = self._centring.turn(self.state.command, pixel, now)
         return float(step.rates[0]), float(step.rates[1])
@@ -487,13 +487,13 @@ class Session:
 
     @property
     def _t(self) -> float:
-        """Seconds since the first tick: by the plant, or by the ticks for one without a time."""
+        """Seconds since the first tick, by the plant, or by the ticks if the plant has no time."""
         return self.ticks * self.interval + self._late
 
     def _read_time(self) -> None:
-        """Read the time of the plant: a loop that is late has skipped ticks.
+        """Read the time of the plant: a late loop has skipped ticks.
 
-        A plant that was started anew counts from 0.
+        A restarted plant counts from 0.
         """
         now, before = self.plant.time, self._plant_time
         self._plant_time = now
@@ -527,7 +527,7 @@ class Session:
             return
         self._out.command("extract")
 
-    def _extracted(self, event: dict[str, Any]) -> None:
+    def _add_hole(self, event: dict[str, Any]) -> None:
         hole = event["hole"]
         if hole is None:
             self.notice(f"this cannot be measured: {event['verdict']}")
@@ -579,7 +579,7 @@ class Session:
         return [guard.temperature(state) for guard, state in pairs]
 
     def _trouble(self) -> str:
-        """Return what is wrong now, the gravest first."""
+        """Return the present problems, the gravest first."""
         if self.danger:
             return self.danger
         if self._no_pictures and self.camera.problem:

@@ -10,7 +10,7 @@ from minorloop_head.console.modes import StickMap, TeleopConfig
 from minorloop_head.procedures.values import NO_PROBE
 
 PIPE = "twin:pipe"
-"""Address of the simulated head in a simulated pipe, the only plant with a tip of its own."""
+"""Address of the simulated head in a simulated pipe, the only plant with its own tip."""
 STATIC = Path(__file__).parent / "static"
 """Folder of the pages."""
 _SAFE_AFTER = 0.16
@@ -19,12 +19,12 @@ _BLIND_AFTER = 0.12
 """Three pictures of 40 ms: a camera that stops is noticed within 160 ms. A picture takes 30 ms,
 which leaves 90 ms on a busy machine."""
 _CAMERA_BLIND_AFTER = 0.16
-"""Four pictures, for a camera of its own: it waits for a new picture where a simulated one draws it
+"""Four pictures, for a real camera: it waits for a new picture where a simulated one draws it
 at once, and for another one after its lights were switched."""
 SAFE_WITHIN = 2.0
 """Longest time in seconds in which a plant may confirm that it is safe."""
 _MOST_PATIENT = 1.0
-"""Most seconds of both, however long the timeout is."""
+"""Upper limit of both in seconds for any timeout."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class LoopSettings:
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"
-    """For recordings."""
+    """Folder of recordings."""
     timeout: float = 0.1
     """Age in seconds of the operator's pose and last message beyond which the head holds."""
     camera: str | None = None
@@ -57,7 +57,7 @@ class LoopSettings:
 
     @property
     def no_probe(self) -> str:
-        """Why no depth can be measured; empty for a plant with a probe."""
+        """Reason why no depth can be measured; empty for a plant with a probe."""
         return "" if is_pipe(self.address) else NO_PROBE
 
     def teleop_config(self) -> TeleopConfig:
@@ -71,5 +71,5 @@ class LoopSettings:
 
 
 def is_pipe(address: str) -> bool:
-    """Return whether the plant at an address has camera and probe of its own."""
+    """Return whether the plant at an address has its own camera and probe."""
     return address == PIPE

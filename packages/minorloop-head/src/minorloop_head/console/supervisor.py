@@ -1,7 +1,7 @@
 """The supervisor: it starts the processes of the console, and restarts those that end or hang.
 
 The processes have pipes to one another (`NewestPipe`); when one is restarted, the others get new
-pipes to it. When the supervisor ends, however it ends, each of them ends by itself.
+pipes to it. When the supervisor ends for any reason, each process ends by itself.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from minorloop_head.console.channel import NewestPipe
 _CONTEXT = multiprocessing.get_context("spawn")
 _POLL = 0.05
 _SUSPENDED = 0.5
-"""Seconds between two checks after which the machine itself was suspended, not a process."""
+"""Least seconds between two checks that show a suspended machine instead of a hanging process."""
 _LEAST_INTERVAL = 1.0
 """Seconds between two starts of the same process."""
 _ENDING = 8.0
@@ -54,9 +54,9 @@ class ProcessHandle:
     """Connection of a process to its supervisor."""
 
     name: str
-    """Of the process."""
+    """Name of the process."""
     names: tuple[str, ...]
-    """Of all of them."""
+    """Names of all processes."""
     control: socket.socket
     """Delivers new pipes, and ends with the supervisor."""
     beats: Any
@@ -108,7 +108,7 @@ class _Running:
             self.process.start()
 
     def hangs(self, now: float) -> bool:
-        """Return whether heartbeats are missing, or it was stopped before the first."""
+        """Return whether heartbeats are missing, or the process was stopped before the first."""
         beat = self._beats[self._place]
         if beat != 0.0:
             return bool(now - beat > self.part.patience)
@@ -155,7 +155,7 @@ class Supervisor:
     def check(self) -> None:
         """Wait a moment, then restart processes that have ended, and kill those that hang.
 
-        One that ends with status 0 does so because another did: only of the other is the user told.
+        A process ends with status 0 because another one ended: the user is told only of the other.
         """
         before = time.monotonic()
         alive = {p.sentinel: p for p in (r.process for r in self._running.values()) if p.is_alive()}
@@ -181,7 +181,7 @@ class Supervisor:
         return self._running[name].process.pid or 0
 
     def end(self) -> None:
-        """Ask all processes to end, and kill those that do not."""
+        """Request all processes to end, and kill those that do not."""
         for running in self._running.values():
             running.control.close()
         deadline = time.monotonic() + _ENDING
@@ -212,7 +212,7 @@ def raise_priority() -> None:
 
 @contextlib.contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Block signals of the terminal; a process that is started meanwhile unblocks them itself."""
+    """Block signals of the terminal; a process started meanwhile unblocks them itself."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

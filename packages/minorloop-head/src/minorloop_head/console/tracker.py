@@ -2,8 +2,8 @@
 
 A packet is six little-endian doubles: x, y and z in cm, then yaw, pitch and roll in degrees. Yaw to
 the right and pitch upward are positive; a tracker that counts otherwise has a setting to invert an
-axis. Only the angles are used. The packets have no sender's name and no checksum, so whoever
-reaches the port can turn the head within its cone while it follows the tracker.
+axis. Only the angles are used. The packets have no name of the sender and no checksum: any program
+that reaches the port can turn the head within its cone while it follows the tracker.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _PACKET = struct.Struct("<6d")
 _FARTHEST, _WIDEST = 1e4, 360.0
 """Largest position in cm and angle in degrees that is accepted."""
 _MOST = 1000
-"""Packets that are read in a tick; a flood must not delay it."""
+"""Most packets read in a tick; a flood must not delay it."""
 
 
 class UdpTracker:
@@ -50,14 +50,14 @@ class UdpTracker:
         age : float
             Seconds since it was read; infinite if there was none.
         problem : str
-            Why there is no pose, or why it may become too old.
+            Reason why there is no pose, or why it may become too old.
         """
         packets: list[bytes] = []
         problem = ""
         with contextlib.suppress(OSError):  # there is no other
             while len(packets) < _MOST:
                 packets.append(self._socket.recv(_PACKET.size + 1))
-        # When each came is not known; they are taken as evenly spaced since the last.
+        # Their times are unknown: assume that they are evenly spaced since the last one.
         passed = (now - self._at) / max(len(packets), 1)
         for packet in packets:
             problem = self._take(packet, now, passed) or problem
@@ -68,7 +68,7 @@ class UdpTracker:
         return self._pose, now - self._at, "the tracker sends nothing"
 
     def _take(self, packet: bytes, now: float, passed: float) -> str:
-        """Take in a packet; return what is wrong with it, empty if nothing is."""
+        """Read a packet; return its fault, empty without one."""
         pose, before = decoded(packet), self._pose
         if pose is None:
             return "the tracker sent a damaged packet"
@@ -93,10 +93,10 @@ def decoded(packet: bytes) -> Quaternion | None:
 def listening_for(address: str) -> socket.socket:
     """Return a socket that receives the packets of a tracker.
 
-    Raises a `ParameterError` if the address is not one of a tracker, or its port cannot be used.
+    Raises a `ParameterError` if the address is not of a tracker, or its port cannot be used.
 
-    ``address``: ``udp:PORT`` receives from this machine only, ``udp:HOST:PORT`` at the address of
-    this machine that is called HOST; ``udp:0.0.0.0:PORT`` at all of them.
+    ``address``: ``udp:PORT`` receives from this machine only, ``udp:HOST:PORT`` at the address HOST
+    of this machine, ``udp:0.0.0.0:PORT`` at all its addresses.
     """
     kind, _, place = address.partition(":")
     host, _, port = place.rpartition(":")

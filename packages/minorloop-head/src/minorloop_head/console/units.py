@@ -1,4 +1,4 @@
-"""Degrees and millimetres, in which pages and pictures have what the console has in rad and m.
+"""Conversion between rad and m of the console, and degrees and millimetres of pages and pictures.
 
 A position is pan and tilt about the middle, advance and roll.
 """
@@ -12,7 +12,7 @@ from typing import TypeAlias
 from minorloop.arrays import FloatArray
 
 Position: TypeAlias = tuple[float, float, float, float]
-"""Pan and tilt about the middle, advance and roll as measured, in rad and m."""
+"""Measured pan and tilt about the middle, advance and roll, in rad and m."""
 
 
 def pair_of(values: FloatArray) -> tuple[float, float]:

@@ -15,11 +15,11 @@ from minorloop_head.vision.imaging import Image32
 STEP = 0.25e-3
 """Size of a texel, in metres."""
 _NEAR, _FAR = 6e-3, 46e-3
-"""Metres ahead of the catheter; nearer wall is out of view, farther wall is seen too obliquely."""
+"""Range in metres ahead of the catheter; nearer wall is out of view, farther wall too oblique."""
 _SHOWN, _BEHIND = 0.1, 0.02
-"""Length of the window that is shown, and its part behind the catheter, in metres."""
+"""Length of the shown window, and of its part behind the catheter, in metres."""
 _LEAST = 3e3
-"""Pixels for each metre of the wall below which a texel is not taken."""
+"""Least resolution of a texel, in pixels per metre of the wall."""
 
 
 class WallImage:
@@ -38,8 +38,8 @@ class WallImage:
     def paint(self, image: Image, position: Position) -> None:
         """Add an image that was taken at a position.
 
-        A texel keeps the image with the nearest and squarest view of it, and fades to a newer one
-        that is nearly as good.
+        A texel keeps the image with the nearest and squarest view of it, and fades to a newer image
+        of nearly the same quality.
         """
         rows = self._rows(position[2])
         if rows.start >= rows.stop:
@@ -59,7 +59,7 @@ class WallImage:
         known[better] = np.maximum(known, quality)[better]
 
     def _quality_of(self, z: FloatArray, lens: FloatArray) -> Image32:
-        """Return how near and how square the view of each texel of some rows is."""
+        """Return the quality of the view of each texel of some rows: how near and how square."""
         radius = self.view.radius
         x, y = radius * np.cos(self._phi) - lens[0], radius * np.sin(self._phi) - lens[1]
         outward = np.cos(self._phi) * x + np.sin(self._phi) * y

@@ -1,8 +1,8 @@
-"""The process of the plant, which makes the plant safe when no command comes, and has its lines.
+"""The process of the plant: it makes the plant safe when no command comes, and switches its lines.
 
-The control loop sends the inputs of each tick and gets the readings back. When the loop is silent
-or ends, the plant is made safe, and stays safe until a loop acknowledges it: each command carries
-the last such time that its sender has acknowledged, and is ignored if that is not the last one.
+The control loop sends the inputs of each tick and receives the readings. When the loop is silent or
+ends, the plant is made safe, and stays safe until a loop acknowledges it: each command has the
+last time of this kind that its sender acknowledged, and is ignored if it is not the newest one.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from minorloop_head.procedures.actuator_plant import Wires
 from minorloop_head.procedures.values import Plant
 
 _PATIENCE = 0.5
-"""Seconds until the plant has switched a line: it may be carrying out a command of the loop."""
+"""Longest seconds to switch a line: the plant may be carrying out a command of the loop."""
 _LOST = (math.nan,) * 4
 _REST = np.zeros(4)
 _SILENT = "no command came from the control loop for {:g} s"
@@ -39,11 +39,11 @@ _RESTARTED = "its process was restarted"
 _BACK = "a device of the head was lost, and is back"
 _POLL = 0.1
 _AGAIN = 0.5
-"""Seconds until a plant that is missing is opened again."""
+"""Seconds between two attempts to open a missing plant."""
 
 
 class Command(msgspec.Struct, frozen=True, array_like=True):
-    """Inputs of a tick, and when the plant was last made safe, as the loop has acknowledged."""
+    """Inputs of a tick, and the last time of being made safe that the loop has acknowledged."""
 
     known: float
     u: list[float]
@@ -53,18 +53,18 @@ class Answer(msgspec.Struct, frozen=True, array_like=True):
     """Readings at the end of a tick."""
 
     safe_at: float
-    """When the plant was last made safe, in seconds on the monotonic clock; 0 if never."""
+    """Time when the plant was last made safe, in seconds on the monotonic clock; 0 if never."""
     why: str
-    """Why it was made safe."""
+    """Reason why it was made safe."""
     tick: float
-    """In seconds."""
+    """Duration of a tick, in seconds."""
     y: list[float]
     stance: list[float]
-    """As of `Plant`; NaN where a sensor is lost, and where nothing was read."""
+    """Readings as of `Plant`; NaN if a sensor is lost, or was not read."""
     safe: bool = True
     """Whether the plant has confirmed that it is safe, when it was last made safe."""
     time: float | None = None
-    """As of `Plant`."""
+    """Time as of `Plant`."""
 
 
 # Made while the module is imported: see `minorloop_head.console.messages`.
@@ -73,7 +73,7 @@ _answers = msgspec.msgpack.Decoder(Answer)
 
 
 def run(handle: ProcessHandle, settings: LoopSettings) -> None:
-    """Pass commands on to the plant until the supervisor ends; for a process of its own."""
+    """Pass commands to the plant until the supervisor ends, in a separate process."""
     loop, camera = NewestPipe(), NewestPipe()
     stop = handle.begin(loop=loop, camera=camera)
     plant = _opened(settings, loop, handle, stop)
@@ -88,7 +88,7 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
 
 
 def _end(plant: Plant) -> None:
-    """Make the plant safe, and close its devices; say so if it may still be on."""
+    """Make the plant safe, and close its devices; warn if it may still be on."""
     try:
         plant.safe()
     except SafetyError as error:
@@ -98,14 +98,14 @@ def _end(plant: Plant) -> None:
 
 
 def _close(plant: Plant | None) -> None:
-    """Close the devices of a plant that has any."""
+    """Close the devices of a plant, if it has some."""
     getattr(plant, "close", lambda: None)()
 
 
 def _opened(
     settings: LoopSettings, loop: NewestPipe, handle: ProcessHandle, stop: threading.Event
 ) -> Plant | None:
-    """Return the plant as soon as it can be opened, and tell loops why it cannot.
+    """Return the plant as soon as it can be opened; until then send the reason to loops.
 
     The first heartbeat comes after the first attempt, which may have to import and compile.
     """
@@ -114,7 +114,7 @@ def _opened(
         plant = None
         try:
             plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
-            plant.exchange(_REST)  # compiles what the first command would wait for
+            plant.exchange(_REST)  # compiles functions of the first command
             return plant
         except (MinorloopError, ImportError) as error:
             why = str(error)
@@ -133,8 +133,8 @@ def _opened(
 class WatchedPlant:
     """A plant that is made safe when no command comes.
 
-    ``patience``: seconds to wait for a command. ``why``: why it must be made safe before anything
-    else; empty if it was not used before.
+    ``patience``: seconds to wait for a command. ``why``: reason to make it safe first; empty if it
+    was not used before.
     """
 
     def __init__(self, plant: Plant, patience: float, why: str = "") -> None:
@@ -174,7 +174,7 @@ class WatchedPlant:
             self._stop(_ENDED)
 
     def _answer_next(self, pipe: Connection) -> None:
-        if not self._waited(pipe):
+        if not self._wait_for_command(pipe):
             self._stop(_SILENT.format(self._patience))
             return
         command = _commands.decode(pipe.recv_bytes())
@@ -184,7 +184,7 @@ class WatchedPlant:
             self._carry_out(command)
         pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
 
-    def _waited(self, pipe: Connection) -> bool:
+    def _wait_for_command(self, pipe: Connection) -> bool:
         """Return whether a command comes in time; switch lights and pump meanwhile."""
         deadline = time.monotonic() + self._patience
         while True:
@@ -213,12 +213,12 @@ class WatchedPlant:
             self._make_safe(f"a command could not be carried out: {error}")
 
     def _stop(self, why: str) -> None:
-        """Make it safe if it was used since it was last made safe."""
+        """Make the plant safe if it was used since the last time."""
         if self._used:
             self._make_safe(why)
 
     def _make_safe(self, why: str) -> None:
-        """Make the plant safe; where it does not confirm, the next command tries again."""
+        """Make the plant safe; if it does not confirm, the next command tries again."""
         was_safe, self.is_safe = self.is_safe, True
         try:
             self._plant.safe()
@@ -239,9 +239,8 @@ class RemotePlant:
     """The plant in another process, for the control loop.
 
     ``channel``: to that process. ``patience``: seconds without an answer after which it counts as
-    silent, and nothing waits any more. ``wait``: longest time in seconds that one exchange waits;
-    the patience without it. A plant that is late then costs a reading, which is NaN, and does not
-    delay the loop.
+    silent, and no call waits any more. ``wait``: longest wait of one exchange in seconds; the
+    patience without it. If the plant is later, the reading is NaN, and the loop is not delayed.
     """
 
     def __init__(self, channel: NewestPipe, patience: float, wait: float | None = None) -> None:
@@ -255,16 +254,16 @@ class RemotePlant:
 
     @property
     def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
+        """Duration of one ``exchange``, in seconds."""
         return self.answer.tick
 
     @property
     def time(self) -> float | None:
-        """As of `Plant`, at its last answer."""
+        """Time as of `Plant`, at its last answer."""
         return self.answer.time
 
     def meet(self, timeout: float) -> bool:
-        """Wait for its first answer, which has the first readings; return whether it came."""
+        """Wait for the first answer with the first readings; return whether it came."""
         pipe = self._channel.next(self._pipe, timeout)
         if pipe is not None:
             self._pipe, self._waiting = pipe, True
@@ -274,7 +273,7 @@ class RemotePlant:
     def exchange(self, u: FloatArray) -> FloatArray:
         """Apply inputs for a tick; return the readings, NaN without an answer in time.
 
-        While an answer is late nothing further is sent.
+        While an answer is late, nothing else is sent.
         """
         pipe = self._channel.next(self._pipe, 0.0)
         if pipe is not None:
@@ -291,16 +290,16 @@ class RemotePlant:
         return np.array(self.answer.y if answered else _LOST)
 
     def accept(self) -> None:
-        """Acknowledge that it was made safe; commands are carried out again."""
+        """Acknowledge that the plant was made safe; commands are carried out again."""
         self._known = self.answer.safe_at
 
     @property
     def made_safe(self) -> bool:
-        """Whether it was made safe since the last `accept`."""
+        """Whether the plant was made safe since the last `accept`."""
         return self.answer.safe_at != self._known
 
     def stance(self) -> tuple[float, ...]:
-        """Return where the simulated tip is; see `Plant.stance`."""
+        """Return the pose of the simulated tip; see `Plant.stance`."""
         return tuple(self.answer.stance)
 
     def safe(self) -> None:
@@ -325,7 +324,7 @@ class LineCommand(msgspec.Struct, frozen=True, kw_only=True):
     """Lights to switch, or the pump."""
 
     number: int
-    """Of the command; it is in the answer."""
+    """Number of the command, which the answer repeats."""
     lights: list[bool] | None = None
     pump: bool | None = None
 
@@ -355,7 +354,7 @@ class RemoteWires:
     def _ask(self, **what: Any) -> None:
         """Send a command and wait until it is carried out.
 
-        Raises an `InstrumentError` if the plant does not answer, or could not do it.
+        Raises an `InstrumentError` if the plant does not answer, or fails.
         """
         with self._lock:
             pipe = self._channel.next(None, self._patience)
@@ -376,7 +375,7 @@ class RemoteWires:
 
 
 def carry_out(wires: Wires, pipe: Connection) -> None:
-    """Carry out the command that waits in a pipe, and answer with an error, or with nothing.
+    """Carry out the command that waits in a pipe, and answer with an error or an empty one.
 
     Raises an `EOFError` or `OSError` if the other process has ended.
     """

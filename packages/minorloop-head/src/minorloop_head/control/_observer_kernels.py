@@ -7,9 +7,9 @@ latent heat, interval and iterations for the slope; ``gains`` are those of
 `minorloop_head.control.observer.PowerObserver.gains`.
 
 ``branch`` is the table of the rising branch, ``low`` its first power in A^2 and ``scale`` its
-points per A^2. ``around`` (4, M) has of each hypothesis the power to which its ambient is
-equivalent for a hot wire, its convection, its cold resistance over the hot one, and how much
-steeper than the table its branch is from where the table begins to rise.
+points per A^2. ``around`` (4, M) has for each hypothesis the power to which its ambient is
+equivalent for a hot wire, its convection, its cold resistance over the hot one, and the slope of
+its branch over that of the table, less 1, from where the table begins to rise.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ from minorloop_head.heated_wire import SMALLEST_CHANGE
 _POWER, ANGLE, AMBIENT, ERROR, OFFSET, _WAY = range(6)
 """Places in the values of an estimate."""
 LEAST_RISE = 0.5
-"""Degrees below which a branch counts as flat: ten times the noise of the holds behind it."""
+"""Degrees below which a branch counts as flat: ten times the noise of the holds of its fit."""
 
 
 @njit(cache=True, nogil=True)
@@ -81,8 +81,8 @@ def compare(
     """Advance estimates (N, 6) with delays (N,) by intervals with powers and readings, both (T,).
 
     A reading may be NaN. ``past`` (N, D) are the angles of the estimates, newest first; ``squares``
-    (N,) their mean square errors, of which a reading changes a ``share``. They, the estimates and
-    their stacks (N, rows, 4) are changed.
+    (N,) their mean square errors, in which a reading has the weight ``share``. They, the estimates
+    and their stacks (N, rows, 4) are changed.
     """
     for k in range(delays.size):
         used, delay, later = rows[k], delays[k], past[k]
@@ -102,9 +102,9 @@ def compare(
 
 @njit(cache=True, nogil=True)
 def added(recent, power, angle, reading, steps, most):
-    """Return powers, angles and readings (3, n) with so many steps more; the last has a reading.
+    """Return powers, angles and readings (3, n) with ``steps`` more; the last has a reading.
 
-    The oldest are dropped, so that ``n`` is ``most`` at most.
+    The oldest are dropped: ``n`` is at most ``most``.
     """
     before = recent.shape[1]
     count = min(before + steps, most)
@@ -117,8 +117,8 @@ def added(recent, power, angle, reading, steps, most):
 
 
 @njit(cache=True, nogil=True)
-def _filled(readings):
-    """Return readings with those that are missing put on the line between their neighbours."""
+def _interpolated(readings):
+    """Return readings with missing ones interpolated between their neighbours."""
     filled = readings.copy()
     last = -1
     for k in range(readings.size):
@@ -136,11 +136,11 @@ def _filled(readings):
 
 @njit(cache=True, nogil=True)
 def slowing(readings, count, seen, moved, over, slower, back):
-    """Return the rates (count,) of a motion that gets slower, in degrees a second; else none.
+    """Return the rates (count,) of a motion that gets slower, in degrees a second; empty otherwise.
 
-    At least a share ``seen`` of the newest ``count`` readings must be there, and all must vary by
+    At least a share ``seen`` of the newest ``count`` readings must exist, and they must vary by
     ``moved`` degrees. A rate is taken over ``over``: a number of readings, and their time in
-    seconds. It must fall by ``slower`` from the first quarter to the last, and go back by at most
+    seconds. It must fall by ``slower`` from the first quarter to the last, and reverse by at most
     ``back``.
     """
     none = np.empty(0)
@@ -151,7 +151,7 @@ def slowing(readings, count, seen, moved, over, slower, back):
             low, high = min(low, readings[k]), max(high, readings[k])
     if known < seen * count or not high - low >= moved:
         return none
-    angles = _filled(readings)
+    angles = _interpolated(readings)
     steps, seconds = over
     rates, first = np.empty(count), readings.size - count
     way = 1.0 if angles[-1] >= angles[first] else -1.0
@@ -166,7 +166,7 @@ def slowing(readings, count, seen, moved, over, slower, back):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def place(power, low, scale, points, flat, steeper):
-    """Return where a power lies in the table: index to the left, and share of the step."""
+    """Return the position of a power in the table: index to the left, and share of the step."""
     at = flat + steeper * ((power - low) * scale - flat)
     at = min(max(at, 0.0), points - 1.000001)
     left = np.int32(at)
@@ -195,9 +195,9 @@ def advance(
 ):
     """Return powers and costs (M,) after an interval with a heating power and a reading, or NaN.
 
-    Also the least cost of those that are not ``colder`` (M,), less that of those that are.
+    Also the least cost of hypotheses that are not ``colder`` (M,), less that of colder ones.
     ``ends`` are the least and the greatest angle, ``wire`` lag and latent heat; ``misses`` are the
-    error that counts as one, the largest, the weight of a reading, and what a cost keeps.
+    unit of errors, their limit, the weight of a reading, and the share of a cost that remains.
     """
     unit, most, news, keep = misses
     if np.isnan(reading):
@@ -227,10 +227,10 @@ def advance(
 def settled(power, branch, low, scale, around, ends, heat, angle, beyond, stop):
     """Return the final angles (M,) under a heating power for a wire that is at an angle now.
 
-    The branch of each hypothesis is taken to be off by its error at the present angle and by
-    ``beyond`` (M,). A hotter wire has more resistance, so that its angle feeds back: the iteration
-    rises from the present angle to the next equilibrium. ``stop`` are the change in degrees and
-    the number of iterations that end it.
+    The branch of each hypothesis is shifted by its error at the present angle and by ``beyond``
+    (M,). The resistance depends on the angle, which feeds back: the iteration rises from the
+    present angle to the next equilibrium. ``stop`` are the change in degrees and the number of
+    iterations that end it.
     """
     near, most = stop
     out = np.empty_like(power)

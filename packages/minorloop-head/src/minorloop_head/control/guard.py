@@ -1,10 +1,10 @@
 """Guard of one wire: limits, checks of sensor and target, the law inside them, and a log.
 
-Whatever the law requests and the sensor reads, the current that leaves the guard keeps the limits
-of current and temperature. If the sensor is lost, stuck or has the wrong sign, the wire cools; if
-readings jump faster than the wire can move, the wire goes by its model for some seconds, and then
-cools until both agree, as they do for a cold wire; if a target cannot be reached, the guard holds
-an angle that can. Nothing is raised in the loop; the log gives reasons.
+The guard keeps the current within the limits of current and temperature for any request of the law
+and any reading. If the sensor is lost, stuck or has the wrong sign, the wire cools. If readings
+jump faster than the wire can move, the wire goes by its model for some seconds, and then cools
+until both agree, as they do for a cold wire. If a target cannot be reached, the guard holds the
+nearest angle in reach. Nothing is raised in the loop; the log gives reasons.
 """
 
 from __future__ import annotations
@@ -60,38 +60,38 @@ FAULTS: dict[Fault, str] = {
     "unconfirmed": f"readings have contradicted the model for {ASTRAY:g} s, and one of both is "
     "wrong; the wire cools until they agree",
 }
-"""What is wrong with a sensor, and what the wire does."""
+"""Messages on the fault of a sensor, and the reaction of the wire."""
 _ENDED: dict[Cause, tuple[Cause, str]] = {
     "sensor": ("sensor back", "the sensor is trusted again"),
     "unread": ("read again", "there are readings again"),
     "unreachable": ("reachable", "targets are tried again"),
 }
-"""What is logged when a cause ends."""
+"""Messages at the end of a cause."""
 MOST_EVENTS, MOST_ALIKE = 64, 8
-"""How many events the log keeps: the newest, and those of one cause."""
+"""Largest number of events in the log, and of those of one cause."""
 _UNREAD = 5
-"""Missing readings from which the log says so, where the patience is longer: more than are lost by
+"""Number of missing readings that is logged, if the patience is longer: more than are lost by
 chance."""
 _BEHIND_FOR = 1.0
-"""Seconds from which a wire behind a moving target is logged."""
+"""Seconds after which a wire behind a moving target is logged."""
 _IDLE_LAGS = 4.0
-"""Lags without current after which a wire above its target means surroundings that are too warm:
-98 % of the heat have left it by then."""
+"""Lags without current after which a wire above its target shows that its surroundings are too
+warm: 98 % of the heat have left it by then."""
 _HOLD_SHARE = 0.9
-"""Share of the reach of a wire at which an unreachable target is held: some current is left."""
+"""Share of its reach at which a wire holds for an unreachable target: it leaves spare current."""
 _COLD = 0.3
 """Degrees above the cold wire below which a target means no current."""
 _BEHIND_BY = 2.0
-"""Degrees from which a wire at a limit counts as behind a moving target."""
+"""Least error in degrees of a wire at a limit that counts as behind a moving target."""
 _RESYNC, _RESYNC_SHARE = 5.0, 0.1
-"""Seconds for which times differ from their clock by the same time, and share of them by which that
-may change, until the clock counts as set: longer than readings come late in a row."""
+"""Seconds for which times must differ from the clock by the same offset for it to count as set, and
+share of them by which the offset may change: readings are not late for so long."""
 LARGEST = 1e6
-"""Angle in degrees from which a number counts as none."""
+"""Angle in degrees from which a value counts as missing."""
 _LONGEST_GAP = 500
 """Intervals after which a gap counts as a jump of the clock: 20 s at 25 Hz."""
 _LATE = 1.5
-"""Intervals from which a step counts as late."""
+"""Least duration of a late step, in intervals."""
 
 
 @dataclass(frozen=True)
@@ -107,16 +107,16 @@ class Event:
 
 
 class _StepClock(NamedTuple):
-    """What is known of the time by the times of the steps."""
+    """State of the clock by the times of the steps."""
 
     t: float = math.nan
     """The newest accepted time in seconds, NaN if there was none."""
     waited: int = 0
     """Steps since."""
     strange: int = 0
-    """Number of times in a row that differ from that clock, all by as much."""
+    """Number of consecutive times with the same offset from that clock."""
     off: float = math.nan
-    """By how much, in seconds."""
+    """That offset, in seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +124,11 @@ class GuardState:
     """State of the guard."""
 
     estimate: Estimate
-    """Of the wire."""
+    """Estimate of the wire."""
     heated: float
     """Effective power by the current alone, in A^2."""
     driven: HeatedState
-    """Wire by its current alone, whatever the readings say."""
+    """Wire by its current alone, without readings."""
     bias: float
     """Power that the surroundings added at the beginning, in A^2."""
     reference: float
@@ -136,19 +136,19 @@ class GuardState:
     applied: float
     """Present current in A."""
     inner: Any = None
-    """State of a law with an estimate of its own."""
+    """State of a law with its own estimate."""
     reading: ReadingState = field(default_factory=ReadingState)
-    """What is known by the readings."""
+    """State of the check of readings."""
     lateness: Lateness = field(default_factory=Lateness)
-    """What is known of how late they are."""
+    """State of the check for late readings."""
     reach: ReachState = field(default_factory=ReachState)
-    """Of the target."""
+    """State of the check of the target."""
     asked: float = math.nan
-    """What it was computed from, in degrees; NaN if that was no number."""
+    """Target from which it was computed, in degrees; NaN if that was no number."""
     steps: int = 0
     """Steps so far."""
     clock: _StepClock = field(default_factory=_StepClock)
-    """By the times of the steps."""
+    """Clock by the times of the steps."""
     behind: float = 0.0
     """Seconds for which the wire has been behind a moving target at a limit."""
     idle: float = 0.0
@@ -160,17 +160,17 @@ class GuardState:
 
     @property
     def unreachable(self) -> Unreachable | None:
-        """Why the target is out of reach, None if that is not known."""
+        """Reason why the target is out of reach; None if it is not known to be."""
         return self.reach.verdict
 
     @property
     def fault(self) -> Fault:
-        """What is wrong with the sensor; empty if nothing is."""
+        """Fault of the sensor; empty if it has none."""
         return self.reading.fault
 
     @property
     def cools(self) -> bool:
-        """Whether the wire cools for that."""
+        """Whether the wire cools because of that fault."""
         return self.fault in COOLED
 
 
@@ -184,12 +184,12 @@ class Guard:
     observer: PowerObserver
     """Estimates the effective power of the wire, and so its temperature."""
     controller: Controller | None = None
-    """A law with an estimate of its own; without one, the observer is an `ObserverControl`, and the
+    """A law with its own estimate; without one, the observer is an `ObserverControl`, and the
     current follows from the estimate of the guard."""
     limits: WireLimits = field(default_factory=WireLimits)
-    """Of the wire."""
+    """Limits of the wire."""
     sensor: SensorWatch = field(default_factory=SensorWatch)
-    """Which readings are usable."""
+    """Check that decides which readings are usable."""
 
     def __post_init__(self) -> None:
         alone = self.controller is None
@@ -236,12 +236,12 @@ class Guard:
 
         ``reference``: wanted angle in degrees; the last valid one is used if it is not a number.
         ``measurement``: newest reading in degrees, or NaN. ``t``: time of the reading in seconds. A
-        reading that is late is not used; during a gap the current is assumed to have been on.
+        late reading is not used; during a gap the current is assumed to have been on.
         ``raw``: reading of the sensor, if the measurement was computed from it and others.
-        ``asked``: what was asked for, if the reference was computed from it.
+        ``asked``: requested angle, if the reference was computed from it.
         """
         whole = reference if asked is None else asked
-        steps, read, notes, clock = self._passed(
+        steps, read, notes, clock = self._pass_time(
             state.clock, measurement if raw is None else raw, t
         )
         wanted = as_number(reference)
@@ -253,12 +253,12 @@ class Guard:
                 "are kept"
             )
         predicted, heated, driven = self._predicted(state, steps)
-        reading, lateness = self._judged(
+        reading, lateness = self._check_reading(
             state, (read, as_number(measurement)), predicted, driven.angle, steps
         )
         expected = predicted.expected
         if lateness.doubted and not state.lateness.doubted:
-            # The readings have led the estimate astray.
+            # Wrong readings have spoilt the estimate.
             past = (driven.angle,) * len(predicted.past)
             predicted = Estimate(driven, state.bias, 0.0, past)
         estimate = self.observer.corrected(predicted, reading.value)
@@ -266,11 +266,11 @@ class Guard:
         if not reading.fault:
             reach = self._watch.step(state.reach, wanted, reading.value, state.applied, estimate)
         target = self._target(wanted, reach)
-        # Where readings are not used, a law goes on with what the model expects.
+        # If readings are not used, the law continues with those that the model expects.
         instead = reading.used or math.isnan(as_number(read))
         known = reading.value if instead else expected
-        requested, inner = self._requested(state, estimate, target, known, steps)
-        cool = self._allowed(estimate, heated)
+        requested, inner = self._requested_current(state, estimate, target, known, steps)
+        cool = self._allowed_current(estimate, heated)
         current = min(requested, cool, self._useful(reading, reach, estimate))
         if self.controller and current != requested:
             inner = replace(inner, applied=current)
@@ -349,12 +349,12 @@ class Guard:
     def _clock(self) -> dict[str, Any]:
         return {name: getattr(self.observer, name) for name in ("interval", "delay", "highest")}
 
-    def _passed(
+    def _pass_time(
         self, clock: _StepClock, measurement: object, t: object
     ) -> tuple[int, object, dict[Cause, str], _StepClock]:
         """Return the passed intervals, the reading if it is new, notes, and the clock.
 
-        If times differ from the clock by the same time for seconds, it was set.
+        If times keep the same offset from the clock for some seconds, the clock was set.
         """
         interval, waited = self.observer.interval, clock.waited + 1
         if t is None:
@@ -394,7 +394,7 @@ class Guard:
             driven = observer.wire.step(driven, power, interval, ambient=state.bias)
         return estimate, heated, driven
 
-    def _judged(
+    def _check_reading(
         self,
         state: GuardState,
         read: tuple[object, float],
@@ -402,7 +402,7 @@ class Guard:
         driven: float,
         steps: int,
     ) -> tuple[ReadingState, Lateness]:
-        """Return what is known by a reading, raw and without coupling, and how late it is."""
+        """Return the checks of a reading, raw and without coupling, and of its lateness."""
         expected = Expected(
             angle=predicted.expected,
             motion=predicted.wire.angle - state.estimate.wire.angle,
@@ -428,7 +428,7 @@ class Guard:
         # The loop begins flat: many powers give the angle of a cold wire.
         return target if target > low + _COLD else low - 1.0
 
-    def _requested(
+    def _requested_current(
         self, state: GuardState, estimate: Estimate, target: float, known: float, steps: int
     ) -> tuple[float, Any]:
         """Return the current in A that the law requests, within its limits, and its state."""
@@ -436,14 +436,14 @@ class Guard:
             return self.observer.toward(estimate, target), None
         assert self.controller is not None
         inner = state.inner
-        for _ in range(steps - 1):  # the law goes on by its model, as the current did
+        for _ in range(steps - 1):  # the law advances by its model, as the current did
             inner = self.controller.step(inner, target, math.nan)[1]
             inner = replace(inner, applied=state.applied)
         requested, inner = self.controller.step(inner, target, known)
         most = self.observer.highest
         return min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0, inner
 
-    def _allowed(self, estimate: Estimate, heated: float) -> float:
+    def _allowed_current(self, estimate: Estimate, heated: float) -> float:
         """Return the largest current in A that keeps the wire cool enough by both estimates."""
         wire, interval = self.observer.wire, self.observer.interval
         bias = estimate.ambient
@@ -467,7 +467,7 @@ class Guard:
 
     def _logged(self, old: GuardState, new: GuardState, notes: dict[Cause, str]) -> GuardState:
         """Return the new state with its log; a persistent cause is logged when it begins."""
-        present = dict(self._present(new)) | notes
+        present = dict(self._present_causes(new)) | notes
         known = old.active if new.fault == old.fault else old.active - {"sensor"}
         fresh = [(cause, text) for cause, text in present.items() if cause not in known]
         for cause, after in _ENDED.items():
@@ -478,7 +478,7 @@ class Guard:
         log = (*old.log, *(Event(new.steps, cause, text) for cause, text in fresh))
         return replace(new, active=frozenset(present), log=_newest(log) if fresh else old.log)
 
-    def _present(self, state: GuardState) -> Iterator[tuple[Cause, str]]:
+    def _present_causes(self, state: GuardState) -> Iterator[tuple[Cause, str]]:
         """Yield the causes that the state shows, with their sentences."""
         reading = state.reading
         odd = f"readings jumped by {reading.jumped:.3g} degrees, faster than the wire can move"

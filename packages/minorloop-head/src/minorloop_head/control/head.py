@@ -24,32 +24,32 @@ from minorloop_head.control.readings import ReadingState, SensorWatch, as_number
 from minorloop_head.heated_wire import HeatedWire
 
 _LEARNED, _MOST = 0.25, 25.0
-"""Share by which a gap between readings changes the usual one, and most steps of a gap that counts:
-those of a camera with one picture a second."""
+"""Weight of a new gap between readings in the usual gap, and limit of a gap in steps: that of a
+camera with one picture a second."""
 _USUAL = 2.0
-"""Times the usual gap from which a gap is an unusual one."""
+"""Least ratio of an unusual gap to the usual one."""
 _BACK = 0.015
-"""Share of the angles by which an interval takes the head back: at 25 a second it is half way in
-2 s."""
+"""Share of the angles by which the head goes back in an interval: at 25 per second it is half way
+in 2 s."""
 _SLOWEST = 4
-"""Times by which a head turns more slowly, at most."""
+"""Largest factor by which a head turns more slowly."""
 _NEAR = 0.5
-"""Degrees about where it was: as accurate as the model is in a moment, so that a head at its target
-keeps it."""
+"""Degrees about the held position within which targets are kept: the error of the model after a
+short time."""
 AGE = 2
-"""Age in ticks of the pictures that a loop acts on: one to two frames, and those that come sooner
+"""Age in ticks of the pictures for which a loop is set up, one to two frames. Earlier pictures
 wait, since a law has one delay."""
 PATIENCE = 250
-"""Pictures in a row without angles after which the wires cool: for 10 s the head goes by its model,
-whose error grows by a few degrees in that time. One picture with angles ends such a row, since a
-camera may give fewer pictures than the loop has ticks."""
+"""Consecutive pictures without angles after which the wires cool: for 10 s the head goes by its
+model, whose error grows by a few degrees in that time. One picture with angles is enough to go on,
+since a camera may give fewer pictures than the loop has ticks."""
 LEAD = 6.0
-"""Most degrees by which a wanted angle is ahead of the newest one of a picture, for a camera that
-may give fewer pictures than the loop has ticks. A head that is not seen stops within them, where it
-is found again. The wires of `examples/simulated_board.py` turn by 55 degrees in 8 s so, and in 5 s
+"""Largest lead in degrees of a wanted angle over that of the newest picture, for a camera that may
+give fewer pictures than the loop has ticks. A lost head stops within this lead, where it is found
+again. The wires of `examples/simulated_board.py` turn by 55 degrees in 8 s with it, and in 5 s
 without."""
 Law = Callable[..., Controller]
-"""What makes a controller from ``wire=`` and options, such as `ObserverControl`."""
+"""Creates a controller from ``wire=`` and options, such as `ObserverControl`."""
 
 
 @dataclass(frozen=True)
@@ -59,40 +59,39 @@ class Unread:
     gap: int = 0
     """Steps without a usable reading."""
     usual: float = 0.0
-    """Steps between two readings, lately."""
+    """Recent average of the steps between two readings."""
     kept: FloatArray | None = None
-    """Shape (axes,). Readings in degrees by the model when the gap became an unusual one, None
-    before; after some time those on the way back."""
+    """Shape (axes,). Held position: readings in degrees by the model when the gap became unusual,
+    and after some time on the way back; None before."""
     dark: int = 0
-    """Steps of the gap in which there was nothing to look for the view in."""
+    """Steps of the gap in which no picture could be searched for the view."""
     lost: int = 0
-    """Gaps in which the head went back."""
+    """Number of gaps in which the head went back."""
 
     @property
     def slower(self) -> int:
-        """Times by which the head turns more slowly."""
+        """Factor by which the head turns more slowly."""
         return min(1 + self.lost, _SLOWEST)
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnreadWatch:
-    """Keeps a head where it is after some steps without a reading.
+    """Holds the position of a head after some steps without a reading, and then moves it back.
 
-    It goes back after some time. A model takes a head to its target without readings, past
-    everything that was seen before: by a camera, it is not found again there. Where the wall was
-    never seen, no search finds it. The way back to the cold head leads past wall that was. Without
-    a picture of anything, it would lead nowhere. A head that had to go back turns more slowly from
-    then on, so that it sees the wall in smaller steps.
+    A model alone would take the head to its target, past all wall that the camera knows, where no
+    search finds the view again. The way back to the cold head leads past known wall. The head does
+    not go back without pictures that can be searched. After it went back, it turns more slowly, so
+    that it sees the wall in smaller steps.
 
     Raises a `ParameterError` if the number is out of its range.
     """
 
     after: int = 3
-    """Steps, at least; for a sensor that has fewer readings than the loop has steps, it is twice
-    the usual gap between them."""
+    """Least number of steps without a reading; for a sensor with fewer readings than steps, it is
+    twice the usual gap between them."""
     stays: int = 50
-    """Intervals for which it stays while its view is looked for: a search has tried all angles
-    where the wall was seen in fewer."""
+    """Intervals for which it stays while its view is searched: a search tries all angles at which
+    the wall is known in fewer."""
     takes: int = 1
     """Intervals of the loop that a step takes."""
 
@@ -112,25 +111,25 @@ class UnreadWatch:
         read : (axes,) array
             Present readings in degrees, as the model expects them.
         searched : bool
-            Whether the view was looked for: not in a black picture, which shows nothing anywhere.
+            Whether the picture was searched for the view: not if it is black.
         """
         if not gap:
             usual = before.usual + _LEARNED * (min(float(before.gap), _MOST) - before.usual)
-            return Unread(0, usual, lost=before.lost + self._goes(before))
+            return Unread(0, usual, lost=before.lost + self._goes_back(before))
         more = gap - before.gap
         state = replace(before, gap=gap, dark=before.dark + (0 if searched else more))
         if gap < max(self.after, _USUAL * before.usual):
             return replace(state, kept=None)
         kept = read if before.kept is None else before.kept
-        back = self.takes * more if searched and self._goes(state) else 0
+        back = self.takes * more if searched and self._goes_back(state) else 0
         return replace(state, kept=(1.0 - _BACK) ** back * kept)
 
-    def _goes(self, state: Unread) -> bool:
-        """Whether the view has been looked for as long as the head stays."""
+    def _goes_back(self, state: Unread) -> bool:
+        """Whether the head goes back: its view has been searched for as long as it stays."""
         return self.takes * (state.gap - state.dark) > self.stays
 
     def near(self, state: Unread, wanted: FloatArray) -> FloatArray:
-        """Return wanted readings (axes,) in degrees, near those that are kept."""
+        """Return wanted readings (axes,) in degrees, limited to the held position."""
         if state.kept is None:
             return wanted
         return np.clip(wanted, state.kept - _NEAR, state.kept + _NEAR)
@@ -167,11 +166,10 @@ class HeadControl:
     """Shape (axes, axes). ``coupling[i, j]``: change of the sensor of axis i for a degree of axis
     j, 1 on the diagonal. Without it, the axes are independent."""
     lead: float = math.inf
-    """Most degrees by which a wanted reading is ahead of the newest one that may be used. Infinite
-    for no limit. Less once the view was lost, as in
-    `minorloop_head.control.head.Unread.slower`."""
+    """Largest lead of a wanted reading over the newest usable one, in degrees. Infinite for no
+    limit. Smaller after the view was lost, see `minorloop_head.control.head.Unread.slower`."""
     unread: UnreadWatch | None = None
-    """Keeps the head where it is while it is not read. Without it, it goes on by the models."""
+    """Holds the position when readings stop. Without it, the head continues by the models."""
 
     def __post_init__(self) -> None:
         lead = as_number(self.lead)
@@ -213,7 +211,7 @@ class HeadControl:
         count = len(self.axes)
         angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
         currents = np.zeros(count) if current is None else _numbers(current, count)
-        own = self._undo @ np.where(np.abs(angles) < LARGEST, angles, 0.0)
+        own = self._unmixing @ np.where(np.abs(angles) < LARGEST, angles, 0.0)
         pairs = zip(self.axes, own.tolist(), currents.tolist(), strict=True)
         return HeadState(tuple(axis.begin(angle, on) for axis, angle, on in pairs))
 
@@ -238,7 +236,7 @@ class HeadControl:
         t : float, optional
             Time of the readings in seconds.
         searched : bool
-            Whether missing readings were looked for, as in `UnreadWatch.step`.
+            Whether the picture was searched for the view, as in `UnreadWatch.step`.
 
         Returns
         -------
@@ -252,7 +250,7 @@ class HeadControl:
         estimated = np.array([axis.estimate.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
         unread = state.unread
-        newest = np.array([_bounding(axis.reading) for axis in state.axes])
+        newest = np.array([_limiting(axis.reading) for axis in state.axes])
         wanted = self._near(wanted, newest, self.lead / unread.slower)
         if self.unread is not None:
             gap = max(max(axis.reading.missing, axis.reading.odd) for axis in state.axes)
@@ -260,8 +258,8 @@ class HeadControl:
             unread = self.unread.step(unread, gap, modelled, searched=searched)
             wanted = self.unread.near(unread, wanted)
         working = np.array([not axis.fault for axis in state.axes])
-        readings = self._own(seen, estimated, working)
-        targets = self._own_targets(wanted, last)
+        readings = self._uncoupled(seen, estimated, working)
+        targets = self._uncoupled_targets(wanted, last)
         current, states = np.empty(count), []
         for k, axis in enumerate(self.axes):
             pair = float(targets[k]), float(readings[k])
@@ -275,7 +273,7 @@ class HeadControl:
     def cold(self) -> FloatArray:
         """(axes,) readings in degrees of wires that were heated and are cold again, by the models.
 
-        A wire with hysteresis does not come back all the way to where it was when it was new.
+        A wire with hysteresis does not return fully to the angle of a new wire.
         """
         return np.asarray(self.coupling) @ [
             axis.observer.wire.operator.range[0] for axis in self.axes
@@ -293,50 +291,50 @@ class HeadControl:
         takes : int
             Intervals that a step takes.
         older : int
-            Intervals by which readings are older than those that the control is set up for.
+            Intervals by which readings are older than those for which the control is set up.
         """
         unread = self.unread and replace(self.unread, takes=takes)
         return replace(self, axes=tuple(axis.later(older) for axis in self.axes), unread=unread)
 
     def reach(self, reference: npt.ArrayLike, ends: npt.ArrayLike | None = None) -> FloatArray:
-        """Return the least and largest readings (axes, 2) with the other axes where they belong.
+        """Return the least and largest readings (axes, 2) with the other axes at their targets.
 
         Parameters
         ----------
         reference : (axes,) array_like
-            Wanted readings in degrees, which say where the other wires are.
+            Wanted readings in degrees, from which the other wires follow.
         ends : (axes, 2) array_like, optional
             Least and largest angle of each wire; those in the surroundings of the identification
             without it.
         """
         ends = np.array([axis.reach for axis in self.axes]) if ends is None else np.asarray(ends)
         wanted = _numbers(reference, len(self.axes))
-        own = np.clip(self._undo @ wanted, ends[:, 0], ends[:, 1])
+        own = np.clip(self._unmixing @ wanted, ends[:, 0], ends[:, 1])
         return np.asarray(ends + (self._mixing @ own)[:, np.newaxis])
 
-    def _own(self, seen: FloatArray, instead: FloatArray, working: BoolArray) -> FloatArray:
+    def _uncoupled(self, seen: FloatArray, instead: FloatArray, working: BoolArray) -> FloatArray:
         """Return the angles (axes,) of the wires without coupling; NaN where there is no reading.
 
         For the effect on other axes, ``instead`` replaces angles that are faulty or not numbers.
         """
         known = np.abs(seen) < LARGEST
         filled = np.where(known & working, seen, instead + self._mixing @ instead)
-        return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
+        return np.where(known, seen - self._mixing @ (self._unmixing @ filled), np.nan)
 
     def _near(self, wanted: FloatArray, newest: FloatArray, lead: float) -> FloatArray:
         """Return wanted readings (axes,) no farther from the newest ones than a lead."""
         near = np.minimum(np.maximum(wanted, newest - lead), newest + lead)
         return np.where(np.isnan(newest), wanted, near)
 
-    def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
+    def _uncoupled_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
         """Return the wanted angles (axes,) of the wires without coupling; NaN where there is none.
 
-        A wire that would have to leave its stroke stops at its end; the others compensate that.
+        A wire whose target is beyond its stroke stops at its end; the others compensate that.
         """
         known = np.abs(wanted) < LARGEST
         filled = np.where(known, wanted, instead + self._mixing @ instead)
         low, top = self._ends
-        own = np.minimum(np.maximum(self._undo @ filled, low), top)
+        own = np.minimum(np.maximum(self._unmixing @ filled, low), top)
         return np.where(known, wanted - self._mixing @ own, np.nan)
 
     @cached_property
@@ -350,7 +348,7 @@ class HeadControl:
         return np.array([axis.observer.wire.operator.range for axis in self.axes]).T
 
     @cached_property
-    def _undo(self) -> FloatArray:
+    def _unmixing(self) -> FloatArray:
         return np.asarray(np.linalg.inv(np.asarray(self.coupling)))
 
 
@@ -406,7 +404,7 @@ def head_control(
 def controller(law: str | Law, wire: HeatedWire, **options: Any) -> Controller:
     """Return a controller for one wire, without its guard.
 
-    ``law``: `ObserverControl`, or what makes another controller from ``wire=`` and the options;
+    ``law``: `ObserverControl`, or a function that makes a controller from ``wire=`` and options;
     ``**options``: of the law. Raises a `ParameterError` if the name or an option is unknown, or an
     option is out of its range.
     """
@@ -423,8 +421,8 @@ def controller(law: str | Law, wire: HeatedWire, **options: Any) -> Controller:
     return ObserverControl(wire=wire, **options)
 
 
-def _bounding(known: ReadingState) -> float:
-    """Return the newest reading, which a wanted one stays near; NaN if it is not to be believed."""
+def _limiting(known: ReadingState) -> float:
+    """Return the newest reading, which limits wanted ones; NaN if it is not trusted."""
     return math.nan if known.fault in ("late", "unconfirmed", "reversed") else known.last
 
 
@@ -438,7 +436,7 @@ def _numbers(values: npt.ArrayLike, count: int) -> FloatArray:
 
 
 def _each(values: npt.ArrayLike, count: int) -> list[object]:
-    """Return one value for each axis; all of them for each if there are not as many."""
+    """Return one value for each axis; all values for each axis if their number differs."""
     each: list[object]
     try:
         plain = isinstance(values, np.ndarray) and values.dtype == np.float64

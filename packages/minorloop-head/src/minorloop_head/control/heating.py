@@ -1,7 +1,7 @@
 """Identification of a `HeatedWire`: its operator from settled holds, its lag from a step.
 
-A fit accepts any numbers; records without information, for which the result would be the initial
-guess, are refused.
+A fit accepts any numbers: records without information are refused, since their result would be the
+initial guess.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from minorloop.operators.preisach import Diagonal, Preisach
 from minorloop_head.heated_wire import HeatedWire
 
 LAGS = (0.3, 60.0)
-"""Shortest and longest lag that is looked for, in seconds."""
+"""Shortest and longest fitted lag, in seconds."""
 _FEWEST, _MOST = 10, 100_000
-"""Samples of a step, by trial: fewer do not show a lag, and more only take longer."""
+"""Fewest and most samples of a step, by trial: fewer do not show a lag, more only take longer."""
 _LONGEST = 3600.0
 """Longest step in seconds, 60 times the longest lag: a longer one has its times in another unit."""
 _LEAST_INSIDE = 0.9
@@ -36,19 +36,19 @@ operator saturates there; many mean that one of the two is not in A."""
 _TOLERANCE = 0.01
 """Part of the range of the levels by which a current may exceed them, by trial."""
 _LEAST_SPAN = 0.5
-"""Least part of the range of the levels that the holds cover, by trial: outside of the holds, the
+"""Least share of the range of the levels that holds cover, by trial: outside of the holds, the
 weights are guesses."""
 _LEAST_MOTION = 0.25
-"""Least movement in the step, over that in the holds; by trial."""
+"""Least motion in the step over that in the holds, by trial."""
 _AT_BOUND = 0.02
-"""Relative distance from an end of `LAGS` within which a lag is the bound, by trial."""
+"""Relative distance from an end of `LAGS` within which a lag counts as its bound, by trial."""
 _MOST_UNEXPLAINED = 0.5
 """Largest rms residual over the standard deviation of the angles, by trial: the fit explains three
 quarters of the variance at least."""
 _ROUGH = 0.05
 """Rms residual, over the range of the holds, above which the lag counts as rough; by trial."""
 _FLOOR = 0.15
-"""Share of the levels that is spread evenly, so that a flat part has some."""
+"""Share of the levels that is spread evenly, so that flat parts have levels too."""
 _FIRST_LAG = 4.0
 """First guess of the lag in seconds: that of a wire of 0.2 mm in air."""
 _MOST_BANDS = 1000
@@ -64,7 +64,7 @@ class HeatedIdentification:
     steady: Identification
     """Fit of the operator to the settled holds."""
     step_rms: float
-    """Root-mean-square error of the simulated step that the lag was fitted to, in degrees."""
+    """Root-mean-square error of the simulated step with the fitted lag, in degrees."""
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -363,12 +363,12 @@ def _check_motion(step: Transient, width: float) -> None:
 
 
 def check_lag(step: Transient, lag: float, rms: float) -> None:
-    """Refuse a lag that the step does not tell: at its bounds, unsampled, or of a poor fit."""
+    """Refuse a lag that the step does not determine: at a bound, undersampled, or of a poor fit."""
     low, high = LAGS
     if min(lag / low, high / lag) < 1 + _AT_BOUND:
         raise SignalError(
-            f"the lag comes out at {lag:.3g} s, the end of the {low:g} to {high:g} s that are "
-            "looked for; give times in seconds and the angles of that very step"
+            f"the fitted lag is {lag:.3g} s, a bound of the allowed {low:g} to {high:g} s; give "
+            "times in seconds, and the angles of this step"
         )
     if step.interval >= lag:
         raise SignalError(
@@ -378,9 +378,9 @@ def check_lag(step: Transient, lag: float, rms: float) -> None:
     spread = float(np.std(step.angle))
     if rms > _MOST_UNEXPLAINED * spread:
         raise SignalError(
-            f"the step is followed to {rms:.3g} degrees rms only, and its angles vary by "
-            f"{spread:.3g}; give the angles of that very step, of the wire of the holds, that "
-            "begins settled and cold"
+            f"the fit of the step has an rms error of {rms:.3g} degrees, and its angles vary by "
+            f"{spread:.3g}; give the angles of this step, of the wire of the holds, that begins "
+            "settled and cold"
         )
 
 
@@ -388,7 +388,7 @@ def advice(rms: float, width: float) -> Iterator[str]:
     """Yield advice on a weak fit to a step."""
     if rms > _ROUGH * width:
         yield (
-            f"the step is followed to {rms / width:.0%} of the range only, so the lag is rough: "
+            f"the rms error of the step is {rms / width:.0%} of the range, so the lag is rough: "
             "begin it settled and cold, let it come to rest, and sample it more finely"
         )
 
@@ -396,8 +396,8 @@ def advice(rms: float, width: float) -> Iterator[str]:
 def _check_sign(values: FloatArray, what: str) -> None:
     if values.size and values.min() < 0:
         raise SignalError(
-            f"{what} is negative, {values.min():g}; heating does not tell the sign, so give its "
-            "size"
+            f"{what} is negative, {values.min():g}; heating does not depend on the sign, so give "
+            "its size"
         )
 
 

@@ -20,33 +20,33 @@ from minorloop_head.control.observer import Estimate
 from minorloop_head.heated_wire import HeatedWire
 
 _EACH = 8000
-"""Hypotheses of a change of the ambient, and as many of a change of the convection: so many that
-about thirty of them lie within the model's error of the truth. They are drawn at random: points of
-an even sequence lie on lines, and whole lines of them explain the readings alike."""
+"""Number of hypotheses of a change of the ambient, and of a change of the convection: about thirty
+of them lie within the model's error of the truth. They are drawn at random: points of an even
+sequence lie on lines, and whole lines of them explain the readings equally."""
 _AMBIENTS, _COOLINGS = (-65.0, 30.0), (-0.3, 3.5)
-"""Changes of the ambient in K and of the logarithm of the convection: from a cold room to a flooded
-pipe."""
+"""Ranges of changes of the ambient in K and of the logarithm of the convection: from a cold room to
+a flooded pipe."""
 _RESISTANCE_SPREAD = 0.08
 """Standard deviation of the cold over the hot resistance among wires; data sheets of
 nickel-titanium give 0.7 to 0.9."""
 _STEEPER = 0.06
-"""Most by which the branch rises faster than the identified one. The holds of an identification,
-40 s, are three time constants of the slowest wires where they turn most, and end with a twentieth
-of the way left. Of 13 simulated wires the branch rises faster by up to 6 % over nine tenths of the
-stroke; near its end some differ more, where it matters less."""
+"""Largest excess of the slope of the branch over the identified one. The holds of an
+identification, 40 s, are three time constants of the slowest wires where they turn most: a
+twentieth of the motion is missing at their end. Of 13 simulated wires the branch rises faster by up
+to 6 % over nine tenths of the stroke; near its end some differ more, where it matters less."""
 _TABLE = 257
-"""Points of the table of the rising branch."""
+"""Number of points in the table of the rising branch."""
 _MODEL_ERROR, _MOST_MISS = 0.7, 5.0
 """Standard deviation of the model's error in degrees, about twice that of the best hypothesis on
-cold wires; errors beyond 5 of them count as 5."""
+cold wires; and limit of errors in standard deviations."""
 _DECORRELATION, _MEMORY = 0.5, 6.0
-"""Seconds between independent errors, and after which errors are forgotten."""
+"""Seconds between independent errors, and time constant of their decay."""
 _LIKELY, _BESIDE = (15.0, 0.7), (5.0, 0.07)
-"""Scales of the changes in K and as logarithm of the convection: of one that is looked for, and of
-the other beside it."""
+"""Scales of the changes in K and of the logarithm of the convection: of a main change, and of the
+other change beside it."""
 _NEAR, _ITERATIONS = 0.01, 200
 """Change in degrees, and number of iterations, that end the fixed point for the final angle: in
-deep cold the resistance feeds up to nine tenths of a change of the angle back."""
+deep cold the resistance feeds back up to nine tenths of a change of the angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +69,12 @@ class Hypotheses:
     """Ambients from -65 to +30 K, convections from 0.74 to 33 times those at identification."""
 
     wire: HeatedWire
-    """As it was identified."""
+    """The identified wire."""
     rise: float
     """Steady rise of the temperature of a hot wire for a heating power, in K per A^2."""
     cold_resistance: float
-    """Resistance of a cold wire over that of a hot one: a degree of the ambient equals more power
-    where the resistance is lower."""
+    """Resistance of a cold wire over that of a hot one: if the resistance is lower, a degree of the
+    ambient equals more power."""
     highest: float = HIGHEST_CURRENT
     """Largest current in A."""
 
@@ -181,10 +181,10 @@ class Hypotheses:
 
     @cached_property
     def density(self) -> FloatArray:
-        """Density (M,) of what each hypothesis was drawn with beside its change; 1 at the middle.
+        """Density (M,) of the drawn quantities of each hypothesis beside its change; at most 1.
 
-        A weight does not have it, as more hypotheses are drawn where it is higher. It compares
-        single ones.
+        Weights do not contain it, as more hypotheses are drawn where it is higher. It is for
+        comparing single hypotheses.
         """
         changes = np.abs(self._drawn[:2])
         beside = changes[1, :_EACH] / _BESIDE[1], changes[0, _EACH:] / _BESIDE[0]
@@ -201,9 +201,9 @@ class Hypotheses:
     def _drawn(self) -> FloatArray:
         """Changes of ambient and convection, resistances and errors of the branch, (4, M).
 
-        Changes are in K, and of the logarithm of the convection. Either the ambient is drawn evenly
-        from its range or the convection; the other one follows its prior, and so does the
-        resistance in standard deviations. Errors of the branch are even shares of the largest one.
+        Changes are in K, and of the logarithm of the convection. Either ambient or convection is
+        drawn uniformly from its range, and the other from its prior, as is the resistance, in
+        standard deviations. Errors of the branch are uniform shares of the largest one.
         """
         rng = np.random.default_rng(0)
         ambients, coolings = rng.uniform(*_AMBIENTS, _EACH), rng.uniform(*_COOLINGS, _EACH)

@@ -1,14 +1,14 @@
-"""Whether readings are later than they should be: at the end of a motion, and by observers.
+"""Detection of late readings: at the end of a motion, and by observers with longer delays.
 
-A wire slows down when its current falls, at once: the rate of its angle is that of its temperature,
-and this follows the power. At the end of a motion the rate of the readings is compared with the
-power some time before. What makes a wire start later than its model expects, a colder room or the
-width of the hysteresis, does not matter there.
+A wire slows down at once when its current falls: the rate of its angle is that of its temperature,
+which follows the power. At the end of a motion the rate of the readings is compared with earlier
+power. A colder room or the width of the hysteresis make a wire start later than its model expects,
+but do not delay its stop.
 
-Late readings make a loop swing, and an observer that believes them errs. So does one whose
-surroundings have changed: a colder wire starts later. Beside the observer of a loop run some with
-longer delays, and some in time but with a colder or a warmer wire. Readings are late if one of the
-first expects them much better than each of the second.
+Late readings make a loop oscillate, and mislead its observer. So do changed surroundings: a colder
+wire starts later. Beside the observer of the loop run observers with longer delays, and observers
+without delay but with a colder or a warmer wire. Readings are late if one of the former predicts
+them much better than each of the latter.
 """
 
 from __future__ import annotations
@@ -25,53 +25,52 @@ from minorloop_head.control.controller import width
 from minorloop_head.control.observer import Estimate, PowerObserver
 
 _LATER = 0.2
-"""Seconds of lateness from which a stop tells it."""
+"""Least lateness in seconds that a stop shows."""
 _DOUBTED = 30.0
-"""Seconds for which late readings are not used, until they are tried again."""
+"""Seconds for which late readings are not used before they are tried again."""
 _WINDOW, _RATE = 2.4, 4
-"""Seconds of a motion up to its stop that are compared, and intervals in which a rate is taken."""
+"""Compared seconds of a motion before its stop, and intervals over which a rate is taken."""
 _OLDEST = 2.0
-"""Seconds of lateness up to which it does: a network holds pictures back by as much."""
+"""Largest lateness in seconds that a stop shows: a network delays pictures by as much."""
 _SLOWER, _BACK = 2.0, 0.5
-"""Degrees a second by which a motion must get slower from the first quarter of the window to the
-last, and the most by which it may go back."""
+"""Least decrease of the rate in degrees per second from the first quarter of the window to the
+last, and largest reverse rate."""
 _IN_TIME = 0.12
-"""Seconds later than expected up to which readings are in time."""
+"""Largest delay in seconds of readings in time."""
 _EXPLAINED, _BETTER = 0.9, 2.5
-"""Share of the changes of the rate that a late response must explain, and by how many times less it
-must leave unexplained than one in time: simulated readings in time reach one, but not the other."""
+"""Least share of the changes of the rate that a late response explains, and least ratio of the
+unexplained changes of one in time to its own: simulated readings in time never reach both."""
 _VARIED = 0.05
 """Least standard deviation of the power in the window, as a share of the full power."""
 _GAIN = 0.3, 1.5
-"""Rate for a power over the largest one of the wire, least and most."""
+"""Least and largest rate per power, over the largest one of the wire."""
 _AGAIN = 5
-"""Steps in a row in which this must be found."""
+"""Consecutive steps in which this must be found."""
 _SEEN = 0.5
 """Least share of the steps of a window in which there is a reading."""
 _BEFORE = 1.5
-"""Seconds before a comparison at which it begins: the estimate of the loop was still right then."""
+"""Seconds by which a comparison begins earlier: the estimate of the loop was still right then."""
 _ERRS = 0.5
-"""Degrees by which readings must differ from what the loop expects for a comparison to begin."""
+"""Least error in degrees of the readings expected by the loop that starts a comparison."""
 _LONGEST, _CALM = 6.0, 2.0
-"""Seconds after which it ends, and seconds in which the loop expects the readings to half of
-`_ERRS`."""
+"""Seconds after which it ends, and seconds with errors below half of `_ERRS` that end it."""
 _COLDER = -0.25, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1
-"""Powers that the surroundings may add to those that the loop knows, as shares of the range."""
+"""Powers that the surroundings may add to those known by the loop, as shares of the range."""
 _ENDURED = 0.16, 0.28
-"""Seconds by which readings may be later and a loop still comes to rest, nearer to its target than
-by its model alone."""
+"""Tolerable delays in seconds: the loop still comes to rest, nearer to its target than by its model
+alone."""
 _DELAYS = 0.4, 0.48, 0.6, 0.72, 0.88, 1.08, 1.32, 1.6, 2.0
-"""Seconds by which they may be too late; the last is there to show that they are later still."""
+"""Delays in seconds that are too long; the last one detects even longer ones."""
 _WITHIN = 0.8
-"""Time constant in seconds of the mean squares that are compared."""
+"""Time constant in seconds of the compared mean squares."""
 _LEAST, _NEARER = 0.5, 2.2
-"""Rms error in degrees of all that are in time, and how many times smaller that of a later one must
-be. By trial on simulated heads with late readings and such in time;
+"""Least rms error in degrees of all observers in time, and least ratio of it to that of a later
+one. By trial on simulated heads with late readings and readings in time;
 ``python -m benchmarks.late_readings`` counts how many of both are called late."""
 _MOVED = 3.0
-"""Degrees by which the readings of the last `_BEFORE` must vary: noise has no delay."""
+"""Least range in degrees of the readings of the last `_BEFORE`: noise has no delay."""
 _ROOM = 64
-"""Extrema for which memories have room at first."""
+"""Initial capacity of memories, in extrema."""
 
 
 class _Comparison(NamedTuple):
@@ -89,7 +88,7 @@ class _Comparison(NamedTuple):
     """Steps since the beginning."""
     calm: int = 0
     row: int = 0
-    """Steps in a row in which the loop erred little, and in which the readings were late."""
+    """Consecutive steps in which the loop erred little, and in which the readings were late."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,7 +96,7 @@ class _DelayWatch:
     """Finds readings that are late by comparing observers."""
 
     observer: PowerObserver
-    """That of the loop."""
+    """Observer of the loop."""
 
     def step(
         self,
@@ -110,22 +109,22 @@ class _DelayWatch:
     ) -> tuple[_Comparison | None, float]:
         """Return the comparison after one more reading, and the age of late ones in s; 0 if none.
 
-        ``before``: none if there was none. ``recent`` (3, n): powers in A^2 up to the newest
-        readings, angles of the loop before them, and readings in degrees, NaN where there was none
-        that is believed; oldest first. ``estimates``: of the loop, before the last powers.
-        ``error``: newest reading less what the loop expects, in degrees. ``steps``: intervals since
-        the last reading was due.
+        ``before``: None without a comparison. ``recent`` (3, n): powers in A^2 up to the newest
+        readings, angles of the loop before them, and readings in degrees, NaN without a trusted
+        one; oldest first. ``estimates``: of the loop, before the last powers. ``error``: newest
+        reading less the one expected by the loop, in degrees. ``steps``: intervals since the last
+        reading was due.
         """
         powers, angles, readings = recent
         first, found = max(len(readings) - steps, 0), before
-        if not np.isnan(error) and self._ended(readings[:first]):
+        if not np.isnan(error) and self._readings_ended(readings[:first]):
             found = None
         if found is None:
             if not abs(error) > _ERRS:
                 return None, 0.0
-            first = self._first(readings)
-            found = self._begun(estimates[first - len(readings)], angles[first::-1])
-        found = self._advanced(found, powers[first:], readings[first:])
+            first = self._first_index(readings)
+            found = self._begin(estimates[first - len(readings)], angles[first::-1])
+        found = self._advance(found, powers[first:], readings[first:])
         calm = 0 if abs(error) > 0.5 * _ERRS else found.calm + steps
         late = self._late(found, readings)
         row = found.row + 1 if late else 0
@@ -134,24 +133,24 @@ class _DelayWatch:
         return found._replace(calm=calm, row=row), late if row >= _AGAIN else 0.0
 
     def compile(self) -> None:
-        """Compile the comparison, which a loop that errs little does not use."""
+        """Compile the comparison, which a loop with small errors does not reach."""
         nothing = np.empty(0)
-        self._advanced(self._begun(self.observer.found(), np.zeros(1)), nothing, nothing)
+        self._advance(self._begin(self.observer.found(), np.zeros(1)), nothing, nothing)
 
-    def _ended(self, readings: FloatArray) -> bool:
-        """Return whether the readings have ended: those that a network held back come late then."""
+    def _readings_ended(self, readings: FloatArray) -> bool:
+        """Return whether the readings have stopped: those that a network delays come late then."""
         last = readings[-self._count(_ENDURED[0]) :]
         return bool(last.size and np.isnan(last).all())
 
-    def _first(self, readings: FloatArray) -> int:
-        """Return the moment at which a comparison begins: where readings ended, if they did so."""
+    def _first_index(self, readings: FloatArray) -> int:
+        """Return the index at which a comparison begins: where readings stopped, if they did."""
         first = max(len(readings) - self._count(_BEFORE), 0)
-        if self._ended(readings[:-1]):
+        if self._readings_ended(readings[:-1]):
             while len(readings) > first + 1 and not np.isnan(readings[first]):
                 first += 1
         return first
 
-    def _begun(self, estimate: Estimate, angles: FloatArray) -> _Comparison:
+    def _begin(self, estimate: Estimate, angles: FloatArray) -> _Comparison:
         """Return the comparison that begins at an estimate; angles before are newest first."""
         wire, count = estimate.wire, len(self._delays)
         values = np.tile(estimate.values, (count, 1))
@@ -165,7 +164,7 @@ class _DelayWatch:
             values, np.tile(past, (count, 1)), copies, np.full(count, rows), np.zeros(count)
         )
 
-    def _advanced(
+    def _advance(
         self, before: _Comparison, powers: FloatArray, readings: FloatArray
     ) -> _Comparison:
         """Return the comparison some intervals later."""
@@ -190,7 +189,7 @@ class _DelayWatch:
         )
 
     def _late(self, found: _Comparison, readings: FloatArray) -> float:
-        """Return the age of the readings in s, 0 if those in time explain them."""
+        """Return the age of the readings in s, 0 if an observer in time explains them."""
         borne = len(_COLDER) + len(_ENDURED)
         in_time, later = np.split(found.squares / max(found.weight, 1e-9), [borne])
         best, least = int(np.argmin(later)), float(in_time.min())
@@ -220,7 +219,7 @@ class _DelayWatch:
 
     @cached_property
     def _colder(self) -> FloatArray:
-        """Power (N,) in A^2 that the surroundings add at the beginning to those of the loop."""
+        """Power (N,) in A^2 of the surroundings at the beginning, beyond that known by the loop."""
         colder = np.zeros(len(self._observers))
         colder[: len(_COLDER)] = np.array(_COLDER) * width(self.observer.wire)
         return colder
@@ -228,7 +227,7 @@ class _DelayWatch:
 
 @dataclass(frozen=True, eq=False)
 class Lateness:
-    """What is known of how late the readings are."""
+    """State of the detection of late readings."""
 
     recent: FloatArray = field(default_factory=lambda: np.empty((3, 0)))
     """Shape (3, n). Powers in A^2 that were applied up to the newest readings, angles of the
@@ -236,29 +235,29 @@ class Lateness:
     estimates: tuple[Estimate, ...] = ()
     """The last of these estimates."""
     comparison: _Comparison | None = None
-    """Of observers with longer delays, while readings differ from what is expected."""
+    """Comparison of observers with longer delays, while readings differ from expected ones."""
     row: int = 0
-    """Steps in a row in which a stop showed that they were late."""
+    """Consecutive steps in which a stop showed that they were late."""
     late: float = 0.0
-    """Age of the readings in seconds, 0 if they are not known to be late."""
+    """Age of late readings in seconds; 0 if they are not known to be late."""
     doubted: float = 0.0
-    """Seconds for which late readings will not be used yet."""
+    """Remaining seconds for which late readings are not used."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LatenessWatch:
-    """Finds late readings: where a motion gets slower, and by observers with longer delays.
+    """Finds late readings: when a motion gets slower, and by observers with longer delays.
 
     Notes
     -----
     With the effective power w and the slope s, dy/dt = s (p - w) / (tau + q s). Within seconds,
-    w and s change slowly: the rate of the readings is regressed on the power some time before, on a
-    constant and on time. In a loop that swings, where they do change, the observers find it; where
+    w and s change slowly: the rate of the readings is regressed on earlier power, on a constant and
+    on time. If the loop oscillates, they do change, and the observers find late readings; if
     readings become late at rest, or by 2 s, the regression does.
     """
 
     observer: PowerObserver
-    """That of the loop."""
+    """Observer of the loop."""
 
     def step(
         self,
@@ -270,12 +269,11 @@ class LatenessWatch:
         expected: float,
         steps: int = 1,
     ) -> Lateness:
-        """Return what is known after one more reading; late ones are doubted for some time.
+        """Return the state after one more reading; late readings are not used for some time.
 
-        ``estimate``: of the loop, before the current was applied. ``current``: in A, that was on
-        until the reading. ``reading``: in degrees; NaN where there is none that is believed.
-        ``expected``: what the loop expects, in degrees. ``steps``: intervals since the last reading
-        was due.
+        ``estimate``: of the loop, before the current was applied. ``current``: in A, applied until
+        the reading. ``reading``: in degrees; NaN without a trusted one. ``expected``: the reading
+        that the loop expects, in degrees. ``steps``: intervals since the last reading was due.
         """
         recent = _observer_kernels.added(
             before.recent, current**2, estimate.wire.angle, reading, steps, self._kept
@@ -301,12 +299,12 @@ class LatenessWatch:
         return watch
 
     def _late(self, recent: FloatArray) -> float:
-        """Return after how many seconds the rate follows the power, 0 if in time or not known."""
+        """Return the delay in seconds of the rate after the power, 0 if in time or not known."""
         count, last = self._window, self._lags[-1]
         power, _, reading = recent
         if len(reading) < self._kept:
             return 0.0
-        moved = (_SLOWER - _BACK) * _WINDOW / 4  # less cannot be such a motion
+        moved = (_SLOWER - _BACK) * _WINDOW / 4  # fewer readings cannot show a motion
         over = _RATE, _RATE * self.observer.interval
         rate = _observer_kernels.slowing(reading, count, _SEEN, moved, over, _SLOWER, _BACK)
         if not rate.size:
@@ -333,10 +331,10 @@ class LatenessWatch:
 
     def _fitted(self, values: FloatArray) -> FloatArray:
         """Return the constant and the linear part of values (..., n)."""
-        return np.asarray(values @ self._even @ self._even.T)
+        return np.asarray(values @ self._basis @ self._basis.T)
 
     @cached_property
-    def _even(self) -> FloatArray:
+    def _basis(self) -> FloatArray:
         """Orthonormal constant and time (n, 2) of a window."""
         columns = np.stack([np.ones(self._window), np.arange(self._window)], axis=1)
         return np.asarray(np.linalg.qr(columns)[0])
@@ -347,7 +345,7 @@ class LatenessWatch:
 
     @cached_property
     def _lags(self) -> tuple[int, int, int]:
-        """Intervals up to which readings are in time, and from and up to which they are late."""
+        """Intervals up to which readings are in time, and the range in which they are late."""
         in_time, first, last = (
             self.observer.delay + round(t / self.observer.interval)
             for t in (_IN_TIME, _LATER, _OLDEST)

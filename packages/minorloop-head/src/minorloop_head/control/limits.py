@@ -32,7 +32,7 @@ class WireLimits:
     hottest: float = 150.0
     """Temperature of the wire that is never exceeded, in degrees Celsius."""
     ambient: float = 20.0
-    """At which the wire was identified, in degrees Celsius."""
+    """Ambient temperature at the identification, in degrees Celsius."""
     rise: float = 676.0
     """Steady rise of the temperature for a heating power, in K per A^2: resistance over convection,
     both per metre."""
@@ -42,7 +42,7 @@ class WireLimits:
     spring: float = 2500.0
     pulley: float = 2.87e-3
     diameter: float = 0.2e-3
-    """Of the spring in N and N/m, the radius of the pulley and the diameter of the wire in m."""
+    """Preload and rate of the spring in N and N/m, radius of pulley and diameter of wire in m."""
     stress: float = 172e6
     """Highest stress that the maker advises for a long life, in Pa; it is reported, not limited."""
 

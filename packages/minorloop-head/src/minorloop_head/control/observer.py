@@ -2,8 +2,8 @@
 
 The model is simulated with the current that was applied. The difference between its angle and the
 reading moves the effective power along the operator, and slowly changes the bias that ambient and
-convection add. Inside a loop, where the wire hardly moves, it does neither: it is an offset of the
-angle, so that the observer still knows at which power the wire will move on.
+convection add. Inside a loop, where the wire hardly moves, it only adds an offset to the angle, so
+that the observer still knows at which power the wire will move on.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from minorloop_head.heated_wire import SOLVES, HeatedState, HeatedWire
 _FLATTEST = 0.3
 """Least slope over the mean slope of the operator with which a power is corrected."""
 _MOST_OFFSET = 0.3
-"""Degrees up to which a difference may be no error of the power: a larger one says that the wire is
+"""Largest difference in degrees that may be an offset: a larger one shows that the wire is
 elsewhere in its loop."""
 _LARGEST_ERROR = 0.45
 """Differences above this many degrees change the bias no faster: they are motion."""
 _CALM = 0.6
-"""Product of the correction and the age of readings up to which the estimate does not swing: an
-integral with a delay swings from 1.6 on, and the bias takes a part of that."""
+"""Largest product of the correction and the age of readings without oscillation: an integral with a
+delay oscillates from 1.6 on, and the bias takes a part of that."""
 _MOST_BIAS = 0.6
 """Largest bias as a share of full power."""
 
@@ -48,7 +48,7 @@ class Estimate:
     past: tuple[float, ...]
     """Angles of the model, newest first, up to the age of a reading."""
     offset: float = 0.0
-    """Angle less that of the model where no power explains the difference, in degrees."""
+    """Part of the angle less that of the model that no power explains, in degrees."""
     way: float = 0.0
     """Change of the effective power in the last interval, in A^2."""
 
@@ -59,7 +59,7 @@ class Estimate:
 
     @property
     def expected(self) -> float:
-        """Angle that is read now, in degrees: that of a predicted estimate."""
+        """Angle expected in the reading now, in degrees, for a predicted estimate."""
         return self.past[-1] + self.offset
 
     @property
@@ -77,10 +77,10 @@ class PowerObserver(Loop):
 
     Notes
     -----
-    The power explains the share of a difference that is the slope of the branch, in the direction
-    in which the power moves, over the mean slope of the operator, up to all of it; an offset of the
-    angle, up to 0.3 degrees, explains the rest, and fades where the branch is steep. The slope by
-    which a power is corrected is at least 0.3 of the mean one.
+    The power explains a share of a difference: the slope of the branch, in the direction in which
+    the power moves, over the mean slope of the operator, at most 1. An offset of the angle, up to
+    0.3 degrees, explains the rest, and decays where the branch is steep. The slope for the
+    correction of the power is at least 0.3 of the mean one.
     """
 
     wire: HeatedWire
@@ -104,7 +104,7 @@ class PowerObserver(Loop):
     def later(self, steps: int) -> Self:
         """Return the loop for readings that are older by some intervals; states remain valid.
 
-        It follows them more slowly: what is corrected now is only seen after their age.
+        It follows them more slowly: they show a correction only after their age.
         """
         found = super().later(steps)
         most = _CALM / max(found.delay * self.interval, 1e-9)
@@ -146,16 +146,16 @@ class PowerObserver(Loop):
 
     @cached_property
     def constants(self) -> tuple[float, float, float, float]:
-        """Those of the wire, for the compiled steps."""
+        """Constants of the wire, for the compiled steps."""
         return self.wire.lag, self.wire.latent, self.interval, float(SOLVES)
 
     @cached_property
     def gains(self) -> tuple[float, ...]:
-        """Those of a correction, for the compiled steps.
+        """Constants of a correction, for the compiled steps.
 
-        Shares of a difference by which the power and the bias change in an interval; what the
-        filter keeps; dead band in degrees; mean and least slope in degrees per A^2; offset and
-        largest difference in degrees; largest bias in A^2.
+        They are the shares of a difference by which the power and the bias change in an interval;
+        the weight of the old value in the filter; dead band in degrees; mean and least slope in
+        degrees per A^2; offset and largest difference in degrees; largest bias in A^2.
         """
         mean = mean_slope(self.wire)
         return (

@@ -37,34 +37,34 @@ _STILL_DEGREES, _STILL_SECONDS = 0.3, 3.0
 _PATIENCE = 2.3
 """Lags of full current before a wire counts as stopped: 90 % of the heat have arrived."""
 _RISEN = 0.9
-"""Share of the full current from below which it rose while the wire did not move at all: no
+"""Share of the full current: if the current rose from below it and the wire did not move at all, no
 surroundings explain that."""
 _BEGUN = 2.0
-"""Degrees from which a wire has begun to turn, about three of the model's error. Before, a late
-wire looks like one that never turns."""
+"""Least motion in degrees of a wire that has begun to turn, about three times the model's error.
+With less motion, a late wire looks like one that never turns."""
 _JUDGED = 0.2
-"""Seconds between two looks for a verdict."""
+"""Seconds between two checks for a verdict."""
 _DEADLINE = 9.5
 """Seconds after which a verdict is given even if its reason is not clear."""
 _CLEAR, _LIKELY = 0.9, 0.8
-"""Share of the weight that makes a reason clear, and share from which it is given in the end;
-below, both are."""
+"""Share of the weight that makes a reason clear, and least share with which it is given at the
+deadline; below, both reasons are given."""
 _UNSURE, _OFF = 0.05, 0.7
-"""Error of a predicted motion beside what the hypotheses differ by: as a share of it, and in
-degrees, that of the model."""
+"""Error of a predicted motion in addition to the spread of the hypotheses: as a share of it, and
+that of the model in degrees."""
 _RARE = 0.01
-"""Density over the largest below which no hypothesis may be under which a wire arrives that has not
-begun to turn."""
+"""Density over the largest: a wire that has not begun to turn does not arrive if every hypothesis
+under which it would has less."""
 _NEGLIGIBLE = 1e-7
 """Share of the largest weight below which a hypothesis is left out: all of them are below 0.2 %."""
 _BAND = 0.95
 """Weight of the hypotheses within the stated reach."""
 _WORSE, _POOR = 12.0, 6.0
-"""Excess cost over the best hypothesis from which others do not explain the readings, and cost for
-each independent reading from which none does."""
+"""Excess cost over the best hypothesis above which others do not explain the readings, and cost per
+independent reading above which no hypothesis does."""
 _CORRECTED, _FAR = 20.0, 10.0
-"""Seconds of full current after which a verdict is corrected if the wire stays short of its reach
-by so many degrees."""
+"""Seconds of full current after which a verdict is corrected, and least distance in degrees between
+the wire and its predicted reach for that."""
 STROKE_SHARE = 0.97
 """Share of the stroke beyond which a wire is not heated: at its end the angle does not depend on
 the temperature."""
@@ -84,8 +84,8 @@ class Unreachable:
     """Duration of the trial, in seconds."""
     least: float = math.nan
     most: float = math.nan
-    """Bounds of that angle: what it has reached, and what the model, which was identified in other
-    surroundings, allows; NaN for the reach itself."""
+    """Bounds of that angle: the largest reached angle, and that allowed by the model, which was
+    identified in other surroundings; NaN for the reach itself."""
 
     def __str__(self) -> str:
         known = f"{_shown(self.least)} to {_shown(self.most)}"
@@ -95,7 +95,7 @@ class Unreachable:
         if self.reason == "no motion":
             return (
                 f"{target} is unreachable: no motion at {_shown(self.reach)} degrees; the wire is "
-                "stuck or broken, or what is read does not turn with it"
+                "stuck or broken, or the sensor does not turn with it"
             )
         return f"{target} is unreachable: {self.reason}; the wire would reach {known} degrees"
 
@@ -116,10 +116,10 @@ class Trial:
     still: float = 0.0
     """Seconds without motion."""
     least: float = math.inf
-    """Smallest current that was on, in A."""
+    """Smallest applied current, in A."""
     evidence: float = 0.0
     """Cost of the best hypothesis of a stronger cooling less that of the best one of a colder
-    ambient, when they differed most: the heating tells them apart, its end does not."""
+    ambient, when they differed most: they differ during the heating, but not at its end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class ReachState:
     """State of the present target."""
 
     trial: Trial | None = None
-    """Before a verdict."""
+    """The trial before a verdict."""
     verdict: Unreachable | None = None
     """The target cannot be reached."""
     age: float = 0.0
@@ -148,7 +148,7 @@ class ReachWatch(Loop):
     tolerance: float = 1.0
     """Degrees beyond the reach from which a target is unreachable."""
     certainty: float = 0.995
-    """Weight of the hypotheses under which it must be."""
+    """Least weight of the hypotheses under which it is unreachable."""
     retry: float = 60.0
     """Seconds after which an unreachable target is tried again."""
 
@@ -163,10 +163,10 @@ class ReachWatch(Loop):
         """Return the state one interval later.
 
         ``reference``: target in degrees. ``measurement``: reading in degrees; NaN where there is
-        none. ``current``: in A, that was on. ``estimate``: of the wire now.
+        none. ``current``: applied, in A. ``estimate``: of the wire now.
         """
         if state.verdict is not None:
-            state = self._kept(state, state.verdict, reference, measurement, current)
+            state = self._keep_verdict(state, state.verdict, reference, measurement, current)
             if state.verdict is not None:
                 return state
         low, top = self.wire.operator.range
@@ -182,10 +182,10 @@ class ReachWatch(Loop):
             moving = angle > low + self.tolerance
             bank = self._hypotheses.begin(estimate, moving=moving)
             trial = Trial(bank, angle, angle)
-        trial = self._followed(trial, measurement, angle, current)
+        trial = self._follow(trial, measurement, angle, current)
         return ReachState(trial, self._verdict(trial, reference, angle))
 
-    def _kept(
+    def _keep_verdict(
         self,
         state: ReachState,
         verdict: Unreachable,
@@ -195,8 +195,8 @@ class ReachWatch(Loop):
     ) -> ReachState:
         """Keep a verdict until the target is within reach or changes, or the verdict is old.
 
-        A predicted reach that the wire does not come near under full current is corrected. A
-        verdict is taken back if the wire comes to its target, or farther than the model allows.
+        If the wire stays far from the predicted reach under full current, the reach is corrected. A
+        verdict is withdrawn if the wire comes to its target, or farther than the model allows.
         """
         full = state.full + self.interval if self._is_full(current) else 0.0
         if full > _CORRECTED and measurement < verdict.reach - _FAR:
@@ -214,7 +214,7 @@ class ReachWatch(Loop):
     def _is_full(self, current: float) -> bool:
         return current >= 0.95 * self.highest
 
-    def _followed(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
+    def _follow(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
         """Return the trial one interval later."""
         moved = abs(angle - trial.mark) > _STILL_DEGREES
         bank = self._hypotheses.step(trial.bank, current, measurement, self.interval)
@@ -242,13 +242,13 @@ class ReachWatch(Loop):
         weight = weights[likely]
         final = self._hypotheses.final(trial.bank, angle, self.highest, likely)
         farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
-        if begun:  # Where the wire turns, an error of the branch feeds back as the angle does.
+        if begun:  # While the wire turns, an error of the branch feeds back like the angle.
             off = farthest - final
             farthest = self._hypotheses.final(trial.bank, angle, self.highest, likely, off)
         short = farthest < reference - self.tolerance
         if begun:
             open_still = float(weight[~short].sum()) > 1.0 - self.certainty
-        else:  # The many hypotheses under which it never turns do not count against a single one.
+        else:  # Single ones: the many under which it never turns would outweigh one.
             single = weight * self._hypotheses.density[likely]
             open_still = float(single[~short].max(initial=0.0) / single.max()) > _RARE
         if open_still and not stopped:
@@ -272,16 +272,16 @@ class ReachWatch(Loop):
     def _reason(
         self, trial: Trial, weight: FloatArray, angle: float, *, late: bool
     ) -> Reason | None:
-        """Return the reason with the largest effect on the reach, both of two that are alike.
+        """Return the reason with the largest effect on the reach, both if two are equal.
 
-        None if it is not clear yet, unless it is late.
+        None if it is not clear yet before the deadline.
         """
         cost, total = trial.bank.cost, float(weight.sum())
         best, independent = float(cost.min()), self._hypotheses.independent(trial.seconds)
         likely = cost[weight > 0]
         lost = likely.size == 0 or float(likely.min()) > best + max(_WORSE, independent)
         if lost or best > _POOR * independent:
-            if not late:  # A wire that nothing explains is not predicted either.
+            if not late:  # If no hypothesis explains the wire, none predicts it.
                 return None
             still = angle - trial.began < 0.5 * self.tolerance
             return "no motion" if still else "load or ageing"

@@ -1,8 +1,8 @@
 """Check of the readings of a wire: lost, stuck, implausible, against the model, or reversed.
 
 The greatest slope of the operator and the constants of the heat bound the rate of a wire. Readings
-that jump further are not believed however long they last: only once they jump back, or agree with
-the model. Readings that fall below those of a cold wire while it is heated have the wrong sign.
+that jump further are not trusted until they jump back or agree with the model. Readings that fall
+below those of a cold wire while it is heated have the wrong sign.
 """
 
 from __future__ import annotations
@@ -18,57 +18,56 @@ from minorloop_head.heated_wire import HeatedWire
 
 Fault: TypeAlias = Literal["", "lost", "stuck", "implausible", "unconfirmed", "reversed", "late"]
 ASTRAY = 10.0
-"""Seconds for which a wire goes by its model while readings contradict it: either may be wrong, the
-model after readings that were wrong and looked right. A cold wire shows which."""
+"""Seconds for which a wire goes by its model while readings contradict it. Either may be wrong, the
+model after plausible wrong readings. A cold wire shows which one."""
 _SEEN, _SELDOM = 10, 0.1
-"""A sensor is noisy if at least so many readings differed, and at most this share did not."""
+"""Least number of changed readings of a noisy sensor, and largest share of unchanged ones."""
 _DRIFT, _UNSURE = 0.5, 0.3
-"""Degrees a second, and share of its motion, by which the error of the model may grow while
-readings are not believed: by a few degrees in 10 s."""
+"""Growth of the error of the model without trusted readings, in degrees per second and as a share
+of the motion: a few degrees in 10 s."""
 _CHANGED = 0.1
-"""Share of the range of the powers by which surroundings may change within seconds."""
+"""Largest change of the surroundings within seconds, as a share of the range of powers."""
 _ROW = 5
-"""Believed readings in a row after which the angle is known: more than there are outliers."""
+"""Consecutive trusted readings after which the angle is known: more than outliers in a row."""
 _AGREED = 1.0
-"""Seconds for which readings must agree with the model to be believed again, and without readings
-after which they are compared with it, whatever was before."""
+"""Seconds for which readings must agree with the model to be trusted again, and seconds without
+readings after which they are compared with it alone."""
 _BLIND = 4.0
-"""Seconds without readings until surroundings may have changed by the whole range of the powers, as
-their square: water flows in within seconds, and heats or cools only then."""
+"""Seconds without readings until surroundings may have changed by the whole range of powers. The
+change grows as their square: water flows in within seconds, and heats or cools only then."""
 _CLOSE = 0.5
-"""Share of `jump` within which they agree then."""
+"""Share of `jump` within which they count as agreeing."""
 _RISE, _FALL = 3.0, 2.0
-"""Degrees by which the wire must rise by its current, and its readings fall, until their sign is
-known: far above the noise, and before the head is far on the wrong way."""
+"""Rise of the wire by its current, and fall of its readings, in degrees, that show a wrong sign:
+far above the noise, and before the head has turned far in the wrong direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorWatch:
-    """Which readings of a sensor are usable.
+    """Conditions under which readings of a sensor are usable.
 
     Raises a `ParameterError` if a number is out of its range.
     """
 
     noise: float = 0.05
-    """Standard deviation in degrees. A noisy sensor that repeats a reading is stuck. One without
-    noise (0), or with steps as coarse as its noise, may repeat itself; that it is stuck is noticed
+    """Standard deviation in degrees. A noisy sensor that repeats a reading is stuck. A sensor
+    without noise (0), or with steps as coarse as its noise, may repeat readings: it counts as stuck
     only when a heated wire does not move."""
     repeats: int = 15
-    """Equal readings in a row after which a noisy sensor is stuck."""
+    """Consecutive equal readings after which a noisy sensor is stuck."""
     patience: int = 5
-    """Readings missing or implausible in a row after which the sensor is at fault."""
+    """Consecutive missing or implausible readings after which the sensor is at fault."""
     recovery: int = 25
-    """Usable readings after which it is trusted again, if it is not at fault anew between them."""
+    """Usable readings after which it is trusted again, without a new fault between them."""
     low: float = -45.0
     high: float = 135.0
     """Limits of plausible angles, in degrees."""
     jump: float = 1.5
-    """Most degrees by which readings differ beside the motion of the wire: noise, and the steps
+    """Largest difference of readings in degrees beyond the motion of the wire: noise, and the steps
     of a coarse sensor."""
     makes_up: int = 1
-    """Missing or implausible readings that a usable one makes up for. With 1, a sensor of which
-    more than half the readings are lost is at fault; with ``patience``, only those in a row
-    count."""
+    """Missing or implausible readings that a usable one cancels. With 1, a sensor that loses more
+    than half of its readings is at fault; with ``patience``, only consecutive ones count."""
 
     def __post_init__(self) -> None:
         within("noise", self.noise, 0.0, 100.0, "degrees")
@@ -81,49 +80,47 @@ class SensorWatch:
 
 
 class ReadingState(NamedTuple):
-    """What is known by the readings of a wire."""
+    """State of the check of the readings of a wire."""
 
     value: float = math.nan
     """Usable reading in degrees, NaN if there is none now."""
     fault: Fault = ""
-    """Of the sensor, once it is certain. That it is late is found by
-    `minorloop_head.control.lateness`."""
+    """Fault of the sensor, once it is certain; `minorloop_head.control.lateness` finds ``late``."""
     last: float = math.nan
     """Last plausible reading of the sensor, NaN before the first."""
     repeats: int = 0
     """Number of equal readings since."""
     missing: int = 0
     odd: int = 0
-    """Number of missing and of implausible readings, less those that the good ones since make up
-    for."""
+    """Number of missing and of implausible readings, less those cancelled by good ones since."""
     good: int = 0
     """Number of usable readings since the sensor was at fault."""
     changes: int = 0
     equals: int = 0
-    """How often a reading differed from the one before, and how often it did not; stuck runs do not
-    count. They tell whether the sensor is noisy."""
+    """Numbers of readings that differed from the one before, and that did not, without stuck runs.
+    They show whether the sensor is noisy."""
     believed: bool = False
-    """Whether the wire can have turned as the newest reading says."""
+    """Whether the wire can have turned to the newest reading."""
     seen: float = math.nan
     """That reading in degrees, NaN before the first."""
     gap: int = 0
     """Steps since."""
     row: int = 0
-    """Believed readings in a row; if they are not, those in a row that agree with the model."""
+    """Consecutive trusted readings, or untrusted ones that agree with the model."""
     error: float = 0.0
-    """Last believed reading less the model, in degrees."""
+    """Last trusted reading less the model, in degrees."""
     jumped: float = 0.0
     """Degrees by which readings have jumped since."""
     slack: float = math.inf
     """Degrees by which the wire may have left the model since; infinite before any is known."""
     astray: float = 0.0
-    """Seconds for which readings have not been believed."""
+    """Seconds for which readings have not been trusted."""
     reversed: bool = False
-    """Whether their sign is wrong; that remains."""
+    """Whether their sign is wrong, which remains."""
     risen: float = math.inf
     read: float = math.nan
-    """Angle by the current alone and reading, both in degrees, since which their sign is
-    compared."""
+    """Angle by the current alone, and reading, at the beginning of the comparison of signs, in
+    degrees."""
 
     @property
     def used(self) -> bool:
@@ -132,24 +129,24 @@ class ReadingState(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """What the model expects of a reading."""
+    """Quantities that the model predicts for a reading."""
 
     angle: float
-    """In degrees."""
+    """Angle in degrees."""
     motion: float = 0.0
-    """By which the wire has turned in the last interval, in degrees."""
+    """Turn of the wire in the last interval, in degrees."""
     heating: float = 0.0
-    """Power in A^2 that has heated the wire then, less what has left it."""
+    """Heating power of the wire in that interval less its losses, in A^2."""
     driven: float = 0.0
-    """Angle of the wire by its current alone, in degrees. It tells the sign of readings: a model
-    that is corrected by them agrees with a wrong sign too."""
+    """Angle of the wire by its current alone, in degrees. It shows the sign of readings: a model
+    that readings correct agrees with a wrong sign too."""
     steps: int = 1
     """Intervals since the last reading was due."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReadingWatch(Loop):
-    """Believes only readings to which a wire can have turned; parameters as of `Loop`."""
+    """Check that trusts only readings to which a wire can have turned; parameters as of `Loop`."""
 
     wire: HeatedWire
     """The model."""
@@ -158,7 +155,7 @@ class ReadingWatch(Loop):
     def step(
         self, before: ReadingState, raw: object, angle: float, expected: Expected
     ) -> ReadingState:
-        """Return what is known after one more reading of any kind.
+        """Return the state after one more reading of any kind.
 
         ``raw``: reading of the sensor; ``angle``: angle of the wire by that reading in degrees, NaN
         where there is none.
@@ -166,12 +163,12 @@ class ReadingWatch(Loop):
         number = as_number(raw)
         possible = self.sensor.low <= number <= self.sensor.high
         angle = angle if possible else math.nan
-        known = self._signed(before, angle, expected)
+        known = self._check_sign(before, angle, expected)
         known = self._believed(known, angle, expected)
-        return self._counted(known, number, angle, possible=possible)
+        return self._count(known, number, angle, possible=possible)
 
     def _believed(self, before: ReadingState, reading: float, expected: Expected) -> ReadingState:
-        """Return whether the wire can have turned as a reading says."""
+        """Return the state after checking whether the wire can have turned to a reading."""
         steps, motion, jump = expected.steps, expected.motion, self.sensor.jump
         gap = before.gap + steps
         if math.isnan(reading):
@@ -184,7 +181,7 @@ class ReadingWatch(Loop):
         once = heated + change
         most = jump + gap * once
         follows = abs(reading - before.seen) <= most and gap * self.interval <= _AGREED
-        if gap > steps:  # Nothing has shown on which way it went: it was about that of the model.
+        if gap > steps:  # Without readings between, its way is about that of the model.
             follows = follows and away <= before.slack + jump + gap * change
         jumped, row, believed = before.jumped, before.row + 1, before.believed
         if follows:
@@ -202,31 +199,31 @@ class ReadingWatch(Loop):
             slack = before.slack + _DRIFT * self.interval + _UNSURE * abs(motion)
             astray = before.astray + steps * self.interval
             return after._replace(jumped=jumped, slack=slack, astray=astray)
-        if reading == before.seen:  # It says nothing of a motion.
+        if reading == before.seen:  # It does not show a motion.
             slack = before.slack + (heated + abs(motion)) * steps
             return after._replace(jumped=0.0, slack=slack, astray=0.0)
         slack = 0.0 if row >= _ROW else before.slack
         return after._replace(error=error, jumped=0.0, slack=slack, astray=0.0)
 
-    def _signed(self, before: ReadingState, reading: float, expected: Expected) -> ReadingState:
-        """Return whether readings fall while the wire is heated, which none does when cold."""
+    def _check_sign(self, before: ReadingState, reading: float, expected: Expected) -> ReadingState:
+        """Return the state after checking whether readings fall below cold ones during heating."""
         if before.reversed or math.isnan(reading):
             return before
         driven, gap = expected.driven, before.gap + expected.steps
         most = self.sensor.jump + self._turn(self.highest**2) * gap
-        # After a jump the readings are compared anew: it is no motion.
+        # After a jump, which is no motion, the comparison starts anew.
         follows = abs(reading - before.seen) <= most
         if follows and driven >= before.risen:
             fallen = reading < before.read - _FALL
             below = reading < self.wire.operator.range[0] - _FALL
             if driven >= before.risen + _RISE and fallen and below:
                 return before._replace(reversed=True)
-            # Readings are late: they have twice the rise to fall.
+            # Readings are late: they get twice the rise for their fall.
             if driven < before.risen + 2 * _RISE:
                 return before
         return before._replace(risen=driven, read=reading)
 
-    def _counted(
+    def _count(
         self, known: ReadingState, number: float, angle: float, *, possible: bool
     ) -> ReadingState:
         """Return the usable reading, and the fault of the sensor."""

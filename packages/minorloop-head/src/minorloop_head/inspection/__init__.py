@@ -1,4 +1,4 @@
-"""What a head does unattended: its identification, drives, inspections and sweeps of a pipe.
+"""Unattended work of a head: its identification, drives, inspections and sweeps of a pipe.
 
 Inspections and sweeps resume from any line of their journal, an identification from its last hold.
 

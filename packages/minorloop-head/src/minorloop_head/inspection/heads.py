@@ -1,4 +1,4 @@
-"""Heads at an address that can be opened: one of devices, or the simulated one in its pipe."""
+"""Heads at an address: of real devices, or simulated in a pipe."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ if TYPE_CHECKING:
 
 _Logged: TypeAlias = Callable[[LogEntry], None]
 _HIGHEST = 9.9
-"""Of the water above or below the axis of the pipe, in mm, whose radius is 10 mm."""
+"""Largest height of the water above or below the axis of the pipe, in mm, whose radius is 10 mm."""
 _RANGES = {"temperature": (5.0, 60.0, "degrees Celsius"), "pressure": (0.01, 100.0, "bar")}
 _PASCAL = 1e5
 
 
 @dataclass(frozen=True)
 class Water:
-    """What fills the simulated pipe."""
+    """Filling of the simulated pipe."""
 
     level: str = "full"
     """Height of the water above the axis in mm, -9.9 to 9.9; or ``full``, or ``dry``."""
     temperature: float = 20.0
-    """Of the water, 5 to 60 degrees Celsius."""
+    """Temperature of the water, 5 to 60 degrees Celsius."""
     gas: str = "air"
     """Above the water, and in the drained pipe: one of `GASES`."""
     pressure: float = 1.01325
-    """Of the gas, 0.01 to 100 bar."""
+    """Pressure of the gas, 0.01 to 100 bar."""
 
     def filling(self) -> Filling:
-        """Return it; a dry pipe has no level.
+        """Return the filling of the simulated pipe; a dry pipe has no level.
 
         Raises a `ParameterError` if a value is out of its range, or there is no such gas.
         """
@@ -72,7 +72,7 @@ class Water:
         return replace(water, gas=self.gas, pressure=_PASCAL * self.pressure)
 
     def noted(self) -> dict[str, Any]:
-        """Return it for a journal; a level reads the same however it was given."""
+        """Return the filling for a journal, with the level in one form."""
         given = self.level in ("full", "dry")
         return {
             "water [mm above the axis]": self.level if given else f"{self._height() + 0.0:g}",
@@ -100,13 +100,13 @@ class InspectedHead:
     """A head that can be opened for an inspection or a sweep."""
 
     begun: dict[str, Any]
-    """What it is, for the journal: an inspection is resumed with the same head only."""
+    """Description for the journal: an inspection is resumed with the same head only."""
     view: HeadCalibration | None
-    """Of its camera; opening refuses a head without one."""
+    """Calibration of its camera; opening refuses a head without one."""
     opened: Callable[[_Logged], AbstractContextManager[InspectionRig]]
-    """Opens it, given what is told of each step. The head is safe at the end of its context."""
+    """Opens it, given a function that reports steps. The head is safe at the end of the context."""
     unscanned: str | None = None
-    """Why its probe scans nothing, as of `Probing`; None on a head without one."""
+    """Reason why its probe scans nothing, as of `Probing`; None on a head without a probe."""
 
 
 def inspected_head(
@@ -124,7 +124,7 @@ def inspected_head(
     Parameters
     ----------
     actuator, camera : str
-        Addresses. The simulated pipe has a camera of its own.
+        Addresses. The simulated pipe has its own camera.
     head : path, optional
         File of the head. The simulated one is identified without it.
     specimen, seed : int
@@ -137,14 +137,14 @@ def inspected_head(
     Raises
     ------
     ParameterError
-        If a device lacks its camera or file, or the simulated pipe is given a camera or a probe, or
-        water that cannot be.
+        If a device lacks its camera or file, or the simulated pipe is given a camera, a probe or
+        impossible water.
     """
     if is_pipe(actuator):
         if camera is not None:
-            raise ParameterError(f"{PIPE} has a camera of its own; leave --camera out")
+            raise ParameterError(f"{PIPE} has its own camera; leave --camera out")
         if probe is not None:
-            raise ParameterError(f"{PIPE} has a probe of its own; leave --probe out")
+            raise ParameterError(f"{PIPE} has its own probe; leave --probe out")
         known = None if head is None else head_at(actuator, specimen, head)[0]
         about = _about(HeadFile(serial=_serial(specimen)) if known is None else known)
         return _simulated(actuator, specimen, seed, water, about, known, turned=True)
@@ -213,7 +213,7 @@ def _simulated(
     *,
     turned: bool = False,
 ) -> InspectedHead:
-    """Return the simulated head in its pipe; one whose base is ``turned`` by the flow sees it."""
+    """Return the simulated head in its pipe; it sees its base if the flow has ``turned`` that."""
     filling = water.filling()
     plant = open_plant(address, specimen=specimen, seed=seed, water=filling)
     flow = getattr(plant, "flood", None)
@@ -237,10 +237,10 @@ def _simulated(
 
 
 _PATIENCE = 0.08
-"""Seconds that a camera may take for a picture: two ticks, in which a current is not changed."""
+"""Longest time in seconds for a picture: two ticks, in which a current does not change."""
 _TIP_SCALE = 0.5
 _EVERY = 4
-"""Pictures of the simulated camera: half as wide, and one in four ticks, since each takes time."""
+"""Pictures of the simulated camera: of half width, one in four ticks, since each takes time."""
 _CAMERA_HELPS = "; for a head whose angles a camera gives, name it with --camera"
 _WAITS = "waiting until the head without current stands still: its angles are counted from there"
 
@@ -261,7 +261,7 @@ def drive_head(
     """Bring the head at an address to targets, hold each, and leave it safe.
 
     Parameters and errors are as of `steer`, with the file of the head in ``head``, and as of
-    `opened_head`; ``told`` also takes doubts about the models of the wires.
+    `opened_head`; ``told`` also receives doubts about the models of the wires.
     """
     known, seen = read_head(head), by_camera(actuator, camera, noise)
     control = known.control(by_camera=seen)
@@ -329,11 +329,11 @@ def opened_head(
     check : callable
         Refuses an actuator before its head waits.
     told : callable
-        Takes what is waited for, and warnings.
+        Called with the reason of each wait, and with warnings.
     """
     if is_pipe(address):
         if camera is not None:
-            raise ParameterError(f"{address} has a camera of its own; leave --camera out")
+            raise ParameterError(f"{address} has its own camera; leave --camera out")
         yield _in_pipe(address, view, specimen, seed, check, cold=cold, waits=lambda: told(_WAITS))
     elif camera is None:
         with opened(address, say=told, specimen=specimen, noise=noise, seed=seed) as plant:

@@ -1,4 +1,4 @@
-"""Identification of the head at an address, which goes on in the folder of its runs."""
+"""Identification of the head at an address, which can be continued in the folder of its runs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def identify_head(
 ) -> HeadFile:
     """Measure both wires of a head, identify and check them, and write the file of the head.
 
-    After an interruption the same call goes on. It takes some hours with a real head.
+    After an interruption the same call continues. It takes some hours with a real head.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def _serial(plant: Actuator, given: str | None) -> str:
 
 
 def _runs_left(left: dict[str, int], hold: float, told: Told) -> Told:
-    """Tell how long the runs take at most; return what tells, when one begins, what is left.
+    """Report the longest duration of all runs; return a function that reports the rest at each run.
 
     ``left``: number of holds that are left of each run, by its name; ``hold``: longest hold, in
     seconds.
@@ -169,22 +169,22 @@ def _runs_left(left: dict[str, int], hold: float, told: Told) -> Told:
 
 
 def _kept_in(store: Path, *, seen: bool) -> str:
-    """Return what the folder of an identification keeps before its first run, or between two.
+    """Return a sentence on the kept results of an interrupted identification, and how to continue.
 
-    ``seen``: whether a camera gives the angles, so that there is a sweep before the first run. It
-    is carried out in one go from the cold head.
+    ``seen``: whether a camera measures the angles, so that a sweep precedes the first run. It is
+    carried out without a break from the cold head.
     """
     if any(store.glob("*.sqlite")):
-        return f"what was measured is kept in {store}; the same command continues it"
+        return f"the runs so far are kept in {store}; the same command continues them"
     if (store / _SWEPT).exists():
-        return f"the sweep is kept in {store}, and nothing else yet; the same command goes on"
+        return f"only the sweep is kept in {store} so far; the same command continues"
     sweep = f" with the whole sweep of the camera, which takes {as_duration(SWEEP_SECONDS)}"
     anew = "nothing was measured yet, and nothing is kept; the same command begins anew"
     return anew + sweep * seen
 
 
 def kept_view(store: Path, serial: str) -> HeadCalibration | None:
-    """Return the calibration of a head after its sweep, as it is kept; None if there is none.
+    """Return the stored calibration of a head after its sweep; None if there is none.
 
     ``store``: folder of the runs; ``serial``: serial number of the head. Raises a `StoreError` if
     it cannot be read, or is that of another head.
@@ -194,7 +194,7 @@ def kept_view(store: Path, serial: str) -> HeadCalibration | None:
         return None
     try:
         content = msgspec.json.decode(path.read_bytes())
-        of = content.pop("serial", serial)  # earlier versions wrote none
+        of = content.pop("serial", serial)  # older files have none
         view = HeadCalibration.from_dict(content)
     except (ValueError, AttributeError) as error:
         raise StoreError(

@@ -1,4 +1,4 @@
-"""Inspect pictures that somebody else took, of a pipe or a plate; each is searched alone."""
+"""Inspection of third-party pictures of a pipe or plate: each picture is searched alone."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from minorloop_head.vision.imaging import opencv
 from minorloop_head.vision.video import frames, names
 
 SHOWN = 20
-"""Findings that a terminal shows, and pictures in the report: those with the most evidence."""
+"""Most findings on a terminal, and most pictures in the report: those with the most evidence."""
 
 
 def inspect_pictures(
@@ -59,11 +59,11 @@ def inspect_pictures(
     poses : iterator of PicturePose
         One for each picture. NaN is along the pipe.
     joints : bool
-        Whether pan and tilt are what the joints read; those of the line of sight otherwise.
+        Whether pan and tilt are readings of the joints; those of the line of sight otherwise.
     out : path, optional
         New or empty folder for findings, report and marked pictures.
     told : callable
-        Is given texts on the progress.
+        Called with texts on the progress.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def _inspected(
             told(f"{counted(len(found), 'picture')} inspected")
             if folder is not None and picture.findings:
                 marked = _mark(frame.image, picture, folder / "pictures", number)
-                best = sorted([*best, (_weight(picture), name, marked)], key=lambda one: -one[0])
+                best = sorted([*best, (_evidence(picture), name, marked)], key=lambda one: -one[0])
                 best = best[:SHOWN]
         told(f"{counted(len(found), 'picture')} inspected", kept=True)
         if not any_read:
@@ -166,7 +166,7 @@ def _inspected(
 
 @contextmanager
 def _folder(out: PathLike) -> Iterator[Path]:
-    """Yield a new folder, without marked pictures after an error: the same can be done again."""
+    """Yield a new folder; remove its pictures after an error, so that a second try can use it."""
     with new_folder(out) as folder:
         try:
             yield folder
@@ -176,7 +176,7 @@ def _folder(out: PathLike) -> Iterator[Path]:
 
 
 def _line_of_sight(pose: PicturePose, view: HeadCalibration | None) -> PicturePose:
-    """Return a pose with the line of sight; with a calibration its angles are of the joints."""
+    """Return a pose with the line of sight; a calibration converts angles of the joints."""
     read = [pose.pan, pose.tilt]
     sight = read if view is None else view.line_of_sight(read).tolist()
     pan, tilt = (0.0 if math.isnan(angle) else angle for angle in sight)
@@ -205,7 +205,7 @@ def _content(found: Sequence[InspectedPicture], *, still: bool) -> dict[str, Any
 
 
 def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
-    """Return what is likely to be wrong with the poses."""
+    """Return a warning if the light contradicts the poses."""
     wrong = [(each.name, each.light.off) for each in pictures if each.light and each.light.off]
     if not wrong:
         return []
@@ -213,13 +213,13 @@ def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
     return [
         f"the light in {counted(len(wrong), 'picture')} ({wrong[0][0]} first) does not fit pan "
         f"and tilt, and would fit about {pan:+d} and {tilt:+d} degrees more; places and sizes are "
-        "wrong then, and holes are missed. With --head, pan and tilt are what the sensors read; "
+        "wrong then, and holes are missed. With --head, pan and tilt are readings of the sensors; "
         "with --lens, they are from the axis of the pipe"
     ]
 
 
-def _weight(picture: InspectedPicture) -> float:
-    """Return by what pictures are chosen for the report."""
+def _evidence(picture: InspectedPicture) -> float:
+    """Return the evidence of a picture, by which pictures are chosen for the report."""
     evidence = [each.evidence for each in picture.findings if not math.isnan(each.evidence)]
     return max(evidence, default=0.0)
 
@@ -262,7 +262,7 @@ def _write(
 
 
 def picture_summary(content: Mapping[str, Any]) -> str:
-    """Return how much was found in how many pictures, and how many could not be used."""
+    """Return the numbers of findings, of pictures, and of unusable pictures as a sentence."""
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
     count, pictures = len(content["findings"]), content["pictures"]
     said = f"{counted(count, 'finding')} in {counted(pictures, 'picture')}"

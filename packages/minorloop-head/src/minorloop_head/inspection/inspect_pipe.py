@@ -1,4 +1,4 @@
-"""Inspect a pipe without an operator: all of it is kept at once, so that nothing is lost."""
+"""Inspection of a pipe without an operator, which stores each result at once."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
 
 _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measure", "water line")
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
-of a device, and what the camera cannot do."""
+of a device, and settings that the camera refuses."""
 _MOST_WALL = 0.1  # m, as of a calibration
 _FARTHEST = 10.0
 """Longest advance in m: a catheter is some metres long."""
@@ -83,12 +83,12 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, eq=False)
 class Inspection(Reported):
-    """What an inspection found; pictures and models are in its folder too."""
+    """Result of an inspection; pictures and models are in its folder too."""
 
     views: tuple[InspectedView, ...]
-    """In the order in which they were taken."""
+    """Views in the order in which they were taken."""
     seen: SeenWall | None
-    """Map of the wall that the camera saw; None without a picture that can be used."""
+    """Map of the wall by the camera; None without a usable picture."""
 
 
 def inspect(
@@ -103,8 +103,8 @@ def inspect(
 ) -> Inspection:
     """Search the wall within reach of a head for holes, pits and cracks, and measure each.
 
-    Whatever ends it, the head is made safe, and what was found until then is kept in the folder:
-    a note on the exception says so.
+    In every case the head is made safe at the end, and the findings until then are kept in the
+    folder: a note on the exception says so.
 
     Parameters
     ----------
@@ -116,12 +116,11 @@ def inspect(
     pipe : str, optional
         Its identity, for the report.
     least_wall : float, optional
-        Wall in metres that must be left under a finding for it to be accepted.
+        Least remaining wall in metres under an accepted finding.
     resume : bool
-        Whether to go on with the inspection in the folder, which was cut off: from any line of its
-        journal.
+        Whether to continue the interrupted inspection in the folder, from any line of its journal.
     told : callable
-        Is given texts on the progress, and ``kept=True`` with those that matter later.
+        Called with texts on the progress, and ``kept=True`` with texts that matter later.
 
     Returns
     -------
@@ -148,12 +147,12 @@ def inspect(
     if len(set(advances)) < len(advances):
         raise ParameterError(
             f"--advances is {', '.join(f'{1e3 * each:g}' for each in advances)}; give each place "
-            "once, since what two views show counts more"
+            "once, since candidates in two views count more"
         )
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
     if least_wall is not None and not 0.0 < least_wall <= _MOST_WALL:
         raise ParameterError(
-            f"the wall that must be left is {1e3 * least_wall:g} mm; give more than 0, up to "
+            f"the least remaining wall is {1e3 * least_wall:g} mm; give more than 0, up to "
             f"{1e3 * _MOST_WALL:g} mm"
         )
     begun |= {"pipe": pipe, "least wall [mm]": None if least_wall is None else 1e3 * least_wall}
@@ -184,25 +183,25 @@ def inspect(
 
 
 def _note_end(kept: _Folder | None, error: BaseException, folder: Path, *, resume: bool) -> None:
-    """End an inspection that an error ended, and note on the error what is kept."""
+    """End an inspection after an error, and add a note on the kept results to the error."""
     if kept is None:
         if isinstance(error, KeyboardInterrupt):
             nothing = "nothing was inspected yet, and nothing is kept"
-            error.add_note(f"what was found before is kept in {folder}" if resume else nothing)
+            error.add_note(f"earlier findings are kept in {folder}" if resume else nothing)
         return
     why = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, KeyboardInterrupt):
         why = "interrupted"
     try:
         found = kept.end(why, safe=not isinstance(error, SafetyError))
-    except OutputError:  # also the report has no place; the error that came first is told
+    except OutputError:  # no space for the report either; the first error is raised
         error.add_note(go_on(folder))
     else:
         error.add_note(f"{summary(found.content)}; kept in {folder}")
 
 
 def _check_advances(rig: InspectionRig, actuator: str, advances: Sequence[float]) -> None:
-    """Refuse places that a head does not reach."""
+    """Refuse places that a head cannot reach."""
     if not rig.travels and any(advances):
         raise ParameterError(
             f"{actuator} has no catheter, so that it looks round from 0 mm only; leave --advances "
@@ -216,11 +215,10 @@ def _check_advances(rig: InspectionRig, actuator: str, advances: Sequence[float]
 
 
 def _restored(before: Before, calibration: HeadCalibration | None) -> Kept:
-    """Return what the journal of an inspection by a calibrated head has.
+    """Return the results in the journal of an inspection by a calibrated head.
 
-    Of each name it has the newest view. Taken again is what has no picture in the folder, and what
-    has frames that cannot be used, unless the candidate that it visits was confirmed by another
-    view.
+    It has the newest view of each name. A view without a picture in the folder is left out, to be
+    taken again; so is a view with unusable frames, unless another view confirmed its candidate.
     """
     known, traces = Kept(), dict[tuple[str, bytes], str]()
     for where, line in before.each(ViewLine):
@@ -254,12 +252,12 @@ def _restored(before: Before, calibration: HeadCalibration | None) -> Kept:
 
 
 class _Folder(Kept):
-    """What an inspection has, kept in a folder: a journal, the findings so far, and pictures.
+    """Results of an inspection in a folder: journal, findings so far, and pictures.
 
-    ``folder``: existing, and empty but for an inspection that was cut off; ``begun``: what is
-    inspected, and by what; ``before``: journal of an inspection that was cut off; ``rig``: the
-    head: its clock is that of the journal; ``known``: what the inspection that was cut off has, and
-    need not be measured again; ``probe``: whether the head has a probe.
+    ``folder``: existing, and empty except for an interrupted inspection; ``begun``: the inspected
+    pipe and the head; ``before``: journal of an interrupted inspection; ``rig``: the head, whose
+    clock is that of the journal; ``known``: results of the interrupted inspection, which are not
+    measured again; ``probe``: whether the head has a probe.
     """
 
     def __init__(
@@ -291,7 +289,7 @@ class _Folder(Kept):
         self._log.append({"t": self._journal.note(StepLine, **step).t, **step})
 
     def add_view(self, view: InspectedView) -> None:
-        """Keep a view, its picture, and the finding if it has one; the newest of a name counts."""
+        """Keep a view, its picture and its finding; it replaces an older view of the same name."""
         if view.picture.name not in self.views:
             self._write_picture(f"{view.picture.name}.png", view.image)
         super().add_view(view)
@@ -300,7 +298,7 @@ class _Folder(Kept):
         self._write_findings()
 
     def add_scan(self, name: str, scanned: ScannedRaster) -> None:
-        """Keep a scan so far: its bursts that no line has yet."""
+        """Keep a scan so far: write its bursts that no line has yet."""
         before = self.scans.get(name, ScannedRaster())
         super().add_scan(name, scanned)
         if not scanned.refused:
@@ -314,10 +312,10 @@ class _Folder(Kept):
     def end(self, why: str, *, safe: bool) -> Inspection:
         """Write the report, note the end, and return the inspection.
 
-        An inspection that is cut off while its report is written has not ended yet.
+        An interruption while the report is written leaves the inspection unfinished.
 
-        ``why``: ``finished``, or what ended it; ``safe``: whether the head has confirmed that it is
-        safe.
+        ``why``: ``finished``, or the cause of its end; ``safe``: whether the head has confirmed
+        that it is safe.
         """
         self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
         try:
@@ -329,7 +327,7 @@ class _Folder(Kept):
 
     def _write_results(self) -> SeenWall | None:
         """Write findings, models and the report, and return the map of the wall."""
-        found, view, tried = self._found(), self._calibration, self._tried
+        found, view, tried = self._with_finding(), self._calibration, self._try_drawing
         scanned = _known({name: self.scan_of(one) for name, one in found.items()})
         walls = _known(
             {n: tried(f"map of {n}", wall_of, found[n], one, view) for n, one in scanned.items()}
@@ -364,15 +362,15 @@ class _Folder(Kept):
         written(drawn, self._folder / "report.html")
         return seen
 
-    def _tried(self, what: str, draw: Callable[..., _Value], *given: Any) -> _Value | None:
-        """Return what is drawn; None, which is noted, if it cannot be drawn."""
+    def _try_drawing(self, what: str, draw: Callable[..., _Value], *given: Any) -> _Value | None:
+        """Return a drawing; None if it cannot be drawn, which is noted."""
         try:
             return draw(*given)
         except (MinorloopError, ValueError, ArithmeticError) as error:
             self._undone[what] = f"{NOT_DONE}: {error}"
             return None
 
-    def _found(self) -> dict[str, InspectedView]:
+    def _with_finding(self) -> dict[str, InspectedView]:
         """Return the views with a finding."""
         return {name: view for name, view in self.views.items() if view.finding is not None}
 
@@ -405,7 +403,7 @@ class _Folder(Kept):
             ],
             "findings": [
                 visit_row(view, self._calibration.thickness, self._content["least wall [mm]"])
-                for view in self._found().values()
+                for view in self._with_finding().values()
             ],
             "unconfirmed": [LostRow.of(each) for each in self._unconfirmed()],
             "log": self._log,
@@ -415,7 +413,7 @@ class _Folder(Kept):
         return whole
 
     def _unconfirmed(self) -> list[Unconfirmed]:
-        """Return what was not confirmed, or not visited yet."""
+        """Return the candidates that were not confirmed, or not visited yet."""
         views = list(self.views.values())
         lost = [view.unconfirmed for view in views if view.unconfirmed is not None]
         return [*lost, *unvisited(views, self._calibration.radius)]
@@ -449,7 +447,7 @@ class _Folder(Kept):
         whole, data = opencv().imencode(path.suffix, picture)
         if not whole:
             raise OutputError(f"{path} cannot be written; check the disk")
-        write_atomically(path, data.tobytes())  # it is on the disk before the journal names it
+        write_atomically(path, data.tobytes())  # the picture is on the disk before its line
 
 
 def _known(values: Mapping[str, _Value | None]) -> dict[str, _Value]:
@@ -457,7 +455,7 @@ def _known(values: Mapping[str, _Value | None]) -> dict[str, _Value]:
 
 
 def _wall_row(seen: SeenWall, view: HeadCalibration) -> dict[str, Any]:
-    """Return which wall was searched, and the shares of it that camera and echoes covered."""
+    """Return the range of the searched wall, and its shares covered by camera and echoes."""
     return {
         "pipe [mm]": None if view.length is None else round(1e3 * view.length, 2),
         "z [mm]": [round(1e3 * z, 2) for z in seen.along],

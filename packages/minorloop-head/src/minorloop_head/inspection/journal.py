@@ -1,4 +1,4 @@
-"""The journal of an inspection or a sweep, from which it goes on after it was cut off.
+"""The journal of an inspection or a sweep, from which it is resumed after an interruption.
 
 It has a line for each step, view and scan of an inspection, and for each burst of a sweep.
 """
@@ -31,7 +31,7 @@ _AGAIN = (
 )
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 Told: TypeAlias = Callable[..., None]
-"""Is given a text on the progress, and ``kept=True`` with one that stays on the terminal."""
+"""Called with a text on the progress, and ``kept=True`` with one that stays on the terminal."""
 
 
 class Line(
@@ -46,17 +46,17 @@ class Line(
     """
 
     t: Seconds
-    """Since the first line, without the time between an interruption and its resume."""
+    """Seconds since the first line, without the time between an interruption and its resume."""
 
 
 class BeginLine(Line):
-    """The first line, which also has what is begun, and by what."""
+    """The first line, which also describes the inspected pipe and the head."""
 
     began: str
 
 
 class ResumeLine(Line):
-    """An inspection or a sweep goes on, with some views or bursts."""
+    """Resume of an inspection or a sweep, with some views or bursts."""
 
     resumed: str
     views: int | msgspec.UnsetType = msgspec.UNSET
@@ -64,7 +64,7 @@ class ResumeLine(Line):
 
 
 class EndLine(Line):
-    """It has ended: why, and whether the head has confirmed that it is safe."""
+    """End: its reason, and whether the head has confirmed that it is safe."""
 
     why: str
     safe: bool | msgspec.UnsetType = msgspec.UNSET
@@ -74,7 +74,7 @@ _AnyLine = TypeVar("_AnyLine", bound=Line)
 
 
 class Impossible(ValueError):
-    """A value that a line cannot have, with its name and what is allowed."""
+    """A value that a line cannot have, with its name and the allowed values."""
 
     def __init__(self, name: str, value: Any, allowed: str) -> None:
         super().__init__(name, value, allowed)
@@ -116,13 +116,13 @@ def refusing(where: str) -> Iterator[None]:
         said = f"has {reprlib.repr(error.value)} as {error.name!r}, which must be {error.allowed}"
         raise RecordError(f"{where} {said}; {_AGAIN}") from None
     except (TypeError, ValueError) as error:
-        raise RecordError(f"{where} is not whole: {error}; {_AGAIN}") from None
+        raise RecordError(f"{where} is incomplete: {error}; {_AGAIN}") from None
 
 
 def _at(raw: Any, path: str) -> tuple[str, Any]:
     """Return the last name on a path such as ``.pose.pan [deg]`` or ``.rim[1][0]``, and its value.
 
-    Names may have spaces and brackets, so that they are those of the line.
+    Names may have spaces and brackets: they are compared with the keys of the line.
     """
     name = "line"
     while path:
@@ -137,7 +137,7 @@ def _at(raw: Any, path: str) -> tuple[str, Any]:
 
 @dataclass(frozen=True)
 class Before:
-    """What the journal of an inspection or a sweep that was cut off has: nothing of a new one."""
+    """Lines of the journal of an interrupted inspection or sweep; empty for a new one."""
 
     file: Path = Path(NAME)
     raw: tuple[bytes, ...] = ()
@@ -148,18 +148,18 @@ class Before:
 
     @classmethod
     def of(cls, folder: Path, begun: Mapping[str, Any], what: str, kinds: Any) -> Before:
-        """Return it by the journal in a folder.
+        """Return the lines of the journal in a folder.
 
         Raises a `RecordError` if there is no folder or no journal in it, or a line has an
         impossible value; a `ParameterError` if it is finished, or another one was begun.
 
-        ``begun``: what is begun, and by what; ``what``: ``inspection`` or ``sweep``; ``kinds``:
-        union of the kinds of its lines.
+        ``begun``: the pipe and the head to be inspected; ``what``: ``inspection`` or ``sweep``;
+        ``kinds``: union of the kinds of its lines.
         """
         if not folder.is_dir():
             raise RecordError(
-                f"there is no folder {folder}; give that of the {what} that was cut off, or begin "
-                "one without --resume"
+                f"there is no folder {folder}; give the folder of the interrupted {what}, or begin "
+                "without --resume"
             )
         file = folder / NAME
         raw, every = _read(file)
@@ -174,8 +174,8 @@ class Before:
         other = first_difference({name: sound[0].get(name) for name in begun}, begun)
         if other:
             raise ParameterError(
-                f"the {what} in {folder} is another one: {other}; resume it as it was begun, or "
-                "give another folder"
+                f"the {what} in {folder} is another one: {other}; resume it with its first "
+                "options, or give another folder"
             )
         found = cls(file, tuple(raw[: len(sound)]), damaged=damaged)
         lines: list[Line] = []
@@ -187,34 +187,34 @@ class Before:
         return cls(file, found.raw, tuple(lines), damaged)
 
     def where(self, number: int) -> str:
-        """Return the number of a line, and the file, for a message."""
+        """Return the number of a line and the file, for a message."""
         return f"line {number} of {self.file}"
 
     def each(self, kind: type[_AnyLine]) -> Iterator[tuple[str, _AnyLine]]:
-        """Return the lines of a kind, each after where it is."""
+        """Return the lines of a kind, each with its number and file."""
         for number, line in enumerate(self.lines, 1):
             if isinstance(line, kind):
                 yield self.where(number), line
 
     def set_aside(self, kept: str) -> str:
-        """Copy a damaged journal beside it, and say so in a sentence with what is ``kept``."""
+        """Copy a damaged journal beside it; return a sentence on that and on the ``kept`` part."""
         copies = (self.file.with_name(f"journal.damaged{n or ''}.jsonl") for n in range(1000))
         copy = next(each for each in copies if not each.exists())
         write_atomically(copy, self.file.read_bytes())
         return (
-            f"line {self.damaged} of {self.file} is damaged; what is kept before it: {kept}; the "
-            f"rest is measured again, and the journal as it was is kept in {copy}"
+            f"line {self.damaged} of {self.file} is damaged; kept before it: {kept}; the rest is "
+            f"measured again, and the damaged journal is kept in {copy}"
         )
 
 
 NEW = Before()
-"""Of an inspection or a sweep that is not resumed."""
+"""Lines of an inspection or a sweep that is not resumed."""
 
 
 def _read(file: Path) -> tuple[list[bytes], list[dict[str, Any] | None]]:
-    """Return the lines of a journal, and each as an object, None for one that is damaged.
+    """Return the lines of a journal, and each as an object, None for a damaged line.
 
-    A last one that was not written to its end is left out; there is none if it cannot be read.
+    An incomplete last line is left out; an unreadable journal has no lines.
     """
     try:
         *raw, rest = file.read_bytes().split(b"\n")
@@ -240,14 +240,14 @@ def _unreadable(file: Path) -> RecordError:
 
 
 class Journal:
-    """A journal that is being written; each line is on the disk when its method returns.
+    """Writer of a journal; each line is on the disk when its method returns.
 
-    ``folder``: existing; ``begun``: what is begun, and by what; ``before``: of one that was cut
-    off, which is continued; ``clock``: returns the time in seconds, that of the head: a simulated
-    one computes slower or faster; ``**kept``: number of views or bursts that are kept of it.
+    ``folder``: existing; ``begun``: the pipe and the head; ``before``: lines of an interrupted
+    journal, which is continued; ``clock``: returns the time of the head in seconds: a simulated
+    head runs slower or faster; ``**kept``: number of its kept views or bursts.
 
-    Its ``began``: when its first line was written.
-    Its ``resumed``: when it was continued.
+    Its ``began``: time of its first line.
+    Its ``resumed``: times of its continuations.
     """
 
     def __init__(
@@ -259,13 +259,13 @@ class Journal:
         clock: Callable[[], float] = time.monotonic,
         **kept: int,
     ) -> None:
-        # Also one that is not closed, because of an error, is free again.
+        # Release the lock also if an error leaves the journal open.
         self._unlock = weakref.finalize(self, os.close, _locked(folder))
         now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
         self._clock = clock
         self._began = clock() - max((line.t for line in before.lines), default=0.0)
         self.began, self.resumed = now, []
-        # A line that was not written to its end is left out.
+        # An incomplete last line is dropped.
         write_atomically(folder / NAME, b"".join(line + b"\n" for line in before.raw))
         self._file = (folder / NAME).open("ab", buffering=0)
         if before.lines:
@@ -297,7 +297,7 @@ class Journal:
             raise refusal(Path(self._file.name), error) from None
 
     def seconds(self) -> float:
-        """Return for how many seconds of its clock it has been written."""
+        """Return the seconds of its clock since its first line."""
         return round(self._clock() - self._began, 2)
 
     def close(self) -> None:
@@ -307,7 +307,7 @@ class Journal:
 
 
 def _locked(folder: Path) -> int:
-    """Return what keeps other programs from writing a journal in a folder until it is closed."""
+    """Return a lock that keeps other programs from writing a journal in a folder."""
     found = lock_path(folder)
     if found is None:
         raise OutputError(
@@ -317,17 +317,16 @@ def _locked(folder: Path) -> int:
 
 
 def folder_for(out: Path, *, resume: bool) -> Any:
-    """Return a context of the folder of results: a new one, or that to go on with."""
+    """Return a context of the folder of results: a new folder, or the one to resume."""
     return nullcontext(out) if resume else new_folder(out)
 
 
 def go_on(folder: Path) -> str:
-    """Return what to do after a folder could not be written, as a sentence."""
+    """Return advice after a folder could not be written."""
     return (
-        f"what was measured before is kept in {folder}; the same command with --resume goes on "
-        "from there"
+        f"earlier results are kept in {folder}; the same command with --resume goes on from there"
     )
 
 
 def untold(text: str, *, kept: bool = False) -> None:
-    """Tell nobody of the progress."""
+    """Ignore a text on the progress."""

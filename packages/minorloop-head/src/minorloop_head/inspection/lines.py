@@ -1,8 +1,8 @@
 """Lines of the journal of an inspection or a sweep, as schemas with bounds, and rows of findings.
 
-A line is written of what it keeps (``View.values``), and gives it back (``View.restored``). What
-depends on the head, as the size of the pipe and the swept part, is checked in `_defect` and
-`check_burst`. Names of rows come with their units: ``phi [deg]``, ``z [mm]``.
+A line is made from a result (``ViewLine.values``), and restores it (``ViewLine.restored``). Limits
+that depend on the head, as the size of the pipe and the swept part, are checked in `_defect` and
+`check_burst`. Names of rows contain their units: ``phi [deg]``, ``z [mm]``.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
 
 _TURN, _FARTHEST, _ODDS = 2.0 * math.pi, 10.0, 1e3
-"""Radians; the farthest place of a catheter and along a pipe in metres; and a logarithm of odds."""
+"""Limits of angles in radians, of places along a pipe in metres, and of evidence."""
 Roll = Annotated[float, Meta(ge=-2.0 * _TURN, le=2.0 * _TURN)]
 Along = Annotated[float, Meta(ge=-_FARTHEST, le=_FARTHEST)]
 _HalfTurn = Annotated[float, Meta(ge=-180.0, le=180.0)]
 _AlongMm = Annotated[float, Meta(ge=-1e3 * _FARTHEST, le=1e3 * _FARTHEST)]
 _EXACT = 9
-"""Digits of a pose, so that an inspection that goes on has the same map as one that was not cut."""
+"""Digits of a pose, so that a resumed inspection has the same map as one without interruption."""
 _FEWEST = 200
 """Samples after the dead time, as in `trace_fault`."""
 _BESIDE = 20e-3
-"""How far in metres a burst may be from the swept part, along the pipe."""
+"""Largest distance in metres of a burst from the swept part, along the pipe."""
 _ANGLES = ("pan", "tilt", "roll", "phi", "phi_sd")
 _LENGTHS = (
     *("advance", "z", "z_sd", "width", "width_sd", "length", "length_sd"),
@@ -83,7 +83,7 @@ class Row(Struct, kw_only=True, rename=_NAMES):
     """Values in degrees and millimetres."""
 
     def si(self) -> dict[str, Any]:
-        """Return its numbers in radians and metres, and its other values."""
+        """Return the numbers in radians and metres, and the other values."""
         values = {name: getattr(self, name) for name in self.__struct_fields__}
         return {n: _SCALES[n] * each if n in _SCALES else each for n, each in values.items()}
 
@@ -105,7 +105,7 @@ class PoseRow(_SightRow):
     def of(
         cls, angles: tuple[float, float], place: tuple[float, float], digits: int = _EXACT
     ) -> PoseRow:
-        """Return it by pan and tilt in radians, and advance and roll in metres and radians."""
+        """Return the row of pan and tilt in radians, and advance and roll in metres and radians."""
         (pan, tilt), (advance, roll) = angles, place
         return cls(**_in_units(digits, pan=pan, tilt=tilt, advance=advance, roll=roll))
 
@@ -139,14 +139,14 @@ class LostRow(Row):
 
     @classmethod
     def of(cls, lost: Unconfirmed) -> LostRow:
-        """Return it in degrees and millimetres."""
+        """Return the row of an unconfirmed candidate, in degrees and millimetres."""
         evidence = None if math.isnan(lost.evidence) else round(lost.evidence, 1)
         where = _in_units(4, phi=float(wrapped(lost.phi)), z=lost.z)
         seen_in = list(lost.seen_in)
         return cls(**asdict(lost) | where | {"evidence": evidence, "seen_in": seen_in})
 
     def lost(self) -> Unconfirmed:
-        """Return it in radians and metres."""
+        """Return the unconfirmed candidate, in radians and metres."""
         evidence = math.nan if self.evidence is None else self.evidence
         seen_in = tuple(self.seen_in)
         return Unconfirmed(**self.si() | {"evidence": evidence, "seen_in": seen_in})
@@ -168,14 +168,14 @@ def _finding_row(view: InspectedView) -> dict[str, Any]:
 def visit_row(
     view: InspectedView, thickness: float, least_wall: float | None = None
 ) -> dict[str, Any]:
-    """Return the finding of a view with its grade, its steps, and how far its visit came.
+    """Return the finding of a view with its grade, its steps, and the results of its visit.
 
-    None is not tried. Without an echo of the wall a place is not scanned, and whether it is within
-    reach not known.
+    A result None means not tried. Without an echo of the wall a place does not count as scanned,
+    and its reach is unknown.
 
-    ``thickness``: of the wall, in metres: ``wall`` is what is left of it. ``least_wall``: that is
-    accepted, in mm: the lower end of the 90 % band of what is left is compared. Of a depth that is
-    not measured, such as that of an uneven floor, it is not known.
+    ``thickness``: of the wall, in metres: ``wall`` is the remaining part. ``least_wall``: least
+    accepted remaining wall, in mm, compared with the lower end of its 90 % band. It is unknown
+    for a depth that is not measured, such as that of an uneven floor.
     """
     assert view.finding is not None
     left = thickness - view.finding.depth
@@ -203,16 +203,16 @@ def visit_row(
 
 
 class _BurstRow(Struct):
-    """The mean of a burst; its numbers are exact, and NaN is not known."""
+    """The mean of a burst; its numbers are exact, and NaN means unknown."""
 
     angles: tuple[float, float]
     shots: tuple[int, int]
-    """How many are in the mean, and how many were fired."""
+    """Number of shots in the mean, and of fired shots."""
     noise: float
     verdict: str
     interval: float
     trace: bytes
-    """Of 64-bit floats, as base64."""
+    """Trace of 64-bit floats, as base64."""
 
 
 def _burst_values(burst: MeanBurst) -> dict[str, Any]:
@@ -238,8 +238,8 @@ _BURST = {
 def burst_of(row: _BurstRow | BurstLine) -> MeanBurst:
     """Return the burst of a row or a line.
 
-    Raises an `Impossible` if no shots give it. A burst with a verdict may have no trace, and
-    numbers not known.
+    Raises an `Impossible` if no shots can give it. A burst with a verdict may have no trace and
+    unknown numbers.
     """
     trace = np.frombuffer(row.trace, "<f8").astype(np.float64)
     if not row.verdict:
@@ -283,7 +283,7 @@ class StepLine(Line):
 
 
 class ViewLine(Line):
-    """A view of an inspection; the newest of a picture counts."""
+    """A view of an inspection; it replaces an older view of the same picture."""
 
     picture: Annotated[str, Meta(pattern=r"^[^/\\]+\.png$")]
     """Its file in the folder ``pictures``."""
@@ -294,13 +294,13 @@ class ViewLine(Line):
     seen: list[dict[str, Any]]
     """Holes and cracks in the picture, in radians and metres."""
     finding: dict[str, Any] | None
-    """As of `_finding_row`."""
+    """Row as of `_finding_row`."""
     unconfirmed: LostRow | None
     steps: list[StepRow] = field(default_factory=list)
     probed: dict[str, Any] | None = None
-    """What echoes say of the finding, in radians and metres."""
+    """Depth of the finding by its echoes, in radians and metres."""
     shown: list[dict[str, Any]] = field(default_factory=list)
-    """What the picture shows, for readers."""
+    """Findings in the picture, for readers."""
 
     @classmethod
     def values(cls, view: InspectedView) -> dict[str, Any]:
@@ -322,7 +322,7 @@ class ViewLine(Line):
     def restored(self, image: Any, calibration: HeadCalibration) -> InspectedView:
         """Return the view, given its picture.
 
-        Raises an `Impossible` if what it shows is no part of the pipe of a head.
+        Raises an `Impossible` if its defects are outside of the pipe of the head.
         """
         pose, sight = self.pose.si(), self.sight.si()
         place, name = (pose["advance"], pose["roll"]), PurePath(self.picture).stem
@@ -342,7 +342,7 @@ class ViewLine(Line):
 
 
 class ScanLine(Line):
-    """A scan of the probe so far, with the bursts that no line before has."""
+    """A scan of the probe so far, with the bursts that no earlier line has."""
 
     name: str
     reference: tuple[Along, Roll]
@@ -424,7 +424,7 @@ SweepLine: TypeAlias = BeginLine | ResumeLine | BurstLine | EndLine
 
 
 def _defect(values: dict[str, Any], calibration: HeadCalibration) -> Any:
-    """Return a hole, a crack, or the depth of either by echoes.
+    """Return a hole, a crack, or the depth of one by echoes.
 
     Raises an `Impossible` if it is beyond the pipe of a head or its wall.
     """
@@ -464,12 +464,12 @@ def check_burst(line: BurstLine, along: Sequence[float]) -> None:
 
 
 def check_new(traces: dict[Any, str], key: tuple[Any, bytes], where: str) -> None:
-    """Refuse a burst whose trace was in a line before: the noise of no two is the same.
+    """Refuse a burst with the trace of an earlier line: two bursts never have the same noise.
 
     Raises an `Impossible`.
 
-    ``traces``: where each key was, which is added. ``key``: what tells bursts apart, and the trace;
-    one without a trace may repeat.
+    ``traces``: line of each earlier key, to which this one is added. ``key``: identity of the burst
+    and its trace; a burst without a trace may repeat.
     """
     if key[1] and key in traces:
         raise Impossible("trace", "a trace again", f"another one than in {traces[key]}")

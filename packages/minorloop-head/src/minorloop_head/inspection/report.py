@@ -1,4 +1,4 @@
-"""The report of ``minorloop head inspect``, for who answers for the pipe."""
+"""The report of ``minorloop head inspect``, for the owner of the pipe."""
 
 from __future__ import annotations
 
@@ -31,11 +31,10 @@ ANGLES = (
     "one standard deviation."
 )
 _VERDICT = (
-    "Confirmed is what echoes show. Probable is what only the camera shows, with odds of 20 to 1 "
+    "Echoes show a confirmed finding. Only the camera shows a probable one, with odds of 20 to 1 "
     "or more or as a line that was traced twice; it may be dirt. Look at the others again. The "
-    "verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
-    "measured, and no step failed. The wall left is the thickness as calibrated, which is known "
-    "to 1.7 %, less the depth."
+    "verdict is that of the echoes, with the failed steps. A depth counts if it is measured, and "
+    "no step failed. The wall left is the calibrated thickness, known to 1.7 %, less the depth."
 )
 COLUMNS = (
     "no.",
@@ -50,13 +49,13 @@ COLUMNS = (
     "verdict",
 )
 LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
-"""Of candidates that were not confirmed."""
+"""Columns of candidates that were not confirmed."""
 _MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
-"""Of directions that were not searched, as lines of sight, with the place of the catheter."""
+"""Columns of directions without a search, as lines of sight, with the place of the catheter."""
 _BEYOND_COLUMNS = ("view", "why")
-"""Of directions that the wires do not reach."""
+"""Columns of directions that the wires do not reach."""
 _UNDONE_COLUMNS = ("step", "why")
-"""Of what could not be computed."""
+"""Columns of parts that could not be computed."""
 _MOST_ODDS = 1000
 _THROUGH = "hole"
 """Kind of a through-hole."""
@@ -71,17 +70,17 @@ _MEANING = {
     "too few echoes": "too few bursts could be used: the head did not arrive, or the camera did "
     "not see how the flow turns it",
 }
-"""What a verdict means for who does not know the probe."""
+"""Explanations of verdicts for readers who do not know the probe."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reported:
-    """What an inspection or a sweep found, and where it is kept."""
+    """Result of an inspection or a sweep, and its folder."""
 
     content: dict[str, Any]
-    """Of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
+    """Content of ``findings.json``; its ``findings`` are rows in degrees and millimetres."""
     folder: Path
-    """With ``report.html`` and what belongs to it."""
+    """Folder with ``report.html`` and its files."""
 
     @property
     def findings(self) -> list[dict[str, Any]]:
@@ -90,7 +89,7 @@ class Reported:
 
     @property
     def report(self) -> Path:
-        """The page for who answers for the pipe."""
+        """The page for the owner of the pipe."""
         return self.folder / "report.html"
 
 
@@ -124,8 +123,8 @@ def inspection_report(
     """Return the report of an inspection.
 
     ``content``: of ``findings.json``; ``found``: views with a finding, in the order of
-    ``content["findings"]``; ``seen``: what the camera saw; ``walls``: the wall about findings that
-    were scanned, by the name of the view; ``scans``: amplitude and depth of their echoes.
+    ``content["findings"]``; ``seen``: map by the camera; ``walls``: maps of the wall about scanned
+    findings, by the name of the view; ``scans``: amplitude and depth of their echoes.
     """
     rows = content["findings"]
     report = Report(f"Inspection by head {content['head']}", summary(content))
@@ -182,7 +181,7 @@ def inspection_report(
         if name in walls:
             caption = "The wall about it by camera and echoes."
             pictures.append(Picture(draw_finding(walls[name]), caption))
-        report.add(f"Finding {number}: {row['kind']}", text=_sentence(row), pictures=pictures)
+        report.add(f"Finding {number}: {row['kind']}", text=_visit_sentence(row), pictures=pictures)
     steps = [[f"{each['t']:.0f}", each["step"], _outcome(each)] for each in content["log"]]
     if steps:
         report.add("Log", table=Table(("t [s]", "step", "outcome"), steps))
@@ -195,7 +194,7 @@ def _map_caption(
     lost: Sequence[Unconfirmed],
     water: WaterLine | None,
 ) -> str:
-    """Return what the map of the pipe shows: of its marks, those that are there."""
+    """Return the caption of the map of the pipe, with the marks in it."""
     marks = {
         "light blue was not seen": bool(np.isnan(seen.picture).any()),
         "findings are numbered": bool(found),
@@ -208,7 +207,7 @@ def _map_caption(
 
 
 def _facts(content: Mapping[str, Any]) -> list[list[str]]:
-    """Return what was inspected, by what, and when, as rows of a table."""
+    """Return pipe, head and time of an inspection as rows of a table."""
     between = ", without the time between" if content["resumed"] else ""
     known = {
         "began": content["began"],
@@ -228,7 +227,7 @@ def _facts(content: Mapping[str, Any]) -> list[list[str]]:
 
 
 def wall_words(content: Mapping[str, Any]) -> list[str]:
-    """Return sentences on the wall that was seen by the camera, and measured by echoes."""
+    """Return sentences on the wall that camera and echoes covered."""
     wall = content.get("wall")
     if wall is None:
         return ["No view could be used, so that no wall was inspected."]
@@ -267,7 +266,7 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
 
 
 def _level(given: str | None) -> str:
-    """Return the level of the water as given to a simulated pipe; empty if none was."""
+    """Return the level of the water of a simulated pipe; empty if none was set."""
     if given is None or not given[-1].isdigit():
         return f"{given} pipe" if given else ""
     return f"{given} mm above the axis"
@@ -297,13 +296,13 @@ def _cell(value: Any) -> str:
 
 
 def _accepted(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Return number of each finding, and whether it is accepted."""
+    """Return the number of each finding, and whether it is accepted."""
     words = {True: "yes", False: "no", None: "not known"}
     return [[str(number), words[row["accepted"]]] for number, row in enumerate(rows, 1)]
 
 
 def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Return number and reason of findings without a depth, and of steps that failed."""
+    """Return the number of each finding without a depth or with failed steps, and the reason."""
     found = []
     for number, row in enumerate(rows, 1):
         if row["depth [mm]"] is None and row["kind"] != _THROUGH:
@@ -315,8 +314,8 @@ def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return found
 
 
-def _sentence(row: Mapping[str, Any]) -> str:
-    """Return how far the visit of a finding came."""
+def _visit_sentence(row: Mapping[str, Any]) -> str:
+    """Return a sentence on the results of the visit of a finding."""
     known = {
         "centred": "centred in the picture",
         "reached": "within reach of the probe",
@@ -335,7 +334,7 @@ def _sentence(row: Mapping[str, Any]) -> str:
 
 
 def _odds(evidence: float) -> str:
-    """Return odds by their logarithm; they are not known beyond the number of fitted scenes."""
+    """Return odds by their logarithm; they are unknown beyond the number of fitted scenes."""
     if abs(evidence) > math.log(_MOST_ODDS):
         words = f"more than {_MOST_ODDS} to 1"
     else:
@@ -347,8 +346,8 @@ def _outcome(step: Mapping[str, Any]) -> str:
     return str(step["outcome"]) if step["succeeded"] else f"failed: {step['outcome']}"
 
 
-def _not_found(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
-    """Return how many candidates were not confirmed, and how many not visited."""
+def _rejected(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
+    """Return the numbers of candidates that were not confirmed, and not visited."""
     lost = [
         counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
     ]
@@ -366,7 +365,7 @@ def shown_tables(content: Mapping[str, Any]) -> list[tuple[Sequence[str], list[l
 
 
 def summary(content: Mapping[str, Any]) -> str:
-    """Return what was found in how many views, and how it ended."""
+    """Return the numbers of findings and views, and the end of an inspection, as a sentence."""
     grades = Counter(row["grade"] for row in content["findings"])
     each = ", ".join(f"{count} {grade}" for grade, count in grades.items())
     found = counted(len(content["findings"]), "finding") + (f" ({each})" if each else "")
@@ -378,7 +377,7 @@ def summary(content: Mapping[str, Any]) -> str:
         f"{row['advance [mm]']:.1f} mm"
         for row in content["not searched"]
     )
-    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
+    less = f"{_rejected(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
     known = [
         row["depth [mm]"] is not None or row["kind"] == _THROUGH for row in content["findings"]
     ]
@@ -389,7 +388,7 @@ def summary(content: Mapping[str, Any]) -> str:
 
 
 def written(draw: Callable[[], Report], path: Path) -> None:
-    """Draw a report and write it; an error in drawing is one sentence.
+    """Draw a report and write it.
 
     Raises an `OutputError` if it cannot be drawn or written.
     """

@@ -1,4 +1,4 @@
-"""What ``minorloop head scan`` keeps of a recorded scan: its flaws as a table, and a report."""
+"""Output of ``minorloop head scan`` for a recorded scan: its flaws as a table, and a report."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ COLUMNS = (
     "size [mm]",
     "depth [mm]",
 )
-"""Of the table of flaws, as of the findings of an inspection where it has the same."""
+"""Columns of the table of flaws, with the names of the findings of an inspection where equal."""
 _DIGITS = {"x [mm]": 1, "y [mm]": 1, "width [mm]": 1, "length [mm]": 1, "depth [mm]": 2}
 _MEANING = (
     "x and y are counted from the first A-scan, depths from the top of the layer along its normal; "
-    "the number after ± is one standard deviation at the speed of sound as given. Width and length "
+    "the number after ± is one standard deviation at the stated speed of sound. Width and length "
     "are those at half the amplitude (6 dB drop) after focusing. A size is given where they are "
     "more than those of a point; others are at most (≤) as large. Confirmed is twice as loud as a "
     "flaw must be over noise and structure at its depth; probable is less."
 )
 _RANGE = 40.0
-"""Decibels below the loudest that are drawn."""
+"""Drawn range in decibels below the loudest echo."""
 _ROWS = 500
-"""Depths of a picture."""
+"""Number of depths of a picture."""
 
 
 def _flaw_row(flaw: ScanFlaw) -> dict[str, Any]:
-    """Return a flaw in mm; None where not known."""
+    """Return a flaw in mm; unknown values are None."""
     point = math.isnan(flaw.size)
     largest = float(np.nanmax([flaw.width, flaw.length]))
     bound = f"a point, at most {1e3 * largest:.1f} mm" if point else "larger than a point"
@@ -104,7 +104,7 @@ def scan_content(found: ScanFlaws, source: str) -> dict[str, Any]:
 
 
 def scan_cells(content: dict[str, Any]) -> list[list[str]]:
-    """Return the flaws as cells of `COLUMNS`; a size is at most that of a point, if it is one."""
+    """Return the flaws as cells of `COLUMNS`; the size of a point is an upper limit."""
     cells = []
     for number, row in enumerate(content["findings"], 1):
         known = {"x_sd [mm]": None, "width_sd [mm]": None, "length_sd [mm]": None, **row}
@@ -117,7 +117,7 @@ def scan_cells(content: dict[str, Any]) -> list[list[str]]:
 
 
 def scan_summary(content: dict[str, Any]) -> str:
-    """Return what was found, in one sentence."""
+    """Return a sentence on the found flaws."""
     grades = Counter(row["grade"] for row in content["findings"])
     each = ", ".join(f"{count} {grade}" for grade, count in grades.items())
     found = counted(len(content["findings"]), "flaw") + (f" ({each})" if each else "")
@@ -147,7 +147,7 @@ def keep_scan(found: ScanFlaws, out: PathLike, source: str) -> dict[str, Any]:
 
 
 def scan_report(found: ScanFlaws, content: dict[str, Any]) -> Report:
-    """Return the report on a scan, of which ``content`` is known."""
+    """Return the report on a scan with its content of ``findings.json``."""
     report = Report(f"Scan {Path(content['scan']).name}", scan_summary(content))
     report.add(
         "Flaws",
@@ -181,7 +181,7 @@ def _texts(row: dict[str, Any]) -> list[str]:
 
 
 def _lines(found: ScanFlaws) -> list[int]:
-    """Return the lines along x that are drawn: those with the loudest flaw of each layer."""
+    """Return the lines along x to draw: those with the loudest flaw of each layer."""
     if found.scan.traces.shape[2] == 1:
         return [0]
     lines = []

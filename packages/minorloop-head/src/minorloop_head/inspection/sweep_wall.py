@@ -1,4 +1,4 @@
-"""Sweep a part of the flooded wall by ultrasound: a map of it, and what is found in it."""
+"""Sweep of a part of the flooded wall by ultrasound: its map, and the defects in it."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ _STAGES = {
 
 @dataclass(frozen=True, eq=False)
 class SweptWall(Reported):
-    """What a sweep found."""
+    """Result of a sweep."""
 
     scan: CScan
     """Map of amplitude and depth, with the finds."""
 
     @property
     def summary(self) -> str:
-        """What was found in how many bursts, and how it ended."""
+        """Sentence on the finds, the number of bursts, and the end of the sweep."""
         return _summary(self.content)
 
 
@@ -72,8 +72,8 @@ def sweep(
 ) -> SweptWall:
     """Map a part of the flooded wall by ultrasound, and find pits and cracks in it.
 
-    Each burst is in the journal as soon as it was fired, and the map of all of them is kept after
-    an interruption: a note on the exception says so.
+    Each burst is in the journal as soon as it was fired, and an interruption keeps the map of all
+    bursts: a note on the exception says so.
 
     Parameters
     ----------
@@ -86,10 +86,9 @@ def sweep(
     along : (first, last)
         Places along the pipe in metres.
     resume : bool
-        Whether to go on with the sweep in the folder, which was cut off: from any line of its
-        journal.
+        Whether to continue the interrupted sweep in the folder, from any line of its journal.
     told : callable
-        Is given texts on the progress, and ``kept=True`` with those that matter later.
+        Called with texts on the progress, and ``kept=True`` with texts that matter later.
 
     Returns
     -------
@@ -130,7 +129,7 @@ def sweep(
             nonlocal known, stage
             for burst in area.bursts[known:]:
                 journal.note(BurstLine, **BurstLine.values(burst))
-            # A short sweep ends before the next text of a log is due.
+            # A short sweep may end before the next text of a log is due.
             begins = area.stage == "line" and stage != "line" and area.lines == first
             known, stage = len(area.bursts), area.stage
             told(progress(area), kept=begins)
@@ -172,7 +171,7 @@ def _kept_bursts(before: Before, along: tuple[float, float]) -> list[SweptBurst]
 
 
 def progress(area: SweptArea) -> str:
-    """Return what a sweep does now, and how much of its area and how many bursts are fired."""
+    """Return the stage of a sweep, the share of its area, and the number of bursts, as a text."""
     done = f"{area.progress:.0%} of the area, {counted(len(area.bursts), 'burst')}"
     return f"{_STAGES[area.stage]} line {area.lines + 1}: {done}"
 

@@ -43,7 +43,7 @@ _FACTORS = np.array([1.0, 1.0, 1e-3, _DEGREE]), np.array([_DEGREE, _DEGREE, 1e-3
 
 
 class Wires(Protocol):
-    """Lights and pump, wherever they are wired."""
+    """Switches of the lights and the pump, of whatever device they belong to."""
 
     def light(self, lights: Sequence[bool]) -> None:
         """Switch the lights on or off; return only when they are."""
@@ -73,8 +73,8 @@ class ActuatorPlant:
 
     ``actuator``: two currents in A, two angles in degrees; with a catheter also advance in mm/s and
     mm and roll in deg/s and deg. Without one, advance and roll stay 0. Two currents alone are a
-    head without sensors: its angles are NaN, and have to be seen by its camera. ``clock``: keeps
-    the ticks: an exchange begins a tick after the one before. Without it the caller does.
+    head without sensors: its angles are NaN, and its camera has to measure them. ``clock``: delays
+    each exchange until a tick after the one before; without it the caller does so.
     """
 
     def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:
@@ -104,10 +104,10 @@ class ActuatorPlant:
     def time(self) -> float | None:
         """Seconds from the first ``exchange`` to the last one; None where each takes one tick.
 
-        On a loaded machine an exchange begins late, and the wires turn meanwhile. The time is in
-        whole ticks, in which control counts it, so that a rest of each is not lost.
+        On a loaded machine an exchange begins late, and the wires turn meanwhile. The time is
+        rounded to whole ticks, the unit of the control, so that no remainders add up.
         """
-        simulated = hasattr(self.actuator, "clock")  # it goes by its own ticks
+        simulated = hasattr(self.actuator, "clock")  # each of its exchanges takes one tick
         return None if self._began is None or simulated else self.tick * self._ticks
 
     @property
@@ -174,13 +174,13 @@ class ActuatorPlant:
         getattr(self.actuator, "close", lambda: None)()
 
     def _wait(self) -> None:
-        """Wait until the next tick is due; a tick that is late moves those after it."""
+        """Wait until the next tick is due; a late tick delays all later ones."""
         if self._clock is not None:
             self._clock.sleep(max(self._due - self._clock.now(), 0.0))
             now = self._clock.now()
             if self._began is None:
                 self._began = now
-            else:  # half a tick late, times would be even and odd by chance
+            else:  # without the minimum, two exchanges may round to the same tick
                 self._ticks = max(round((now - self._began) / self.tick), self._ticks + 1)
             self._due = now + self.tick
 
@@ -198,7 +198,7 @@ class ActuatorPlant:
 class BenchTip:
     """The tip of a head on a bench: lights and a pump, perhaps a probe, and no focus.
 
-    Its pictures come from a camera of its own, see `minorloop_head.procedures.actuator_plant`.
+    Its pictures come from a separate camera, see `minorloop_head.procedures.actuator_plant`.
     """
 
     def __init__(self, wires: Wires, probe: Digitiser | None = None) -> None:

@@ -38,31 +38,31 @@ from minorloop_head.vision.targets import KINDS, NONE, SeenTarget, Target
 from minorloop_head.vision.video import frames, names
 
 AUTO = "auto"
-"""Kind of a target that is to be found out from the pictures."""
+"""Kind of a target that is detected from the pictures."""
 _SAMPLE, _EXPLAINED = 16, 5
-"""Pictures in which a target is searched, and pictures without one that are explained."""
+"""Most pictures that are searched to detect the target, and most whose lack of one is explained."""
 _CORNER_SD = 0.1
 """Standard deviation of a corner in pixels, for a lens that was calibrated before."""
 _FEWEST = 6
-"""Corners away from a reflection that are enough for the pose of the target."""
+"""Least number of corners away from a reflection that determines the pose of the target."""
 _IN_NAME = re.compile(r"pan([+-]?\d+(?:\.\d+)?)_?tilt([+-]?\d+(?:\.\d+)?)")
 _LED = "LED "
-"""Beginning of the names of results for LEDs."""
+"""Prefix of the names of results for LEDs."""
 _NAMED = 5
-"""Pictures that a message names."""
+"""Largest number of pictures that a message names."""
 _FAR, _CONTRADICTED = 4.0, 2.0
-"""Residual of an angle that is named, and rms of all that is a contradiction, in standard
-deviations: with Gaussian angles of six pictures, the fewest, either is rarer than 1 in 1,000."""
+"""Residual above which a message names an angle, and rms above which angles contradict pictures, in
+standard deviations. With Gaussian angles of six pictures, the fewest, each is rarer than 0.1 %."""
 _ALIGNED, _ASIDE = 1.0, 0.3
-"""Deviations of the mount from the ideal one that are reported, in degrees and mm."""
+"""Least deviations of the mount from the ideal one that are reported, in degrees and mm."""
 
 
 @dataclass(frozen=True)
 class ExpectedTarget:
-    """What is known of a target before its pictures are looked at."""
+    """A target as described by the user, before it is searched in pictures."""
 
     side: float
-    """Of a square, or distance of circles, in metres, which pictures do not show."""
+    """Side of a square, or distance of circles, in metres. Pictures do not show it."""
     kind: str = AUTO
     """One of `minorloop_head.vision.targets.KINDS`, or `AUTO`."""
     squares: tuple[int, int] | None = None
@@ -71,7 +71,7 @@ class ExpectedTarget:
     """Whether the target of the mount is square to the pipe with its middle on the axis."""
 
     def printed(self) -> Target:
-        """Return the target to print; the usual one where nothing is said."""
+        """Return the target to print: by default the first of `KINDS` with 9 by 7 squares."""
         return Target(
             KINDS[0] if self.kind == AUTO else self.kind, *(self.squares or (9, 7)), self.side
         )
@@ -79,7 +79,7 @@ class ExpectedTarget:
 
 @dataclass(frozen=True, eq=False)
 class TargetPictures:
-    """What a folder of pictures shows."""
+    """A target as found in the pictures of a folder."""
 
     folder: str
     target: Target
@@ -92,7 +92,7 @@ class TargetPictures:
     """The one saturated spot of a picture, in pixels."""
 
     def explained(self) -> str:
-        """Return which pictures are left out, and why, to be appended to a message."""
+        """Return the end of a message: which pictures are left out, and why."""
         if not self.left_out:
             return ""
         shown = [f"{name} ({why})" for name, why in list(self.left_out.items())[:_NAMED]]
@@ -107,7 +107,7 @@ class CalibratedHead:
     """A calibration with its evidence."""
 
     head: HeadFile
-    """To be saved."""
+    """Head to be saved."""
     lens: LensFit | None
     mount: MountFit | None
     left_out: dict[str, str]
@@ -116,13 +116,13 @@ class CalibratedHead:
     """Pictures that were used, for each purpose."""
     advice: tuple[str, ...]
     doubts: tuple[str, ...] = ()
-    """Why the mount is not to be trusted, see `mount_doubts`."""
+    """Why the mount cannot be trusted, see `mount_doubts`."""
     target: Target | None = None
-    """Which the pictures show."""
+    """The target in the pictures."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the pictures hardly determine, and why the mount is not to be trusted."""
+        """Parameters that the pictures hardly determine, and why the mount cannot be trusted."""
         return (*(self.lens.warnings if self.lens else ()), *self.doubts)
 
 
@@ -210,7 +210,7 @@ def _pictures_in(folder: PathLike) -> list[str]:
 
 
 def _why_none(images: Sequence[Image]) -> str:
-    """Return why no target is found in pictures, to be appended to a message."""
+    """Return the end of a message: why no target is found in pictures."""
     turned = search_target([np.ascontiguousarray(image[:, ::-1]) for image in images], 1e-3)
     if turned is not None and turned.kind == "charuco":
         return ": they are mirrored; take them again, and let the camera not mirror them"
@@ -228,7 +228,7 @@ def _why_not(image: Image, target: Target) -> str:
     other = search_target([image], target.square)
     marked = target.kind == "charuco" and bool(markers_in([image]))
     if other is None or (marked and other.kind != "charuco"):
-        return NONE  # between its markers it is a chessboard
+        return NONE  # the squares between the markers of a charuco target are a chessboard
     if other.kind != target.kind:
         return f"it shows {other}"
     return f"it shows only {other.columns} by {other.rows} of its squares"
@@ -328,8 +328,7 @@ def calibrate_hand_eye(
 def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tuple[str, ...]:
     """Return why the angles of the joints contradict the pictures of a mount; empty if they do not.
 
-    ``names``: of its pictures; ``angle_sd``: standard deviation of an angle, in degrees, by which
-    it was fitted.
+    ``names``: of its pictures; ``angle_sd``: standard deviation of an angle in the fit, in degrees.
     """
     largest = np.abs(mount.joints).max(axis=1)
     far = [k for k in np.argsort(-largest).tolist() if largest[k] > _FAR * angle_sd]
@@ -346,7 +345,7 @@ def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tupl
 
 
 def _shifted(lens: Pinhole, sd: tuple[float, float]) -> list[Pinhole]:
-    """Return lenses whose principal point is off by a standard deviation in a direction."""
+    """Return lenses with the principal point shifted by one standard deviation, in u and in v."""
     (u, v), (du, dv) = lens.centre, sd
     shifts = [(u + du, v)] * (du > 0) + [(u, v + dv)] * (dv > 0)
     return [replace(lens, centre=centre) for centre in shifts]
@@ -442,18 +441,18 @@ def calibrate_head(
     """Calibrate lens, mount and LEDs of a head from folders of pictures of a flat target.
 
     Raises a `ParameterError` if there is nothing to calibrate, or the lens is not known; a
-    `RecordError` if pictures or tables do not determine what they are for.
+    `RecordError` if pictures or tables do not determine the lens, the mount or an LED.
 
-    ``before``: the head as known so far; what is not measured keeps its value.
+    ``before``: the head as known so far; parameters that are not measured keep their values.
     ``pictures``, ``mount``: folders of pictures everywhere in the image, for the lens, and of a
     target at rest at several angles of the joints.
     ``angles``: table of the angles of the joints, as of `calibrate_mount`, or of the poses of a
     flange, as of `calibrate_hand_eye`.
     ``angle_sd``: standard deviation of an angle of the joints, in degrees.
     ``leds`` (N, 3): positions of the LEDs in the camera, in metres.
-    ``led_pictures``: instead of them: folder with a folder of pictures for each LED.
+    ``led_pictures``: instead of ``leds``: folder with a folder of pictures for each LED.
     ``radius``, ``thickness``: of the pipe and its wall, in metres.
-    ``told``: is given a text on the progress.
+    ``told``: called with a text on the progress.
     """
     if not (pictures or mount or led_pictures or leds is not None):
         raise ParameterError("there is nothing to calibrate; give --pictures, --mount or --leds")
@@ -509,7 +508,7 @@ def _calibrated(
     radius: float | None = None,
     thickness: float | None = None,
 ) -> tuple[HeadFile, tuple[str, ...]]:
-    """Return the head with its new calibration, and advice; what is None keeps its value."""
+    """Return the head with its new calibration, and advice; a None keeps the former value."""
     old = before.calibration
     seen_by = _lens_of(before) if lens is None else lens.lens
     base = replace(old or HeadCalibration(lens=seen_by, leds=np.zeros((1, 3))), lens=seen_by)
@@ -588,7 +587,7 @@ def _angles_of_names(pictures: TargetPictures) -> dict[str, tuple[float, float]]
         match = _IN_NAME.search(each.name)
         if match is None:
             raise RecordError(
-                f"the name of {each.name} has no angles; call it such as pan12.5_tilt-3.png, or "
+                f"the name of {each.name} has no angles; rename it, such as pan12.5_tilt-3.png, or "
                 "give a table with --angles"
             )
         found[each.name] = (float(match[1]), float(match[2]))
@@ -613,7 +612,7 @@ def _angles_of_table(file: PathLike) -> dict[str, tuple[float, float]]:
 
 
 def _of_flange(file: PathLike) -> bool:
-    """Return whether a table has poses of a flange, and no angles of joints."""
+    """Return whether a table has poses of a flange instead of angles of joints."""
     with opened(file) as table:
         return "x" in [split_header(header)[0] for header in table.headers]
 

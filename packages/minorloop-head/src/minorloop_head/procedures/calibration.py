@@ -20,7 +20,7 @@ from minorloop_head.vision.lens_calibration import FARTHEST
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
 THICKNESS_SD = 0.017
-"""Standard deviation of a thickness by a caliper, as a share of it: that of errors up to 3 %."""
+"""Relative standard deviation of a thickness measured by a caliper: that of errors up to 3 %."""
 _LONGEST_LATENCY = 5.0
 _LONGEST_PIPE = 1e5
 _TURN = math.pi
@@ -35,11 +35,11 @@ _BOUNDS = {
     "squint": (-_TURN / 2, _TURN / 2, "rad"),
     "camera_roll": (-_TURN, _TURN, "rad"),
 }
-"""Least and largest values: what pipes and heads can have, and what the command line accepts. They
+"""Least and largest values of pipes and heads that a calibration and the command line accept. They
 refuse millimetres that were entered as metres, and degrees as radians."""
 STRAIGHT = math.radians(30.0)
-"""Pan and tilt of the joints at which the camera looks along the pipe, where they are not
-calibrated. A wire pulls in one direction only, so that half of its stroke is on either side."""
+"""Default pan and tilt of the joints at which the camera looks along the pipe. A wire pulls in one
+direction only: half of its stroke is on either side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,21 +62,21 @@ class HeadCalibration:
     probe: Probe = field(default_factory=Probe)
     radius: float = 10e-3
     thickness: float = 2e-3
-    """Of the pipe and its wall, in metres."""
+    """Radius of the pipe and thickness of its wall, in metres."""
     temperature: float = ROOM_TEMPERATURE
-    """Of the water with which the pipe is flooded, in degrees Celsius."""
+    """Temperature of the water with which the pipe is flooded, in degrees Celsius."""
     straight: tuple[float, float] = (STRAIGHT, STRAIGHT)
     """Pan and tilt that the joints read where they point along the pipe, in radians."""
     squint: float = 0.0
     camera_roll: float = 0.0
-    """Of the camera on the joints: sideways, then about its optical axis, in radians."""
+    """Rotation of the camera on the joints: sideways, then about its optical axis, in radians."""
     latency: float = 0.04
     """Longest time in seconds from the exposure of a picture to its arrival. Pictures that arrive
     within it after the lights were switched may show the lights before."""
     tool: Tool | None = None
     """The micro-tool beside the lens; None on a head without one."""
     length: float | None = None
-    """Of the pipe, in metres from where the advance of the catheter reads 0; None if not known."""
+    """Length of the pipe in metres, from where the advance of the catheter reads 0; or None."""
 
     def __post_init__(self) -> None:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():
@@ -118,7 +118,7 @@ class HeadCalibration:
     def from_dict(cls, values: dict[str, Any]) -> HeadCalibration:
         """Return the calibration that `to_dict` gave these values.
 
-        A probe without an azimuth is of a file before there was one: it was on the x axis.
+        A probe without an azimuth is on the x axis: older files do not have this key.
 
         Raises a `ValueError` if a value is missing, unknown, of another type, or out of its range.
         """

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from minorloop_head.vision.mount_calibration import MountFit
 
 _ENLARGED = 100
-"""Length of a residual in the report, in its own length."""
+"""Length of a residual in the report over its true length."""
 
 
 def calibration_report(found: CalibratedHead) -> Report:
@@ -42,7 +42,7 @@ def calibration_report(found: CalibratedHead) -> Report:
 
 
 def rows(found: CalibratedHead) -> list[tuple[str, str, str, str]]:
-    """Return name, value, standard deviation and unit of each result, to be shown."""
+    """Return name, value, standard deviation and unit of each result as text."""
     shown = []
     for each in found.head.measured:
         places = max(1 - math.floor(math.log10(each.sd)), 0) if each.sd > 0 else 3
@@ -52,7 +52,7 @@ def rows(found: CalibratedHead) -> list[tuple[str, str, str, str]]:
 
 
 def summary(found: CalibratedHead) -> str:
-    """Return which pictures were used, and their residuals."""
+    """Return sentences on the used pictures and their residuals."""
     used = [f"{counted(count, 'picture')} for {what}" for what, count in found.used.items()]
     said = f"used: {', '.join(used) or 'no pictures'}; left out: {len(found.left_out)}"
     if found.target is not None:

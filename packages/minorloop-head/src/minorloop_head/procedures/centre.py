@@ -35,13 +35,13 @@ CONE = Cone(half=REACH)
 
 @dataclass(eq=False, kw_only=True)
 class Centred:
-    """How far a point is centred: the procedure keeps it up to date."""
+    """State of the centring of a point, which the procedure keeps up to date."""
 
     place: FloatArray
-    """Shape (2,). Phi and z of the point, as the first frame shows it once there is one."""
+    """Shape (2,). Phi and z of the point; after the first frame, as that frame shows it."""
     verdict: str = ""
-    """Of the tracker, or ``not in view`` if the first frame does not show the point whole; empty
-    before it was tracked."""
+    """Verdict of the tracker, or ``not in view`` if the first frame does not show the point whole;
+    empty before it was tracked."""
     error: float = math.nan
     """Distance from the middle in pixels; NaN if the point is not tracked."""
     shown: FloatArray | None = None
@@ -49,12 +49,12 @@ class Centred:
     known."""
     track: TrackState | None = None
     stuck: bool = False
-    """Whether it comes no nearer to the middle."""
+    """Whether it has stopped moving towards the middle."""
 
 
 NOT_IN_VIEW = "not in view"
 LOST_FOR = 3.0
-"""Seconds without the point after which it is not centred: what comes back does so within 1 s."""
+"""Longest time in seconds without the point: a point that comes back does so within 1 s."""
 STUCK_FOR, STUCK_PX, _NEARER = 5.0, 20.0, 0.95
 """Seconds without coming nearer, to this share of the distance, after which a point farther than
 this from the middle does not come there: wires out of reach, which turn within 3 s if they do."""
@@ -64,13 +64,13 @@ TWO_TICKS = 0.08
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Centring:
-    """Tracker and hold in one loop: the wanted angles are those at which the point is centred."""
+    """Tracker and integral controller that turn the head until the tracked point is centred."""
 
     calibration: HeadCalibration
     integral_gain: float = PointHold.integral_gain
-    """Of the hold, in 1/s; 0 is without its integral."""
+    """Integral gain of the hold, in 1/s; 0 switches it off."""
     gain: float = 0.5
-    """Of `turn`, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
+    """Gain of `turn` in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
     overshoots, and needs 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image."""
     delay: float = 0.2
     """Of `turn`: delay from the wanted angles to the image in seconds, that of the sensors, and
@@ -79,14 +79,14 @@ class Centring:
     """Of `turn`: error in pixels below which the gain falls, since most of it is noise of the
     joints."""
     rate_limit: float = math.radians(10.0)
-    """Fastest change of the wanted direction in rad/s: up to it the tracker is tested. Wires turn
-    at up to twice that, and the blur then moves what is tracked by a pixel."""
+    """Fastest change of the wanted direction in rad/s, the highest at which the tracker is tested.
+    Wires turn at up to twice that; blur then moves the tracked patch by a pixel."""
     cone: Cone = CONE
     """Directions in which the head may look."""
     in_middle: float = 2.0
     """Distance from the middle in pixels at which the point is centred."""
     still: float = 0.44
-    """Seconds for which it stays there; infinite to hold it there, also if it is lost."""
+    """Seconds for which it stays there; infinite to hold it there, even if it is lost."""
     patience: float = 15.0
     """Longest duration in seconds."""
     interval: float = 0.04
@@ -96,7 +96,7 @@ class Centring:
     sensors."""
 
     def centre(self, point: Centred) -> Procedure[Centred]:
-        """Centre a point by its place, or what its pixel shows in the first frame; return it."""
+        """Centre a point by its place, or by its pixel in the first frame; return it."""
         now = yield NOW
         began = now.t
         while now.image is None:
@@ -144,10 +144,10 @@ class Centring:
     def pick(
         self, image: Image, pixel: npt.ArrayLike, reading: Reading
     ) -> tuple[Track, TrackState]:
-        """Begin to track what a pixel shows.
+        """Begin to track the patch of the wall at a pixel.
 
-        Raises a `SignalError` if the image does not show it whole, or shows no texture that could
-        be found again.
+        Raises a `SignalError` if the image does not show it whole, or it has too little texture
+        to be found again.
         """
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).begin(image, pixel, pan, tilt)
@@ -162,8 +162,8 @@ class Centring:
     ) -> FloatArray:
         """Return the middle (2,) of the round outline about a pixel; the pixel if there is none.
 
-        A person clicks some pixels beside what is meant. ``frames``, ``pixel`` and ``reach`` are
-        as in `outline_about`; the reading says where the catheter is.
+        An operator misses the intended point by some pixels. ``frames``, ``pixel`` and ``reach``
+        are as in `outline_about`; the reading has the place of the catheter.
         """
         clicked = np.asarray(pixel, dtype=np.float64)
         camera = self.calibration.camera_at(reading.place)
@@ -171,7 +171,7 @@ class Centring:
         return clicked if found is None else found.pixel
 
     def follow(self, track: TrackState, reading: Reading, image: Any) -> tuple[Track, TrackState]:
-        """Track it in the next frame."""
+        """Find the tracked patch in the next frame."""
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).step(track, image, pan, tilt)
 

@@ -4,7 +4,7 @@
 
     [digitiser]
     resource = "TCPIP0::192.168.0.7::4000::SOCKET"
-    on = ["DAT:ENC ASCI", "ACQ:STOPA SEQ"]     # once
+    on = ["DAT:ENC ASCI", "ACQ:STOPA SEQ"]     # once, at the start
     arm = "ACQ:STATE RUN"                      # before each pulse
     read = "DAT:STAR {first};:DAT:STOP {last};:CURV?"
     samples = 2048
@@ -39,12 +39,12 @@ from minorloop.lab.drivers.link import Link, LinkSettings, number, opened
 from minorloop_head.sources import Shot
 
 _PART = 256
-"""Samples that are read at once."""
+"""Number of samples in one reading."""
 _MOST = 1_000_000
 
 
 class PulserSettings(LinkSettings, kw_only=True):
-    """Lines of text that a pulser understands; ``done`` is asked after ``on`` and ``safe``."""
+    """Commands of a pulser; ``done`` is queried after ``on`` and ``safe``."""
 
     fire: str
     on: list[str] = msgspec.field(default_factory=list)
@@ -53,7 +53,7 @@ class PulserSettings(LinkSettings, kw_only=True):
 
 
 class DigitiserSettings(LinkSettings, kw_only=True):
-    """Lines of text that a digitiser understands; see the module."""
+    """Commands of a digitiser; see the module."""
 
     read: str
     samples: int
@@ -61,7 +61,7 @@ class DigitiserSettings(LinkSettings, kw_only=True):
     on: list[str] = msgspec.field(default_factory=list)
     arm: str | None = None
     done: str = "*OPC?"
-    """Asked after the pulse: answered once the trace is there."""
+    """Query after the pulse, which is answered once the trace is there."""
     full_scale: float = 1.0
 
     def __post_init__(self) -> None:
@@ -106,7 +106,7 @@ class Digitiser:
             raise
 
     def shot(self) -> Shot:
-        """Fire one pulse, and return what is received.
+        """Fire one pulse, and return the received trace.
 
         Raises an `InstrumentError` if an instrument does not answer, or a sample is missing.
         """

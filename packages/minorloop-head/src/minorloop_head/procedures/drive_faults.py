@@ -1,4 +1,4 @@
-"""Faults of the readings during a drive: what was wrong, when, and for how long."""
+"""Faults of the readings during a drive, with their times and durations."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from minorloop_head.control.head import HeadState
 from minorloop_head.vision.wall_patches import UNTURNED
 
 _SHORT = 5
-"""Steps from which a fault is why a target was missed: more than are lost by chance."""
+"""Least number of steps of a fault that explains a missed target: more than are lost by chance."""
 _UNREAD = "there was no reading"
 _DOUBTED = "readings jumped faster than the wire can move, and were not used"
 _UNUSED = _UNREAD, _DOUBTED, UNTURNED
 """Kinds of faults before the sensor counts as at fault."""
 _SLOW = 0.4
-"""Intervals by which a step may be late before it counts, if the guard says so too: less than its
-limit, so that rounding does not matter."""
+"""Intervals by which a step is late, if the guard reports it too: less than the limit of the guard,
+so that rounding does not matter."""
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
-"""Numbers in a text, such as of patches that agree: faults that differ only there are alike."""
+"""Numbers in a text, such as of patches that agree: faults that differ only in them are alike."""
 
 
 @dataclass(frozen=True)
 class DriveFault:
-    """Faults of an axis that are alike, or of both axes that are equal."""
+    """Like faults of an axis, or equal ones of both axes, as one."""
 
     axis: str
     """Such as ``pan``, or ``pan and tilt``."""
@@ -34,7 +34,7 @@ class DriveFault:
     lasted: float
     """Time of the first, and duration of all, in seconds."""
     what: str
-    """What was wrong, and what was done."""
+    """Description of the fault, and the reaction to it."""
     times: int = 1
     """Number of faults."""
     cooled: bool = False
@@ -42,7 +42,7 @@ class DriveFault:
     over: bool = True
     """Whether it was over before the drive ended."""
     late: bool = False
-    """Whether it is that steps came late, all of the drive in one."""
+    """Whether it stands for all late steps of the drive."""
 
     def __str__(self) -> str:
         if self.late:
@@ -59,7 +59,7 @@ class DriveFault:
 
 @dataclass
 class _Noted:
-    """A fault of an axis, from when it began until when it ended, and if the wire cooled."""
+    """A fault of an axis, its beginning and end, and whether the wire cooled."""
 
     axis: str
     kind: str
@@ -72,7 +72,7 @@ class _Noted:
 
     @property
     def fault(self) -> DriveFault:
-        """The fault alone."""
+        """Description of the fault, from its beginning to its end."""
         lasted = self.until - self.began
         return DriveFault(self.axis, self.began, lasted, self.what, 1, self.cooled, self.over)
 
@@ -81,7 +81,7 @@ class FaultLog:
     """Collects the faults of the axes while a head is driven.
 
     ``names``: of the axes; ``interval``: from a step to the next if none is late, in seconds;
-    ``delay``: age in intervals of the pictures that the control is set up for.
+    ``delay``: age of the pictures for which the control is set up, in intervals.
     """
 
     def __init__(self, names: Sequence[str], interval: float, delay: int = 1) -> None:
@@ -99,7 +99,7 @@ class FaultLog:
         ``t``: in seconds. ``why``: why the newest picture did not show the angles, if it is known.
         ``age``: of that picture in seconds; NaN if it is not known.
         """
-        if age > (self._delay + 1) * self._interval:  # from then on a law turns back too late
+        if age > (self._delay + 1) * self._interval:  # with older ones, control reverses too late
             self._old.append((t, age))
         late = t - self._t - self._interval
         slow = late > _SLOW * self._interval
@@ -115,9 +115,9 @@ class FaultLog:
         self._t = t
 
     def found(self, t: float) -> tuple[DriveFault, ...]:
-        """Return all faults until a time in seconds, the first ones first, then late steps.
+        """Return all faults until a time in seconds in order of time, then late steps.
 
-        Those of an axis that are alike are one, unless the wire cooled.
+        Like faults of an axis are joined, unless the wire cooled.
         """
         found: dict[tuple[object, ...], DriveFault] = {}
         for each in self._noted:
@@ -129,15 +129,15 @@ class FaultLog:
                 lasted, times = before.lasted + one.lasted, before.times + 1
                 one = replace(before, lasted=lasted, times=times, over=one.over)
             found[key] = one
-        return (*_joined(found.values()), *self._all_old(0.0, t), *self._all_late())
+        return (*_join_axes(found.values()), *self._all_old(0.0, t), *self._all_late())
 
     def during(self, name: str, first: float, last: float) -> str:
-        """Return the fault that was on last between two times in seconds; empty if none was.
+        """Return the last fault active between two times in seconds; empty if there was none.
 
-        ``name``: of an axis. If it had no fault, and the head was kept where it was because another
-        axis was not read, it is the fault of that one.
+        ``name``: of an axis. If it had no fault, and the head held its position because another
+        axis was not read, the fault of the other axis is returned.
         """
-        on = _joined(
+        on = _join_axes(
             each.fault
             for each in self._noted
             if (each.steps >= _SHORT or each.cooled) and each.began < last and each.until > first
@@ -190,28 +190,28 @@ class FaultLog:
 
 
 def _reading(axis: GuardState, why: str) -> tuple[str, str]:
-    """Return the kind of the fault of a reading and what is wrong; both empty if it is good."""
+    """Return kind and description of the fault of a reading; both empty if it is good."""
     if axis.fault:
-        return axis.fault, _with(_newest(axis, "sensor"), why)
+        return axis.fault, _with_reason(_newest(axis, "sensor"), why)
     if axis.reading.used:
         return "", ""
     if axis.reading.odd and not axis.reading.believed:
         return _DOUBTED, f"{_DOUBTED}; the wire went by its model"
     if why.startswith(UNTURNED):
         return UNTURNED, f"readings were not used, because {why}; the wire went by its model"
-    return _UNREAD, f"{_with(_UNREAD, why)}; the wire went by its model"
+    return _UNREAD, f"{_with_reason(_UNREAD, why)}; the wire went by its model"
 
 
 def _newest(axis: GuardState, cause: str) -> str:
     return next((event.text for event in reversed(axis.log) if event.cause == cause), "")
 
 
-def _with(what: str, why: str) -> str:
+def _with_reason(what: str, why: str) -> str:
     return f"{what} ({why})" if why else what
 
 
-def _joined(faults: Iterable[DriveFault]) -> tuple[DriveFault, ...]:
-    """Return faults with those that all axes had alike as one."""
+def _join_axes(faults: Iterable[DriveFault]) -> tuple[DriveFault, ...]:
+    """Return faults, with equal faults of all axes joined to one."""
     axes: dict[DriveFault, list[str]] = {}
     for each in faults:
         axes.setdefault(replace(each, axis=""), []).append(each.axis)

@@ -14,8 +14,8 @@ from minorloop_head.vision.defects import SEQUENCE, Hole
 from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 
 SAME = 1.5e-3
-"""Farthest distance in metres between two views of one defect: more than views from two places
-differ by, and less than the distance between two defects."""
+"""Largest distance in metres between two views of one defect: more than the error between views
+from two places, and less than the distance between two defects."""
 
 
 def acquisition(gain: float) -> Procedure[tuple[LitFrame, ...]]:
@@ -35,7 +35,7 @@ def acquisition(gain: float) -> Procedure[tuple[LitFrame, ...]]:
 def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[LitFrame, ...]:
     """Return the frames of an acquisition by a camera that does not move.
 
-    ``camera``: its lights are all on afterwards; ``angles`` (2,): pan and tilt as measured, in
+    ``camera``: its lights are all on afterwards; ``angles`` (2,): measured pan and tilt, in
     radians; ``gain``: under all lights.
     """
 

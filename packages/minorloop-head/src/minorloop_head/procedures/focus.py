@@ -24,19 +24,19 @@ _DARK = 2.0
 _LEAST_GAIN, _SCATTERS = 0.02, 3.0
 """A sweep has a peak if the logarithm of its sharpness bends by 2 % and three times its scatter."""
 _NEAR_TOP = 0.75
-"""Share of the greatest sharpness from which values belong to the top of the curve. A far wall is
-sharp over most of a sweep: five values about the greatest one would follow their scatter."""
+"""Share of the greatest sharpness above which values belong to the top of the curve. A far wall is
+sharp over most of a sweep: a fit of five values about the greatest would follow their scatter."""
 _LEAST_TRIES = 5
-"""Number of usable frames that a peak needs at least."""
+"""Least number of usable frames for a peak."""
 _TRIES, _FRAMES, _SWEEPS = 9, 2, 3
-"""Steps of a sweep, even in the inverse of the distance; frames at each; and most sweeps, each
-about the best step of the one before."""
+"""Steps of a sweep, evenly spaced in inverse distance; frames at each step; and largest number of
+sweeps, each about the best step of the one before."""
 _SPREAD, _WIDEST = 0.3, 0.6
-"""Relative width of a sweep on either side of its middle, and of the one after a sweep without a
-peak: a far wall is sharp over most of a sweep. The guess is that of the calibrated wall, right
-within some percent."""
+"""Relative half width of a sweep, and of the next sweep if the first has no peak: a far wall is
+sharp over most of a sweep. The first guess, from the calibrated wall, is right within some
+percent."""
 _WAIT, _TRAVEL = 0.12, 0.32
-"""Seconds for which the lens moves to a step, and in addition to the first one."""
+"""Seconds that the lens takes to move to a step, and in addition to the first step."""
 _NEAREST, _FARTHEST = 4e-3, 60e-3
 """Limits of the focus, in metres."""
 
@@ -97,7 +97,7 @@ def _swept(
 
 
 def _steps(middle: float, spread: float) -> FloatArray:
-    """Return (tries,) inverse distances about one, nearest first."""
+    """Return (tries,) inverse distances about a middle one, nearest first."""
     ends = np.clip([middle * (1 - spread), middle * (1 + spread)], 1 / _FARTHEST, 1 / _NEAREST)
     return np.linspace(ends[1], ends[0], _TRIES)
 
@@ -129,10 +129,10 @@ def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
 
     Notes
     -----
-    Slopes are taken over two pixels of means over three, which suppresses noise. A slope with a
-    saturated pixel in its means is left out, as it is sharp at any focus. Tenenbaum, 1970. Each
-    slope is relative to the brightness where it is: the nearer part of a wall that is seen at a
-    slant is brighter, and would put the peak 7 % before the pixel.
+    Slopes are differences, over two pixels, of means over three, which suppresses noise. A slope
+    with a saturated pixel in its means is left out: it is steep at any focus. Tenenbaum, 1970. Each
+    slope is relative to the local brightness: the nearer part of a slanted wall is brighter, and
+    would put the peak 7 % before the pixel.
     """
     u, v = np.asarray(pixel, dtype=np.float64)
     if not (isinstance(image, np.ndarray) and image.ndim == 2 and math.isfinite(u + v)):

@@ -12,12 +12,12 @@ from minorloop_head.procedures.values import NOW, Procedure, Request, held_since
 NEAR = (0.05e-3, math.radians(0.3))
 """Tolerance of advance in metres and of roll in radians: the resolution of their sensors."""
 _GAIN = 2.0
-"""Rate of the catheter over its distance from the place, in 1/s. A higher one overshoots, since the
-tip follows its motor late."""
+"""Gain: rate of the catheter over its distance from the place, in 1/s. A higher gain overshoots,
+since the tip follows its motor late."""
 _FASTEST = np.array([8e-3, math.radians(40.0)])
 """Highest rates of advance in m/s and of roll in rad/s."""
 _REST = 0.4
-"""Seconds in which the tip comes to rest after its travel."""
+"""Seconds that the tip takes to come to rest after its travel."""
 _CLOSE = math.radians(0.15)
 """Tolerance of the angles: three standard deviations of the sensor of a joint."""
 
@@ -32,11 +32,11 @@ def go(
 ) -> Procedure[bool]:
     """Travel with the catheter, let its tip rest, and turn the head; return whether both arrived.
 
-    ``place`` (2,): advance and roll of the catheter; it stays without. ``angles`` (2,): pan and
-    tilt; the head stays without. It begins to turn while the catheter travels. ``patience``:
-    seconds after which the catheter stays where it is: friction may hold it off. ``still``: seconds
-    for which the head stays at its angles. ``turning``: seconds after which the head stays where it
-    is; a wire cools slowly.
+    ``place`` (2,): advance and roll of the catheter; if None, it does not move. ``angles`` (2,):
+    pan and tilt; if None, the head does not turn. It begins to turn while the catheter travels.
+    ``patience``: longest seconds of the travel: friction may hold the catheter before its place.
+    ``still``: seconds for which the head stays at its angles. ``turning``: longest seconds of the
+    turn; a wire cools slowly.
     """
     wanted = None if angles is None else np.asarray(angles, dtype=np.float64)
     arrived, now = True, (yield NOW)

@@ -51,10 +51,10 @@ _BYTE, _KEY = re.compile(r"\(byte (\d+)\)"), re.compile(rb'"([^"\\]*)"\s*:')
 _NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|Inf|inf)\b")
 _GIVE = "give one that head identify or head calibrate has written"
 _LARGEST = 2**24
-"""Bytes of the largest file: wires of some 500 bands."""
+"""Largest size of a file in bytes: wires of some 500 bands."""
 
 _CLOCKS_DIFFER = timedelta(days=1)
-"""By which the clock of the machine that wrote a file may be ahead."""
+"""Tolerated lead of the clock of the machine that wrote a file."""
 _LAGS = 0.01, 600.0
 """Least and largest lag of a wire in seconds: the thinnest in water, and rods in still air."""
 _Moment = Annotated[datetime, msgspec.Meta(tz=True)]
@@ -70,8 +70,8 @@ class CheckedAxis:
 
 
 _TRUSTED = 0.05
-"""Largest rms error in the check of a wire that is trusted, as a share of its range: targets that
-are missed by as much count as not reached."""
+"""Largest rms error in the check of a trusted wire, as a share of its range. A target missed by as
+much counts as not reached."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,9 +79,9 @@ class IdentifiedWires:
     """Wires of a head as identified."""
 
     on: datetime
-    """When their measurement began."""
+    """Beginning of their measurement."""
     wires: tuple[HeatedWire, ...]
-    """Of pan and tilt."""
+    """Wires of pan and tilt."""
     coupling: FloatArray
     """Shape (2, 2). As in `HeadControl`."""
     limits: WireLimits
@@ -120,9 +120,9 @@ class HeadFile:
     """Serial number of the head."""
     identified: IdentifiedWires | None = None
     calibration: HeadCalibration | None = None
-    """Of its camera and probe."""
+    """Calibration of its camera and probe."""
     calibrated: datetime | None = None
-    """When they were calibrated."""
+    """Time of the calibration."""
     measured: tuple[Measured, ...] = ()
     """Results of the calibration."""
 

@@ -43,21 +43,21 @@ from minorloop_head.procedures.head_file import CheckedAxis, IdentifiedWires
 RUNS = ("loop", "coupling", "curves", "check")
 """Runs of an axis."""
 _MINOR_LOOPS = "minor-loops"
-"""One more, where it is asked for."""
+"""An optional run of minor loops."""
 _SEEDED = (
     *((axis, run) for axis in range(len(AXES)) for run in RUNS),
     *((axis, _MINOR_LOOPS) for axis in range(len(AXES))),
 )
-"""Axis and run in the order of their seeds: what is added to a folder comes last."""
+"""Axis and run in the order of their seeds. Optional runs come last: they change no other seed."""
 _STEP_HOLDS = 3
-"""Holds at the beginning of the loop that are the step: cold, hot, cold."""
+"""Number of holds at the beginning of the loop that form the step: cold, hot, cold."""
 _SAMPLES = 250
 """Samples of a hold: 25 in the lag of a wire, where the hold is ten times as long."""
 
 Connect = Callable[[int], AbstractContextManager[Actuator]]
 """Opens the actuator for a run with the seed of its noise."""
 Told = Callable[[str], None]
-"""Takes the name of a run that begins."""
+"""Called with the name of a run that begins."""
 CarryOut = Callable[[Actuator, Store], ResumeMode]
 """Carries out the rest of the plan in a store, as `minorloop.lab.run.run` does."""
 
@@ -98,7 +98,7 @@ class HeadExcitation:
 
     @property
     def check(self) -> FloatArray:
-        """Random inputs, none of the others among them, in A; cold first."""
+        """Random inputs in A, which occur in no other run; cold first."""
         powers = np.random.default_rng(19).uniform(0.0, 1.0, 2 * self.bands)
         return self.highest * np.concatenate([[0.0], np.sqrt(powers)])
 
@@ -120,7 +120,7 @@ class HeadMeasurement:
     """The runs of a head, in a folder."""
 
     folder: Path
-    """Of the stores."""
+    """Folder of the stores."""
     setup: dict[str, Any]
     """Address, specimen, seed and options of the actuator, as in `Setup`."""
     excitation: HeadExcitation
@@ -132,7 +132,7 @@ class HeadMeasurement:
     """Called when a run begins or is continued."""
 
     def left(self) -> dict[str, int]:
-        """Return the number of holds that are left of each run that is not finished, by its name.
+        """Return the number of remaining holds of each unfinished run, by its name.
 
         Raises a `StoreError` if a store in the folder cannot be read, or belongs to another run.
         """
@@ -153,7 +153,7 @@ class HeadMeasurement:
         return left
 
     def identified(self) -> IdentifiedWires:
-        """Measure what is not measured yet, and identify both wires.
+        """Carry out the unfinished runs, and identify both wires.
 
         Raises a `ParameterError` if the actuator is no head; a `StoreError` if a store in the
         folder belongs to another run; a `SignalError` if a wire does not move, or its records
@@ -195,7 +195,7 @@ class HeadMeasurement:
         return found, moves
 
     def _check_loop(self, axis: int, u: FloatArray, y: FloatArray) -> None:
-        """Refuse a loop in which the wire does not move, or not in its step, before hours go by."""
+        """Refuse a loop or step without motion of the wire, before the long runs begin."""
         width, step = float(np.ptp(y)), self._step(axis)[2]
         if not moves_enough(step, width):
             raise SignalError(
@@ -226,7 +226,7 @@ class HeadMeasurement:
     def _measured(
         self, axis: int, run: str, levels: FloatArray, sensor: int | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return inputs and settled outputs of a run, which is carried out as far as it is not."""
+        """Carry out the rest of a run, and return its inputs and settled outputs."""
         path, seed = self._path(axis, run), self._seed(axis, run)
         if path.exists():
             with Store.open(path) as store:
@@ -285,7 +285,7 @@ def check_head(plant: Actuator, seen: str = "") -> None:
     Raises a `ParameterError` if it has not two currents in A and two angles in degrees, or as
     `check_axes`.
 
-    ``seen``: end of the sentence on a head without sensors: what else can give its angles.
+    ``seen``: end of the message on a head without sensors: how else its angles can be measured.
     """
     units = [channel.unit for channel in (*plant.inputs, *plant.outputs)]
     if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:

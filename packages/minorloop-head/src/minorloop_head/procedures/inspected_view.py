@@ -1,4 +1,4 @@
-"""Views of an inspection: what each shows, and the candidate that it confirms or does not."""
+"""Views of an inspection: the candidates in each, and the candidate that it confirms or rejects."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from minorloop_head.vision.frame_checks import BLURRED, CLEAR, GOOD, VEILED, cla
 _NOT_SCANNED = "not scanned"
 """Verdict of the echoes of a finding that was not scanned."""
 _UNCLEAR = {BLURRED: "blurred, if the wall is not smooth,", VEILED: "veiled"}
-"""What is said of a picture by its verdict: a blur, and a wall without texture, look the same."""
+"""Words for the verdict of a picture: a blurred wall and a wall without texture look the same."""
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
 AGAIN = " again"
@@ -48,11 +48,11 @@ class Unconfirmed:
     seen_in: tuple[str, ...]
     """Names of the views that show it there."""
     why: str
-    """What its visit showed instead, or that there was none."""
+    """Result of its visit, or the reason why it was not visited."""
 
 
 def unconfirmed(shown: Hole | TracedCrack, seen_in: tuple[str, ...], why: str) -> Unconfirmed:
-    """Return a candidate that some views show, and why it is not confirmed."""
+    """Return a candidate of some views as not confirmed, with the reason."""
     if isinstance(shown, Hole):
         kind, place, evidence = UNDECIDED, shown.place, shown.evidence
     else:
@@ -66,7 +66,7 @@ class InspectedView:
     """One acquisition of an inspection."""
 
     picture: InspectedPicture
-    """What it shows: candidates on the way round, and then the one that was visited."""
+    """The picture with its defects: all candidates if it looks round, else the visited one."""
     image: Image
     """Shape (height, width). Under all lights."""
     angles: tuple[float, float]
@@ -76,26 +76,26 @@ class InspectedView:
     place: tuple[float, float]
     """Advance in metres and roll in radians of the catheter."""
     seen: tuple[Hole | TracedCrack, ...] = ()
-    """What the picture shows: with them an inspection that was cut off goes on."""
+    """Candidates in the picture, from which an interrupted inspection continues."""
     finding: Finding | None = None
     """The candidate that was visited, if it was seen again."""
     evidence: float = math.nan
-    """Of the finding, as of a `Hole`; NaN for a crack."""
+    """Evidence of the finding, as of a `Hole`; NaN for a crack."""
     course: FloatArray | None = None
     """Shape (N, 2). Phi and z along the rim of a hole, or along a crack."""
     unconfirmed: Unconfirmed | None = None
     """The candidate that was visited, if it was not seen again."""
     steps: tuple[LogEntry, ...] = ()
-    """Of the visit, but for the search; the verdict of the finding names those that failed."""
+    """Steps of the visit except the search; the verdict of the finding names failed steps."""
     probed: PitDepth | CrackDepth | None = None
-    """What the echoes say of the finding; None before it was scanned, and without a probe."""
+    """Depth of the finding by its echoes; None before it is scanned, and without a probe."""
 
     @property
     def failed(self) -> str:
-        """The word failed and the names of the steps that failed; empty without any.
+        """The word failed and the names of the failed steps; empty if no step failed.
 
-        A step whose outcome is the verdict of the echoes is not named again, and the tool meets no
-        wall in a through-hole.
+        A step whose outcome is the verdict of the echoes is left out, and so is the touch of a
+        through-hole, where the tool meets no wall.
         """
         said = None if self.probed is None else self.probed.verdict
         bad = [each for each in self.steps if not each.succeeded and each.outcome != said]
@@ -105,17 +105,17 @@ class InspectedView:
 
     @property
     def looks_round(self) -> bool:
-        """Whether it is one of those that look round, and visits no candidate."""
+        """Whether it looks round, instead of visiting a candidate."""
         return self.picture.name.partition(" ")[0] == AROUND
 
 
 def first_visit(name: str) -> str:
-    """Return the name of the first visit of the candidate that a view of this name visits."""
+    """Return the name of the first visit of a candidate, by the name of either of its visits."""
     return name.removesuffix(AGAIN)
 
 
 def lens_words(views: Sequence[InspectedView]) -> str:
-    """Return that most pictures along the pipe are blurred or veiled; empty if they are not."""
+    """Return a sentence if most pictures along the pipe are blurred or veiled; empty otherwise."""
     around = [view for view in views if view.looks_round and view.picture.verdict == GOOD]
     verdicts = [clarity(view.image) for view in around]
     bad = [verdict for verdict in verdicts if verdict != CLEAR]
@@ -137,7 +137,7 @@ def view_with(
 
 
 def with_finding(view: InspectedView, radius: float) -> InspectedView:
-    """Return the view of a visit with the one that it shows as its finding."""
+    """Return the view of a visit with the one defect that it shows as its finding."""
     (shown,) = view.seen
     probed = view.probed
     if isinstance(shown, Hole):

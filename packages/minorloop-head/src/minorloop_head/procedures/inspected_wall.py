@@ -1,4 +1,4 @@
-"""The wall that an inspection saw: pictures merged to one map of the pipe, and its shares."""
+"""Map of the inspected wall, merged from all pictures, and its searched and scanned shares."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ from minorloop_head.vision.imaging import Image32
 from minorloop_head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_flat
 
 _EDGE = 0.6e-3
-"""Metres beside the edge of a picture in which a hole is cut, and not found."""
+"""Width in metres of the border of a picture, in which a hole is cut off and not found."""
 _AROUND = 3e-3
-"""Side in metres of the wall about a place whose mean grey level counts."""
+"""Side in metres of the square of wall whose mean grey level is the brightness of a place."""
 _ACROSS = 9.0 / 320.0
 """Least minor axis of the smallest hole that is found, over the width of the picture."""
 _CONTRAST = 0.6
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _SIDES = {180: "left", -90: "top", 0: "right", 90: "bottom"}
 _MOST = 0.5
-"""Least share of a column that is searched, for it to be in the range of what was searched; and of
-a row, over that of the row of which most is searched."""
+"""Least searched share of a column in the searched range; and of a row, over that of the row with
+the largest searched share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class SeenWall:
     def along(self) -> tuple[float, float]:
         """First and last place along the pipe that was searched, in metres.
 
-        Places of which less than half as much was searched as of any other do not count.
+        A row does not count if its searched share is less than half of the largest one.
         """
         shares = self.searched.mean(axis=1)
         rows = np.flatnonzero(shares >= _MOST * shares.max())
@@ -113,7 +113,7 @@ class SeenWall:
 def seen_wall(
     views: Iterable[InspectedView], calibration: HeadCalibration, walls: Sequence[DepthMap] = ()
 ) -> SeenWall | None:
-    """Merge the pictures of an inspection; return None without one that can be used.
+    """Return the merged pictures of an inspection; None if no picture can be used.
 
     ``calibration``: of the head; ``walls``: about the findings that were scanned.
 
@@ -190,7 +190,7 @@ def wall_of(
 
 
 def c_scan_of(scanned: ScannedRaster, calibration: HeadCalibration) -> CScan | None:
-    """Return the map of amplitude and depth of a scan; None if no echo of use came back."""
+    """Return the map of amplitude and depth of a scan; None if there is no usable echo."""
     bursts = usable_bursts(scanned.bursts)
     if not bursts:
         return None
@@ -211,7 +211,7 @@ def draw_wall(
     lost: Sequence[Unconfirmed] = (),
     water: WaterLine | None = None,
 ) -> Any:
-    """Draw the unrolled pipe with numbered findings, what was not confirmed, and the water line.
+    """Draw the unrolled pipe with numbered findings, unconfirmed candidates, and the water line.
 
     ``found``: each with a finding, in the order of their numbers.
     """
@@ -254,6 +254,6 @@ def draw_wall(
 
 
 def _angle_words(phi: float) -> str:
-    """Return an angle from -180 to 180 degrees, and where it is."""
+    """Return an angle from -180 to 180 degrees, and the side of the pipe in words."""
     angle = round(180.0 - (180.0 - phi) % 360.0)
     return f"{angle}\n{_SIDES.get(angle, '')}"

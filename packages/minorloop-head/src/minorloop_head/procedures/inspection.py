@@ -1,10 +1,10 @@
 """Inspection of the reachable wall by camera and probe, without an operator.
 
-The head looks round, then visits each candidate: it is centred, and measured where it is seen
-again. A hole that the centred view does not show is looked at once more under another angle,
-because a far one is narrow there. What no other view shows is not confirmed, and told apart. So
-is what could not be centred, and only pictures from one place show, unless echoes show a defect.
-With a probe, what is confirmed is touched, scanned in the flooded pipe, and its depth is measured.
+The head looks round, then centres each candidate, and measures it if the new view shows it again.
+A hole that the centred view does not show is viewed once more from another angle, because a far
+hole is narrow there. A candidate in only one view is listed apart as not confirmed. So is a
+candidate that was not centred and is only in pictures from one place, unless echoes show a defect.
+With a probe, each confirmed defect is touched, then scanned in the flooded pipe for its depth.
 At the end the probe is rolled once round the pipe, which shows the level of the water.
 """
 
@@ -66,19 +66,19 @@ from minorloop_head.vision.defects import Findings, Hole, strongest
 from minorloop_head.vision.frame_checks import GOOD
 
 NO_ECHO = "a line that one view on the way round showed, and no echo of its depth"
-"""Why a line that was traced again is no finding."""
+"""Reason why a line that was traced again does not count as a crack."""
 ONE_PLACE = "not centred, and shown by pictures from one place only, without an echo of a defect"
-"""Why a candidate for a hole that was seen again from where it was seen first is no finding: a
-stain looks the same from there."""
+"""Reason why a second view from the same place does not confirm a hole: a stain looks the same from
+there."""
 NOT_DONE = "not done"
-"""First words of the outcome of a part that could not be computed; the inspection goes on."""
+"""Beginning of the outcome of a step that could not be computed; the inspection continues."""
 NOT_VISITED, SEEN_ONCE = "seen, not visited", "not seen again, not looked at once more"
-"""Why candidates of an inspection that ended early, or has too many of them, are no findings."""
+"""Reasons why candidates are not confirmed if the inspection ended early or has too many."""
 _DEFLECTION = math.radians(25.0)
 """Deflection of the views that look round: the head turns by up to 30."""
 _FEWEST_VIEWS = 8
 _MOST_HOLES, _MOST_CRACKS = 24, 8
-"""Most candidates that are visited, the likeliest first: with 20 s each they take ten minutes."""
+"""Largest number of visited candidates, likeliest first: at 20 s each they take ten minutes."""
 
 
 Candidate = TypeVar("Candidate", Hole, TracedCrack)
@@ -86,23 +86,23 @@ Candidate = TypeVar("Candidate", Hole, TracedCrack)
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A view that shows nothing yet, all that its search found, and the camera at its place."""
+    """An acquisition: its view without findings yet, its search result, and the camera there."""
 
     blank: InspectedView
     found: Findings
     camera: CalibratedCamera
 
     def view(self, *shown: Hole | TracedCrack) -> InspectedView:
-        """Return the view with some of what was found."""
+        """Return the view with some of the found defects."""
         return view_with(self.blank, shown, self.camera)
 
     def after(self, steps: Sequence[LogEntry]) -> _Seen:
-        """Return it with the steps before it."""
+        """Return the acquisition with the steps that led to it."""
         return replace(self, blank=replace(self.blank, steps=tuple(steps)))
 
     @property
     def missing(self) -> str:
-        """Why a candidate is not confirmed."""
+        """Reason why a candidate is not confirmed."""
         if self.found.verdict == GOOD:
             return "not seen again"
         return f"the frames cannot be used: {self.found.verdict}"
@@ -138,16 +138,16 @@ def inspect_wall(
     *,
     unscanned: str | None = None,
 ) -> Kept:
-    """Look round from each place, visit what was seen, and return all that is kept.
+    """Look round from each place, visit each candidate, and return all kept results.
 
-    Each view is kept as soon as it is searched; with a probe, that of a finding once more when it
-    was scanned.
+    Each view is kept as soon as it is searched; with a probe, the view of a finding once more after
+    its scan.
 
     Raises an `InstrumentError` if a device fails, a sensor is lost, or the camera gives no good
-    picture for some time. What was kept before stays valid.
+    picture for some time. Results that were kept before stay valid.
 
     ``advances``: places of the catheter in metres. A head without one stays where it is. ``kept``:
-    of an inspection of the same wall that was cut off: what it has is not measured again.
+    of an interrupted inspection of the same wall: its results are not measured again.
     ``unscanned``: why the probe of the head scans nothing, as of `Probing`; without it only the
     camera is used.
     """
@@ -156,7 +156,7 @@ def inspect_wall(
     visits = _Visits(rig, kept, probing)
     if probing is not None:
         probing.begin()
-    views = _looked_round(rig, advances, kept)
+    views = _look_round(rig, advances, kept)
     if unclear := rig.compute(lambda: lens_words(views)):
         rig.say("lens", unclear, succeeded=False)
     early = _early([*kept.views.values()])
@@ -186,7 +186,7 @@ def inspect_wall(
 
 @dataclass(frozen=True, eq=False)
 class _Visits:
-    """Visits of candidates by a rig, which are kept, and its probe, if it has one."""
+    """Visits candidates with a rig and its probe, if it has one, and keeps the views."""
 
     rig: InspectionRig
     kept: Kept
@@ -194,7 +194,7 @@ class _Visits:
 
     @contextmanager
     def going_on(self, part: str) -> Iterator[None]:
-        """Say why a part could not be computed, and go on; a device or disk that fails ends all."""
+        """Log why a part could not be computed, and continue; failed devices or disks raise."""
         try:
             yield
         except (InstrumentError, OutputError):
@@ -209,32 +209,32 @@ class _Visits:
         view = self.kept.view(name, lambda: self._centred(hole, name))
         if view.finding is None:
             again, before = f"{name}{AGAIN}", view.steps
-            view = self.kept.view(again, lambda: self._from_aside(hole, same, again, before))
+            view = self.kept.view(again, lambda: self._view_from_aside(hole, same, again, before))
         self._probe(view, _names(same))
         return next((one for one in view.seen if isinstance(one, Hole)), None)
 
     def crack(self, trace: TracedCrack, seen_in: tuple[str, ...], name: str) -> list[TracedCrack]:
         """Visit a candidate for a crack; return it if it is seen again."""
-        view = self.kept.view(name, lambda: _followed(self.rig, trace, seen_in, name))
+        view = self.kept.view(name, lambda: _visit_crack(self.rig, trace, seen_in, name))
         self._probe(view, seen_in)
         return [one for one in view.seen if isinstance(one, TracedCrack)]
 
     def _centred(self, hole: Hole, name: str) -> InspectedView:
         """Return the view that centres a candidate for a hole."""
         words = f"evidence {hole.evidence:+.1f}"
-        seen = _approached(self.rig, hole.place, words, name, outlined=True)
+        seen = _approach(self.rig, hole.place, words, name, outlined=True)
         view = _seen_again(self.rig, seen, hole)
         if view.finding is None:
             self.rig.say(name, f"{seen.missing}; looked at once more")
         return view
 
-    def _from_aside(
+    def _view_from_aside(
         self, hole: Hole, same: Sequence[_Sighting[Hole]], name: str, before: tuple[LogEntry, ...]
     ) -> InspectedView:
-        """Return a view from halfway between that with the most evidence and that which centres it.
+        """Return a view of a hole from halfway between its surest view and its centred view.
 
-        Neither of them is repeated, so that what is seen here too is no accident of one picture. It
-        is from the place of the first; its steps come after those ``before``.
+        It repeats neither view, so that no accident of one picture confirms a hole. The catheter is
+        where the surest view was taken; the steps ``before`` precede those of this view.
         """
         rig, first = self.rig, next(each for each in same if each.shown is hole)
         _go(rig, place=first.view.place)
@@ -245,7 +245,7 @@ class _Visits:
         if view.finding is None:
             return _not_confirmed(rig, seen, hole, _names(same))
         if self.probing is None and _doubted(view):
-            return _withdrawn(rig, view, _names(same), ONE_PLACE)
+            return _reject(rig, view, _names(same), ONE_PLACE)
         return view
 
     def _probe(self, view: InspectedView, seen_in: tuple[str, ...]) -> None:
@@ -260,14 +260,14 @@ class _Visits:
         if isinstance(after.probed, CrackDepth):
             if not counts_as_crack(len(seen_in), after.probed):
                 why = f"{NO_ECHO}: {after.probed.verdict}"
-                after = _withdrawn(self.rig, after, seen_in, why)
+                after = _reject(self.rig, after, seen_in, why)
         elif after.probed is not None and _doubted(view) and not shown_by_echoes(after.probed):
-            after = _withdrawn(self.rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
+            after = _reject(self.rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
         self.kept.add_view(after)
 
 
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
-    """Return what views show, and none of them visits, or visits twice without a finding.
+    """Return the candidates in views that have no visit, or no finding and no second visit.
 
     ``views``: all of an inspection so far, in the order in which they were taken; ``radius``: of
     the pipe, in metres.
@@ -296,9 +296,9 @@ def _sightings(views: Sequence[InspectedView], kind: type[Candidate]) -> list[_S
 
 
 def _early(views: Sequence[InspectedView]) -> set[str]:
-    """Return the names of the views before the first visit: they number what is visited.
+    """Return the names of the views before the first visit: their candidates are numbered first.
 
-    What a view shows that is taken again after a visit comes after it.
+    Candidates of a view that is taken again after a visit come after them.
     """
     return {view.picture.name for view in takewhile(lambda view: view.looks_round, views)}
 
@@ -334,8 +334,8 @@ def _alike(
     return [each for each in traces if one_course(each.shown.places, trace.places, radius)]
 
 
-def _looked_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> list[InspectedView]:
-    """Look round from each place, but for the views that are kept; return all views."""
+def _look_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> list[InspectedView]:
+    """Look round from each place, except for kept views; return all views."""
     views: list[InspectedView] = []
     for advance in advances:
         there = False
@@ -346,12 +346,12 @@ def _looked_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> 
                     _go(rig, place=(advance, 0.0))
                 there = look(rig, name, angles)
                 rig.check_sensors()
-                kept.add_view(_searched(rig, name))
+                kept.add_view(_search_view(rig, name))
             views.append(kept.views[name])
     return views
 
 
-def _searched(rig: InspectionRig, name: str) -> InspectedView:
+def _search_view(rig: InspectionRig, name: str) -> InspectedView:
     """Return a view with all candidates in it."""
     seen = _seen(rig, name)
     lines = rig.compute(lambda: traces_of(seen.found, rig.calibration.radius))
@@ -366,13 +366,13 @@ def _say_limit(rig: InspectionRig, what: str, count: int, most: int) -> None:
 
 
 def _go(rig: InspectionRig, **where: object) -> None:
-    """Move; an inspection does not go on with a sensor that failed."""
+    """Move; raise an `InstrumentError` if a sensor failed."""
     go(rig, **where)  # type: ignore[arg-type]
     rig.check_sensors()
 
 
 def _seen(rig: InspectionRig, name: str) -> _Seen:
-    """Expose, take an acquisition and search it; take one that cannot be used once more."""
+    """Expose, take an acquisition and search it; retake an unusable one once."""
     for again in (True, False):
         meter(rig)
         frames, t, place = acquire(rig), rig.t, rig.place
@@ -397,7 +397,7 @@ def _known(hole: Hole, found: Sequence[Hole], radius: float) -> bool:
     return any(wall_distance(hole.place, other.place, radius) < SAME for other in found)
 
 
-def _approached(
+def _approach(
     rig: InspectionRig, place: FloatArray, words: str, name: str, *, outlined: bool = False
 ) -> _Seen:
     """Centre a place, go nearer if a catheter can, and search there."""
@@ -412,12 +412,12 @@ def _approached(
 
 
 def _doubted(view: InspectedView) -> bool:
-    """Return whether a visit saw a hole from where it was seen first, and could not centre it."""
+    """Return whether a visit saw a hole from the place of its first view, without centring it."""
     centred = all(step.succeeded for step in view.steps if step.what == "centre")
     return view.picture.name.endswith(AGAIN) and not centred
 
 
-def _withdrawn(
+def _reject(
     rig: InspectionRig, view: InspectedView, seen_in: tuple[str, ...], why: str
 ) -> InspectedView:
     """Return a view whose finding is not confirmed."""
@@ -449,7 +449,7 @@ def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:
 def _not_confirmed(
     rig: InspectionRig, seen: _Seen, shown: Hole | TracedCrack, names: tuple[str, ...]
 ) -> InspectedView:
-    """Return the view of a visit with its candidate, which views show and this one does not."""
+    """Return the view of a visit that does not show its candidate, which other views show."""
     view = seen.view()
     why = f"{seen.missing}; {view.failed}" if view.failed else seen.missing
     rig.say(seen.blank.picture.name, f"{why}; seen in {counted(len(names), 'view')}, not confirmed")
@@ -461,12 +461,12 @@ def _names(same: Sequence[_Sighting[Candidate]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(each.view.picture.name for each in same))
 
 
-def _followed(
+def _visit_crack(
     rig: InspectionRig, trace: TracedCrack, names: tuple[str, ...], name: str
 ) -> InspectedView:
     """Visit a candidate for a crack, and return the view."""
     radius = rig.calibration.radius
-    seen = _approached(rig, trace.middle, f"a line of {1e3 * trace.length:.1f} mm", name)
+    seen = _approach(rig, trace.middle, f"a line of {1e3 * trace.length:.1f} mm", name)
     again = rig.compute(lambda: traced_again(seen.found, trace.places, radius))
     if not again:
         return _not_confirmed(rig, seen, trace, names)

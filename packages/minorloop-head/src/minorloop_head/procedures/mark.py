@@ -1,10 +1,9 @@
 """Touch a place of the wall with the point of the micro-tool, which leaves a mark there.
 
 The tool is beside the lens, so that the head turns the tool to the place, not the optical axis.
-Picture and calibration give the pixel at which the tool would meet the wall; the head turns until
-the place, which is tracked, is at that pixel. After the touch the mark is looked for in the
-picture: where it is, less where it was expected, is the error of the tool's calibration, which a
-test mark corrects (`Touch.tool`).
+Calibration gives the pixel at which the tool would meet the wall. The head turns until the tracked
+place is at that pixel. After the touch, the mark is searched in the picture: its distance from the
+expected place is the error of the tool's calibration, which a test mark corrects (`Touch.tool`).
 """
 
 from __future__ import annotations
@@ -47,23 +46,22 @@ TOUCHED, NO_TOOL, BEYOND = "touched", "no tool", "out of reach of the tool"
 NO_CONTACT, UNSTEADY = "no contact", "not steady enough to touch"
 """Verdicts; others are those of the tracker."""
 _BACK = math.radians(6.0)
-"""Angle in radians by which both joints stop short first. A wire that has cooled last would move to
-and fro about the place, across the dead zone of its loop."""
+"""Angle in radians by which both joints first stop before the place. A wire that was cooling would
+oscillate about the place, across the dead zone of its loop."""
 _STILL = 0.44
 """Seconds for which the place stays near before the point moves on."""
 _GAP, BEHIND = 1e-3, 2e-3
-"""Distance of the point from the wall in metres at which it waits for that again; and metres behind
-the expected wall at which there is no contact: as deep as a pit may be."""
+"""Distance in metres before the wall at which the point waits so again; and depth in metres behind
+the expected wall without contact at which it stops: that of the deepest pit."""
 _SHARE, _LEAN = 0.36, 0.15
-"""Weight of a frame in the wanted angles and the distance, and rate in 1/s at which a remaining
-distance is made up for. Wires settle in some seconds; at 0.4 1/s a wire moved to and fro across its
-dead zone for as long as the point was aimed."""
+"""Weight of a frame in the wanted angles and the distance, and integral gain in 1/s that removes a
+constant error. Wires settle in some seconds; at 0.4 1/s a wire oscillated across its dead zone."""
 _MOST_LEAN = math.radians(2.0)
-"""Largest angle that is added for a head that stays off, as wires do whose model errs."""
+"""Limit of the integral: largest angle added to correct errors of the wire model."""
 _INWARD = (0.0, 0.45, 0.6, 0.3, 0.15)
-"""Shares of the way from the feature to the middle of the picture where a patch to be tracked is
-looked for, each try beginning with the next one: at its edge the picture does not show the whole
-patch about the feature, and the tool may hide a patch beside its point."""
+"""Positions of the tracked patch, as shares of the way from the feature to the middle of the
+picture; each try begins with the next one. Near the edge the picture does not show the whole patch
+about the feature, and the tool may hide a patch beside its point."""
 
 
 def aim_at(
@@ -114,20 +112,19 @@ def seen_mark(
 
 @dataclass(eq=False, kw_only=True)
 class Touch:
-    """A touch: the procedure keeps it up to date.
+    """State of a touch, which the procedure keeps up to date.
 
     ``place`` (2,) is phi and z of the feature, ``beside`` (2,) the metres around and along the wall
-    from there to the point that is touched. ``tracked`` (2,) is phi and z of the patch that is
-    tracked, which is the feature if the picture shows it whole. ``off`` (2,) is the smoothed
-    distance of that point from where the tool would meet the wall, in pixels, and ``lean`` (2,) the
-    angles added to the ``wanted`` ones to make up for a head that stays off. The tool is extended
-    to its ``stop``: back, near the wall, or as far as a contact may be. The patch was recognised
-    last at ``seen_at``. ``verdict`` is empty
-    until the end, or says what the touch waits for; ``touch`` (2,) is where the point touched by
-    the picture, phi and z in the frame of ``place``: its mark, if the tool hid what is tracked.
-    ``before`` is the last picture before the contact with the angles that it shows, ``met`` (2,)
-    those at the contact; ``mark`` (2,) is where the mark is by the picture after it, and ``tool``
-    the tool that would have been expected to touch there, both None if no mark is seen.
+    from there to the point to be touched. ``tracked`` (2,) is phi and z of the tracked patch: that
+    of the feature if the picture shows it whole. ``off`` (2,) is the smoothed distance in pixels
+    between the point and the place where the tool would meet the wall. ``lean`` (2,) is the
+    integral part of the ``wanted`` angles. The tool is extended to its ``stop``: back, near the
+    wall, or as far as a contact may be. ``seen_at`` is the last time the patch was recognised.
+    ``verdict`` is empty until the end, or says what the touch waits for. ``touch`` (2,) is phi and
+    z of the contact by the picture, in the frame of ``place``: the mark, if the tool hid the patch.
+    ``before`` is the last picture before the contact, with its angles; ``met`` (2,) are the angles
+    at the contact. ``mark`` (2,) is the place of the mark in the picture after it, and ``tool`` the
+    corrected tool, which would touch there; both are None if no mark is seen.
     """
 
     place: FloatArray
@@ -149,7 +146,7 @@ class Touch:
     verdict: str = ""
 
     def target(self, place: FloatArray, radius: float) -> FloatArray:
-        """Return phi and z of the point to be touched, if what is tracked is at a place."""
+        """Return phi and z of the point to be touched, for phi and z of the tracked patch."""
         metres = np.array([radius, 1.0])
         return np.asarray(place + self.place - self.tracked + self.beside / metres)
 
@@ -166,15 +163,15 @@ class Marking:
     calibration: HeadCalibration
     """Without a tool the verdict is ``no tool``."""
     close: float = 1.0
-    """Distance in pixels at which the tool touches: 1 of 640 is 0.03 mm across the way of the tool
-    and 0.07 mm along a wall that it meets at 25 degrees."""
+    """Largest distance in pixels for a touch: 1 of 640 is 0.03 mm across the way of the tool and
+    0.07 mm along a wall that it meets at 25 degrees."""
     patience: float = 15.0
     """Longest duration of a stop in seconds; the tool is withdrawn then."""
     unseen: float = 0.0
-    """Seconds for which the place may not be recognised while it stays so near."""
+    """Longest seconds without recognition of the patch while the place counts as near."""
     tries: int = 3
-    """Times that the tool is turned to the place, if the head does not come to rest there or what
-    is tracked is lost."""
+    """Largest number of turns to the place, if the head does not come to rest there or loses the
+    tracked patch."""
 
     def touch(self, touch: Touch, light: Light) -> Procedure[Touch]:
         """Touch beside a place, with a camera that has a light; return the touch."""
@@ -183,17 +180,17 @@ class Marking:
             touch.verdict = NO_TOOL
             return touch
         for tried in range(self.tries):
-            now = yield from self._found(touch, tool, light, tried)
+            now = yield from self._turn_and_pick(touch, tool, light, tried)
             again = tried + 1 < self.tries
-            if now is None or (yield from self._touched(touch, tool, now, again=again)):
+            if now is None or (yield from self._try_touch(touch, tool, now, again=again)):
                 break
         return touch
 
     def resume(self, touch: Touch) -> Procedure[Touch]:
-        """Touch a point that is tracked already, with the tool of the head; return the touch."""
+        """Touch a point that is already tracked, with the tool of the head; return the touch."""
         tool = self.calibration.tool
         assert tool is not None
-        yield from self._touched(touch, tool, (yield NOW), again=False)
+        yield from self._try_touch(touch, tool, (yield NOW), again=False)
         return touch
 
     def angles(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> FloatArray | None:
@@ -205,14 +202,14 @@ class Marking:
         guess = aim_at(self.calibration, where, catheter)
         return None if tool is None else self._angles(tool, where, catheter, guess)
 
-    def _found(
+    def _turn_and_pick(
         self, touch: Touch, tool: Tool, light: Light, tried: int
     ) -> Procedure[Reading | None]:
-        """Turn the tool towards the place by the joints, and begin to track what is there.
+        """Turn the tool towards the place by the joints, and begin to track a patch there.
 
-        The reading has a frame; it is None if the place is out of reach or not in view. Each try is
-        from short of the place: a wire may come to rest then, and the tool may not hide another
-        patch.
+        Returns a reading with a frame; None if the place is out of reach or not in view. Each try
+        first stops before the place: a wire may come to rest there, and the tool may not hide
+        another patch.
         """
         touch.tracked, touch.outlined, touch.verdict = touch.place, False, ""
         touch.lean, touch.off, touch.seen_at = np.zeros(2), np.full(2, np.nan), -math.inf
@@ -249,16 +246,16 @@ class Marking:
         touch.verdict = NOT_IN_VIEW
         return None
 
-    def _touched(self, touch: Touch, tool: Tool, now: Reading, *, again: bool) -> Procedure[bool]:
-        """Touch what is tracked, withdraw the tool, and look for the mark.
+    def _try_touch(self, touch: Touch, tool: Tool, now: Reading, *, again: bool) -> Procedure[bool]:
+        """Touch the tracked place, withdraw the tool, and look for the mark.
 
-        False if the head did not come to rest, and is to be brought there again.
+        Returns False if the head did not come to rest and has to be turned there again.
         """
-        met = yield from self._kept(touch, tool, now, lambda now, still: still)
+        met = yield from self._aim_until(touch, tool, now, lambda now, still: still)
         if met is not None:
             touch.stop, touch.extension = "near", max(met.free - _GAP, 0.0)
             now = yield touch.request(met.now)
-            met = yield from self._kept(
+            met = yield from self._aim_until(
                 touch,
                 tool,
                 now,
@@ -266,10 +263,10 @@ class Marking:
             )
         if met is not None:
             assert met.now.image is not None
-            touch.before = met.now.image, self._sighted(touch, met.seen, met.now)
+            touch.before = met.now.image, self._angles_in_picture(touch, met.seen, met.now)
             touch.stop, touch.extension = "contact", min(met.free + BEHIND, tool.longest)
             now = yield touch.request(met.now)
-            met = yield from self._kept(
+            met = yield from self._aim_until(
                 touch,
                 tool,
                 now,
@@ -285,18 +282,18 @@ class Marking:
         else:
             touch.verdict = TOUCHED if met.now.touching else NO_CONTACT
             if met.now.touching:
-                self._contact(touch, met)
+                self._set_contact(touch, met)
             now = yield touch.request(met.now)
-        yield from self._withdrawn(touch, tool, now)
+        yield from self._withdraw(touch, tool, now)
         return True
 
-    def _kept(
-        self, touch: Touch, tool: Tool, now: Reading, there: Callable[[Reading, bool], bool]
+    def _aim_until(
+        self, touch: Touch, tool: Tool, now: Reading, arrived: Callable[[Reading, bool], bool]
     ) -> Procedure[_Met | None]:
-        """Keep the tool turned to the place at its stop until it is there; None if it is not.
+        """Aim the tool at the place until it has ``arrived``; return None after the `patience`.
 
-        ``there`` is given a reading, and whether the place has stayed near. At the contact the tool
-        may hide what is tracked: it has touched then.
+        ``arrived`` takes a reading, and whether the place has stayed near. If the tool hides the
+        tracked patch at the contact, it counts as touching.
         """
         since, near_since = now.t, None
         while not passed(since, now.t, self.patience):
@@ -307,10 +304,10 @@ class Marking:
                 )
                 if seen.verdict == TRACKED:
                     touch.verdict, touch.seen_at = "", now.t
-                    near = self._steered(touch, tool, seen.place, now)
+                    near = self._steer(touch, tool, seen.place, now)
                     near_since = held_since(near_since, now.t, near)
-                    hit = self._hit(tool, now)
-                    if hit is not None and there(now, passed(near_since, now.t, _STILL)):
+                    hit = self._meeting_point(tool, now)
+                    if hit is not None and arrived(now, passed(near_since, now.t, _STILL)):
                         return _Met(now, seen, hit)
                 else:
                     waits = True
@@ -324,8 +321,8 @@ class Marking:
             now = yield replace(request, extension=now.extension) if waits else request
         return None
 
-    def _steered(self, touch: Touch, tool: Tool, place: FloatArray, now: Reading) -> bool:
-        """Set the wanted angles, and return whether the point is near where the tool would meet."""
+    def _steer(self, touch: Touch, tool: Tool, place: FloatArray, now: Reading) -> bool:
+        """Set the wanted angles, and return whether the tool would meet the wall near the point."""
         camera = self.calibration.camera_at(now.place)
         target, (pan, tilt) = touch.target(place, camera.radius), now.angles.tolist()
         angles = self._angles(tool, target, now.place, now.angles)
@@ -341,8 +338,8 @@ class Marking:
         touch.wanted = CONE.clip(before + _SHARE * (angles - before) + touch.lean)
         return float(np.hypot(*touch.off)) < self.close
 
-    def _hit(self, tool: Tool, now: Reading) -> FloatArray | None:
-        """Return phi, z and extension (3,) where the tool would meet the wall now, if it does."""
+    def _meeting_point(self, tool: Tool, now: Reading) -> FloatArray | None:
+        """Return phi, z and extension (3,) where the tool would meet the wall; None if nowhere."""
         mount = self.calibration.mount_at(now.place)
         try:
             pan, tilt = now.angles.tolist()
@@ -350,16 +347,16 @@ class Marking:
         except ParameterError:
             return None
 
-    def _contact(self, touch: Touch, met: _Met) -> None:
+    def _set_contact(self, touch: Touch, met: _Met) -> None:
         """Note angles and place of a contact; the place is not known if the tool hides it."""
         touch.met = met.now.angles
         if met.seen.verdict == TRACKED and met.hit is not None:
             metres = np.array([self.calibration.radius, 1.0])
             off = met.hit[:2] - touch.target(met.seen.place, self.calibration.radius)
             touch.touch = touch.place + (touch.beside + off * metres) / metres
-            touch.met = self._sighted(touch, met.seen, met.now)
+            touch.met = self._angles_in_picture(touch, met.seen, met.now)
 
-    def _withdrawn(self, touch: Touch, tool: Tool, now: Reading) -> Procedure[None]:
+    def _withdraw(self, touch: Touch, tool: Tool, now: Reading) -> Procedure[None]:
         """Withdraw the tool, then look for the mark."""
         since = now.t
         while not passed(since, now.t, self.patience):
@@ -371,15 +368,15 @@ class Marking:
                     touch.track, now, now.image
                 )
                 if now.extension <= 0.0 and seen.verdict == TRACKED:
-                    after = now.image, self._sighted(touch, seen, now)
-                    self._marked(touch, tool, now, after)
+                    after = now.image, self._angles_in_picture(touch, seen, now)
+                    self._set_mark(touch, tool, now, after)
                     return
             now = yield touch.request(now)
 
-    def _marked(
+    def _set_mark(
         self, touch: Touch, tool: Tool, now: Reading, after: tuple[Image, FloatArray]
     ) -> None:
-        """Note the mark in a picture with its angles, and the tool that it shows, if it does."""
+        """Set the mark in a picture with its angles, and the corrected tool, if a mark is seen."""
         assert touch.before is not None
         assert touch.met is not None
         touch.mark = seen_mark(self.calibration, now.place, touch.met, touch.before, after)
@@ -390,8 +387,8 @@ class Marking:
         touch.tool = tool.through(camera.mount.pose(*touch.met.tolist()).to_camera(point))
         touch.touch = touch.mark if touch.touch is None else touch.touch
 
-    def _sighted(self, touch: Touch, seen: Track, now: Reading) -> FloatArray:
-        """Return the angles (2,) at which the feature is where the picture shows it."""
+    def _angles_in_picture(self, touch: Touch, seen: Track, now: Reading) -> FloatArray:
+        """Return the angles (2,) that explain the place of the patch in the picture."""
         camera = self.calibration.camera_at(now.place)
         angles = sighted_angles(camera, touch.tracked, seen.pixel, now.angles)
         return now.angles if angles is None else angles
@@ -411,7 +408,7 @@ class Marking:
 
 @dataclass(frozen=True, eq=False)
 class _Met:
-    """What is seen at a stop of the tool, and where it would meet the wall, if that is known."""
+    """Track at a stop of the tool, and where the tool would meet the wall, if that is known."""
 
     now: Reading
     seen: Track

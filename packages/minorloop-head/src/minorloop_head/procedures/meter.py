@@ -17,8 +17,8 @@ from minorloop_head.vision.servo import wall_depth
 _EVERY, _REFOCUS = 0.24, 0.2
 """Seconds between metered frames, and between settings of the focus."""
 _AROUND = 2.4e-3
-"""Metres around and along the wall from a place to the edge of what is exposed for: the wall by
-which it is tracked, but for the corners."""
+"""Half size, in metres around and along the wall, of the part that is metered about a place: the
+tracked wall without the corners."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,13 +53,13 @@ LIMITS = _LightLimits()
 
 @dataclass(kw_only=True, eq=False)
 class Light:
-    """The gain that a camera has, and what it is set for."""
+    """Gain of a camera, and the place and focus that determine it."""
 
     gain: float = 1.0
-    """That `meter` sets."""
+    """Gain, which `meter` sets."""
     place: FloatArray | None = None
-    """Shape (2,). Phi and z of the wall that is exposed for; the whole picture without, or if it
-    does not show the place."""
+    """Shape (2,). Phi and z of the metered wall; the whole picture is metered if this is None or
+    not in view."""
     focusing: bool = True
     """Whether the focus follows the wall ahead."""
 
@@ -74,9 +74,9 @@ def meter(
 ) -> Procedure[None]:
     """Let the gain follow the brightness, and the focus the wall ahead.
 
-    ``light``: its gain is set; what it is set for may change meanwhile. ``seconds``: duration;
+    ``light``: its gain is set; its other fields may change meanwhile. ``seconds``: duration;
     infinite for a loop that meters all the time. In 1 s the error of the gain falls below the
-    noise, and the focus arrives. ``last``: what else is requested with the last setting.
+    noise, and the focus arrives. ``last``: further requests with the last setting.
     """
     metered = focused = -math.inf
     now = yield NOW

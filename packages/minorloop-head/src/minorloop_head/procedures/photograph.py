@@ -16,7 +16,7 @@ from minorloop_head.vision.imaging import opencv
 from minorloop_head.vision.video import LiveCamera
 
 _PATIENCE = 3.0
-"""Seconds that a camera may take for a picture."""
+"""Longest time in seconds for a picture."""
 _LAST = 5
 """Readings at the end of a hold whose mean is the angle."""
 
@@ -29,7 +29,7 @@ def photograph(
     exposure: float | None = None,
     told: Callable[[str], None] = lambda _: None,
 ) -> int:
-    """Keep a picture for each name, such as those of `by_hand` and `at_angles`; return how many.
+    """Save a picture for each name, such as of `by_hand` and `at_angles`; return their number.
 
     ``camera`` is an address, ``out`` a new or empty folder, ``exposure`` in seconds. Raises a
     `ParameterError` if the exposure of the camera cannot be set.
@@ -57,7 +57,7 @@ def photograph(
 
 
 def by_hand(told: Callable[[str], None], count: int = 16, every: float = 4.0) -> Iterator[str]:
-    """Yield names of pictures, ``every`` so many seconds, in which the target is moved."""
+    """Yield the name of a picture every ``every`` seconds, between which the target is moved."""
     _check("count", count, 1, 1000)
     _check("every", every, 0, 3600)
     for number in range(count):

@@ -1,9 +1,9 @@
-"""Inspection of pictures that somebody else took: holes, pits and cracks, picture by picture.
+"""Inspection of third-party pictures: holes, pits and cracks, picture by picture.
 
 Each picture is searched alone, under whatever light it was taken, so there are more false findings
 than in an acquisition under switched lights: one in twenty pictures of a dirty pipe.
-The LEDs sit at the lens, so that the far end of the pipe is dark wherever it is in the picture:
-this tells which part can be searched, and whether the pose can be right.
+The LEDs are at the lens, so that the far end of the pipe is dark wherever it is in the picture:
+its place tells which part can be searched, and whether the pose is plausible.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ from minorloop_head.vision.reflectance_map import LEAST_SEEN, LitFrame
 
 LEAST_GREY = 8.0
 """Least grey level of wall that counts as searched. Of 57 simulated holes that a bright picture
-shows, dimmed so far that the wall around has this level, with noise of one grey level, 54 are
-found; 35 at level 6, 12 at 4."""
+shows, 54 are found if the picture is dimmed until the wall around them has this level, with noise
+of one grey level; 35 at level 6, 12 at 4."""
 _CELLS = (24, 32)
 """Rows and columns of the cells of a picture."""
 _FEWEST = 32
 """Least pixels along a side of a picture of a plate."""
 _FLOOR, _LEAST_LIGHT = 2.0, 1e-2
-"""Grey level and irradiance that are added before the logarithm: neither noise in the dark nor the
-shape of the far end, where there is hardly any light, may decide."""
+"""Grey level and irradiance that are added before the logarithm, so that noise in the dark and the
+shape of the dark far end have little weight."""
 _STEP, _STEEPEST = 5, 50
-"""Degrees between directions that are compared, and the largest: the far end leaves the picture."""
+"""Degrees between compared directions, and the largest; the far end leaves the picture there."""
 _LEAST_LIKE, _LEAST_GAIN, _LEAST_TURN = 0.7, 0.1, 15.0
-"""Least correlation of another direction, its least lead over the one given, and its least
-distance in degrees. In simulated dirty pipes (30 scenes from 1000) the lead is at most 0.01 and the
-distance at most 10 where the direction is right."""
+"""Thresholds for another direction to contradict the stated one: least correlation, least lead, and
+least distance in degrees. In simulated dirty pipes (30 scenes from 1000) the lead is at most 0.01
+and the distance at most 10 where the stated direction is right."""
 CRACK = "crack"
 DAMAGED = "not readable"
 """Verdict of a file that is no image, or only a part of one."""
@@ -73,15 +73,15 @@ _COLOURS = {UNDECIDED: (0, 160, 255), CRACK: (255, 200, 0)}
 
 @dataclass(frozen=True, kw_only=True)
 class PicturePose:
-    """Where the camera was when a picture was taken."""
+    """Pose of the camera of a picture."""
 
     pan: float = 0.0
     tilt: float = 0.0
-    """Of the line of sight from the axis of the pipe, in radians."""
+    """Angles of the line of sight from the axis of the pipe, in radians."""
     advance: float = 0.0
     """Along the pipe, in metres."""
     roll: float = 0.0
-    """About the pipe, in radians."""
+    """Roll about the axis of the pipe, in radians."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,7 +109,7 @@ class PictureFinding:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InspectedPicture:
-    """A picture, and what was found in it."""
+    """A picture, and its findings."""
 
     name: str
     t: float
@@ -118,7 +118,7 @@ class InspectedPicture:
     """``good``, or why the picture cannot be used, as in `Findings`."""
     findings: tuple[PictureFinding, ...] = ()
     light: _PictureLight | None = None
-    """Which part was searched, and whether the light contradicts the pose; None if the picture
+    """The searched part, and whether the light contradicts the pose; None if the picture
     cannot be used."""
     plate: bool = False
     """Whether it shows a plate, and not the wall of a pipe."""
@@ -207,7 +207,7 @@ def inspect_plate(image: Image, pixel: float, name: str = "", t: float = 0.0) ->
 
 
 def unusable(pictures: Iterable[InspectedPicture]) -> dict[str, int]:
-    """Return how many pictures have each verdict but ``good``."""
+    """Return the number of pictures with each verdict except ``good``."""
     return dict(Counter(each.verdict for each in pictures if each.verdict != GOOD))
 
 
@@ -258,22 +258,22 @@ def crack_in(
 
 @dataclass(frozen=True)
 class _PictureLight:
-    """What the light in a picture says."""
+    """Brightness of a picture, compared with its pose."""
 
     searched: float
     """Share of the picture that shows wall near and bright enough to be searched."""
     off: tuple[float, float] | None
-    """Pan and tilt that the light suggests, less those given, in degrees, to about 5 degrees; None
-    where it does not contradict."""
+    """Pan and tilt by the light, less the stated ones, in degrees, to about 5 degrees; None if they
+    do not contradict."""
 
 
 def light_in(image: Image, view: HeadCalibration, pan: float, tilt: float) -> _PictureLight:
-    """Return what the light in a picture says about a line of sight.
+    """Return the searched share of a picture, and whether its light contradicts a line of sight.
 
     ``image`` (height, width); ``pan`` and ``tilt``: of the line of sight, in radians.
     """
     grey = _greys(image)
-    light, resolution = _seen(view, pan, tilt)
+    light, resolution = _expected(view, pan, tilt)
     near = resolution.reshape(_CELLS) >= LEAST_SEEN
     seen = float((near & (grey >= LEAST_GREY)).mean())
     level = _normal(np.log(grey.ravel() + _FLOOR))
@@ -304,11 +304,11 @@ def _patterns(view: HeadCalibration) -> tuple[FloatArray, FloatArray]:
     camera = view.camera_at((0.0, 0.0))
     pairs = [(a, b) for a in steps for b in steps if camera.inside(*np.radians([a, b]).tolist())]
     pairs = pairs or [(0, 0)]
-    lights = [_normal(_seen(view, *np.radians(pair).tolist())[0]) for pair in pairs]
+    lights = [_normal(_expected(view, *np.radians(pair).tolist())[0]) for pair in pairs]
     return np.array(pairs, dtype=np.float64), np.array(lights)
 
 
-def _seen(view: HeadCalibration, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
+def _expected(view: HeadCalibration, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
     """Return the logarithm of the light on each cell, and its resolution in pixels per metre."""
     camera = view.camera_at((0.0, 0.0))  # the pipe looks alike from everywhere on its axis
     pose = camera.mount.pose(pan, tilt)

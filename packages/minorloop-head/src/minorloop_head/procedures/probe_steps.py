@@ -40,18 +40,18 @@ CONFIRMED, _PROBABLE, _LOOK_AGAIN = "confirmed", "probable", "look again"
 _LIKELY = math.log(20.0)
 """Least evidence of a probable hole: odds of 20 to 1."""
 SEEN_BEFORE = 2
-"""Views on the way round that show a crack which counts without an echo of its depth."""
+"""Number of views on the way round that confirm a crack without an echo of its depth."""
 AGAIN = (DISTURBED, SILENT, ASTRAY)
-"""Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on where
-the points are, and on how the flow turned the head at each of them."""
+"""Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on the
+positions of the points, and on the turn of the head by the flow at each."""
 
 
 Scan: TypeAlias = Callable[[InspectionRig, tuple[float, float], float], ScannedRaster]
-"""Scans a raster about phi and z, displaced by some pitches: `scan`, or one that keeps scans."""
+"""Scans a raster about phi and z, displaced by some pitches, such as `scan`."""
 
 
 def reach_words(rig: InspectionRig) -> tuple[str, bool]:
-    """Return whether the probe reaches the wall in the water as known, as a sentence and a flag."""
+    """Return whether the probe reaches the wall in water, as a sentence and a flag."""
     said = RasterScan(calibration=rig.calibration).out_of_reach(rig.control)
     water = f"the probe is within reach in water of {rig.calibration.temperature:.0f} C"
     return said or water, not said
@@ -68,9 +68,9 @@ def scan(
     """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
 
     ``rig``: the water flows until `drain`. ``place``: phi and z in the middle of the raster.
-    ``shift``: displacement of the raster in pitches, in both directions. ``before``: the part of
-    the same scan that was made before it was cut off; the rest is made. ``told``: is given the scan
-    so far when it begins and after each point.
+    ``shift``: displacement of the raster in pitches, in both directions. ``before``: the same scan
+    as far as it was made before an interruption; the rest is made. ``told``: called with the scan
+    so far at its beginning and after each point.
     """
     scanning = RasterScan(calibration=rig.calibration)
     if refused := scanning.out_of_reach(rig.control):
@@ -88,7 +88,7 @@ def scan(
     rig.run(scanning.scan(made, place, shift, rig.light), each)
     late, bursts, planned = rig.trouble, made.bursts, scanning.points**2
     words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
-    words += f"; rolled back {made.again} x for a row that was passed" if made.again else ""
+    words += f"; rolled back {made.again} x to a row that it had jumped past" if made.again else ""
     rig.say("scan", words, succeeded=len(bursts) == planned and not late)
     coupled = has_coupling(bursts)
     answer = "the wall answers" if coupled else "no echo: camera only"
@@ -104,9 +104,9 @@ def drain(rig: InspectionRig) -> None:
 def scanned_pit(
     rig: InspectionRig, hole: Hole, scan: Scan = scan
 ) -> tuple[PitDepth, ScannedRaster]:
-    """Scan a hole or a pit, once more if the echoes depend on the points, and return its depth.
+    """Return the depth of a hole or a pit, and the scan that gave it.
 
-    Returns the scan that gave the depth too.
+    The scan is repeated once if its verdict depends on the points.
 
     ``hole``: by the camera.
     """
@@ -157,7 +157,7 @@ def scanned_crack(
 def counts_as_crack(views: int, found: CrackDepth) -> bool:
     """Whether a line that was traced again is a crack.
 
-    It is one if two views on the way round showed it, or echoes give its depth.
+    It is a crack if two views on the way round showed it, or echoes give its depth.
     """
     return views >= SEEN_BEFORE or shown_by_echoes(found)
 
@@ -168,9 +168,9 @@ def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:
 
 
 def grade_of(probed: PitDepth | CrackDepth | None, evidence: float) -> str:
-    """Return how sure a finding is: `CONFIRMED`, `_PROBABLE` or `_LOOK_AGAIN`.
+    """Return the grade of a finding: `CONFIRMED`, `_PROBABLE` or `_LOOK_AGAIN`.
 
-    ``probed``: what the echoes say; only they confirm, since a spot of dirt looks like a hole.
+    ``probed``: depth by the echoes; only they confirm, since a spot of dirt looks like a hole.
     ``evidence``: of a `Hole`; NaN for a crack, whose line was traced twice.
     """
     if probed is not None and shown_by_echoes(probed):
@@ -180,7 +180,7 @@ def grade_of(probed: PitDepth | CrackDepth | None, evidence: float) -> str:
 
 
 def probe_of(rig: InspectionRig, scanned: ScannedRaster) -> CalibratedProbe:
-    """Return the probe at the place for which the angles of a scan hold."""
+    """Return the probe at the reference place of the angles of a scan."""
     return rig.calibration.probe_at(scanned.reference)
 
 

@@ -1,6 +1,6 @@
 """The probe in an inspection: it scans each finding, and is rolled once round the pipe at the end.
 
-What it measures is kept at once, so that an inspection that is cut off goes on from there.
+Each result is kept at once, so that an interrupted inspection continues from there.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from minorloop_head.vision.defects import Hole
 
 @dataclass(eq=False, kw_only=True)
 class Kept:
-    """What an inspection has so far; an inspection that was cut off goes on from it."""
+    """Results of an inspection so far, from which an interrupted inspection continues."""
 
     views: dict[str, InspectedView] = field(default_factory=dict)
-    """By the names of their pictures, in the order in which they were taken."""
+    """Views by the names of their pictures, in the order in which they were taken."""
     scans: dict[str, ScannedRaster] = field(default_factory=dict)
-    """By the name of the find; with ``again`` after it, the second one."""
+    """Scans by the name of the finding; a second scan has ``again`` after it."""
     ring: Ring | None = None
     """The pipe once round."""
 
     def view(self, name: str, take: Callable[[], InspectedView]) -> InspectedView:
-        """Return the view of a name, which is taken unless it is kept."""
+        """Return the kept view of a name; take and keep it if there is none."""
         if name not in self.views:
             self.add_view(take())
         return self.views[name]
 
     def add_view(self, view: InspectedView) -> None:
-        """Keep a view; the newest of a name counts."""
+        """Keep a view; it replaces an older view of the same name."""
         self.views[view.picture.name] = view
 
     def add_scan(self, name: str, scanned: ScannedRaster) -> None:
@@ -59,9 +59,9 @@ class Kept:
         self.ring = ring
 
     def scan_of(self, view: InspectedView) -> ScannedRaster | None:
-        """Return the scan that gave what the echoes say of the finding of a view, if there is one.
+        """Return the scan that gave the depth of the finding of a view; None if there is no scan.
 
-        A second scan counts if it gave a depth.
+        It is the second scan if that gave a depth.
         """
         name, probed = first_visit(view.picture.name), view.probed
         first = self.scans.get(name)
@@ -76,10 +76,10 @@ class Probing:
     rig: InspectionRig
     """With a micro-tool, it touches a hole or a pit before it is scanned."""
     kept: Kept
-    """What it measures is kept there; what was scanned is not repeated."""
+    """Stores each result; a finding that has a scan there is not scanned again."""
     refused: str = ""
-    """Why nothing is scanned, such as ``no water``; empty if something is. `begin` sets it if the
-    probe does not reach the wall in the water."""
+    """Reason why nothing is scanned, such as ``no water``; empty if findings are scanned. `begin`
+    sets it if the probe does not reach the wall in the water."""
 
     def begin(self) -> None:
         """Drain the pipe for the camera, and say whether the probe reaches the wall in water."""
@@ -90,7 +90,7 @@ class Probing:
             self.rig.say("reach", said, succeeded=within)
 
     def scanned(self, view: InspectedView) -> InspectedView:
-        """Touch and scan the finding of a view, and return the view with what the echoes say.
+        """Touch and scan the finding of a view, and return the view with the depth by its echoes.
 
         Raises an `InstrumentError` if a device fails or a sensor is lost.
         """
@@ -107,9 +107,9 @@ class Probing:
             if isinstance(shown, Hole):
                 probed = PitDepth(self.refused, *shown.place.tolist())
         elif isinstance(shown, Hole):
-            probed, _ = scanned_pit(rig, shown, self._resumed(name, visit))
+            probed, _ = scanned_pit(rig, shown, self._resumable_scan(name, visit))
         else:
-            probed, _ = scanned_crack(rig, shown, self._resumed(name, visit))
+            probed, _ = scanned_crack(rig, shown, self._resumable_scan(name, visit))
         drain(rig)
         rig.check_sensors()
         steps = (*view.steps, *visit.steps())
@@ -128,28 +128,28 @@ class Probing:
         drain(rig)
         self.kept.add_ring(ring)
 
-    def _resumed(self, name: str, visit: _Visit) -> Scan:
-        """Return a scan of a find on a visit that goes on with what is kept of it."""
+    def _resumable_scan(self, name: str, visit: _Visit) -> Scan:
+        """Return a scan of a finding that continues from its kept part."""
 
         def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> ScannedRaster:
             called = f"{name}{AGAIN}" if shift else name
             start = len(visit.steps()) if shift else 0
 
-            def told(found: ScannedRaster) -> None:
+            def keep(found: ScannedRaster) -> None:
                 self.kept.add_scan(called, replace(found, steps=visit.steps()[start:]))
 
             part = self.kept.scans.get(called)
             if part is not None:
                 visit.add(part.steps)
             if part is None or not part.done:
-                told(scan(rig, place, shift, before=part, told=told))
+                keep(scan(rig, place, shift, before=part, told=keep))
             return self.kept.scans[called]
 
         return scanned
 
 
 class _Visit:
-    """Steps of a visit: those of the log from now on, and those that are kept of one before."""
+    """Steps of a visit: new entries of the log, and kept steps of an earlier visit."""
 
     def __init__(self, rig: InspectionRig) -> None:
         self._rig, self._taken, self._mark = rig, list[LogEntry](), len(rig.log)
@@ -160,6 +160,6 @@ class _Visit:
         return tuple(self._taken)
 
     def add(self, kept: tuple[LogEntry, ...]) -> None:
-        """Add steps that are kept after those of the log until now."""
+        """Add kept steps after the entries of the log until now."""
         self._taken += [*self._rig.log[self._mark :], *kept]
         self._mark = len(self._rig.log)

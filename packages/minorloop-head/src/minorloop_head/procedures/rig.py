@@ -5,8 +5,8 @@ On devices::
     with rig_at("bench:head.toml", "camera:0", "head.json") as rig:
         rig.run(go(angles=(0.1, 0.0)))
 
-There a tick takes its time, and neither a picture that is late nor a long computation stops the
-control of the wires. After a device failed the head is safe; the loop goes on from there if it
+On devices, ticks run in real time, and neither a late picture nor a long computation stops the
+control of the wires. If a device fails, the head is made safe. The loop continues if the device
 answers again, and ends if it does not.
 """
 
@@ -56,14 +56,14 @@ from minorloop_head.vision.video import LiveCamera, check_camera
 
 Computed = TypeVar("Computed")
 _PATIENCE = 0.02
-"""Seconds that a tick waits for a picture: half of it; the next tick asks again."""
+"""Seconds that a tick waits for a picture, half of its duration; the next tick tries again."""
 _BLIND = 5.0
-"""Seconds without a good picture after which a procedure ends: a camera in the network that was
-lost is opened again within 4 s."""
+"""Seconds without a good picture after which a procedure ends: a lost network camera is opened
+again within 4 s."""
 
 _MOST_FAILURES = 5
-"""Failures of a device in a row after which the loop ends: one answer in a thousand is late on a
-busy machine, and no second one follows."""
+"""Consecutive failures of a device after which the loop ends: on a busy machine one answer in a
+thousand is late, but never two in a row."""
 _BY_ITSELF = (
     "its exposure cannot be set from here; set it at the camera, so that little of the wall is "
     "white"
@@ -74,20 +74,20 @@ class InspectionRig:
     """Plant, tip, control and calibration, with a clock and a log.
 
     ``control``: of the plant's head.
-    ``base``: reads from the pictures that come with bursts by how much the base of the head is
-    turned, counted from the last picture before the pipe is flooded.
+    ``base``: measures the turn of the base in the pictures that come with bursts, counted from the
+    last picture before the pipe is flooded.
     ``sensors``: whether the joints have sensors. Without them the angles are those of the model of
     the wires, and control uses the angles that a procedure estimates from the image.
-    ``seen``: reads the angles of joints without sensors from each picture under all lights;
-    ``begin`` comes first then.
-    ``computing``: runs long computations while the loop goes on; without it, they take no time of
-    the loop.
-    ``told``: is given each entry of the log.
+    ``seen``: reads the angles of joints without sensors from each picture under all lights; call
+    ``begin`` first then.
+    ``computing``: runs long computations while the loop continues; without it, the clock of the
+    loop stands still meanwhile.
+    ``told``: called with each entry of the log.
 
     Notes
     -----
-    ``most`` (2,) are the largest angles in degrees to which the joints were seen to come where they
-    should go farther, infinite where that is not known; ``light`` is that of the camera.
+    ``most`` (2,) are the observed largest angles in degrees of joints that stopped before their
+    target, infinite where not known; ``light`` is that of the camera.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class InspectionRig:
     ) -> None:
         self.plant, self.tip, self.control = plant, tip, control
         self.calibration = calibration
-        # Whether a tip has a tool is asked once: the answer takes as long as half of a tick.
+        # Ask only once whether the tip has a tool: the answer takes half of a tick.
         has_tool = calibration.tool is not None and isinstance(tip, ToolTip)
         self._tool = cast(ToolTip, tip) if has_tool else None
         self.log: list[LogEntry] = []
@@ -142,7 +142,7 @@ class InspectionRig:
 
     @property
     def place(self) -> FloatArray:
-        """(2,) advance in metres and roll in radians as measured."""
+        """(2,) measured advance in metres and roll in radians."""
         return self._known[2:].copy()
 
     @property
@@ -158,7 +158,7 @@ class InspectionRig:
         Raises an `InstrumentError` if the camera has given no good picture for 5 s, or a device
         fails again and again.
         """
-        self._applied(request)
+        self._apply(request)
         if not request.frame and self._seen is None:
             self._blind_since = None
         tool = (0.0, False)
@@ -169,7 +169,7 @@ class InspectionRig:
             t=self.t,
             angles=self.angles,
             place=self.place,
-            base=self._turned(image if request.shots else None),
+            base=self._base_turn(image if request.shots else None),
             image=image,
             shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
             fired=request.shots > 0,
@@ -177,8 +177,8 @@ class InspectionRig:
             touching=tool[1],
         )
 
-    def _turned(self, image: Image | None) -> FloatArray:
-        """Return the turn (2,) of the base as it is measured now; NaN if it should be and is not.
+    def _base_turn(self, image: Image | None) -> FloatArray:
+        """Return the turn (2,) of the base; NaN if the picture does not show it, 0 if not measured.
 
         ``image``: taken now, with a burst.
         """
@@ -189,21 +189,21 @@ class InspectionRig:
         return self._base.at(self.t)
 
     def begin(self) -> None:
-        """Wait until a head without sensors is cold and stands still: its angles are known then.
+        """Wait until a head without sensors is cold and at rest, where its angles are known.
 
         Raises an `InstrumentError` if it does not, or the camera does not show it.
         """
         while self._seen is not None and not self._seen.known:
             if self.t > LONGEST:
                 raise InstrumentError(unknown_zero(self._seen.why))
-            self._exchanged(np.zeros(4))
+            self._exchange(np.zeros(4))
             self._ticks += 1
             self._watch(cold=True)
 
     def run(self, procedure: Procedure[Result], each: Callable[[], None] = lambda: None) -> Result:
         """Run a procedure to its end and return its result.
 
-        If it is cut off, its tool is withdrawn, the pipe is drained, and all lights are on.
+        If it is interrupted, the tool is withdrawn, the pipe drained, and all lights switched on.
 
         ``each``: called after every tick.
         """
@@ -234,7 +234,7 @@ class InspectionRig:
             )
 
     def look(self) -> tuple[Reading, Image]:
-        """Return a reading and its picture; the loop goes on until there is one.
+        """Return a reading with a picture; the loop runs until there is one.
 
         Raises an `InstrumentError` as `reading` does.
         """
@@ -243,7 +243,7 @@ class InspectionRig:
         return now, now.image
 
     def compute(self, work: Callable[[], Computed]) -> Computed:
-        """Return the result of a computation, during which the head stays where it is."""
+        """Return the result of a computation; the head holds its position meanwhile."""
         if self._computing is None:
             return work()
         found = self._computing.submit(work)
@@ -253,16 +253,13 @@ class InspectionRig:
 
     @property
     def trouble(self) -> str:
-        """Why the wires do not reach their targets; empty if they do."""
+        """Reason why the wires do not reach their targets; empty if they do."""
         found = zip(AXES, self._state.axes, strict=True)
         each = [f"{name}: {axis.unreachable}" for name, axis in found if axis.unreachable]
         return "; ".join(each)
 
     def check_sensors(self) -> None:
-        """Refuse to go on with a sensor that failed.
-
-        Raises an `InstrumentError` if one did; its wire cools.
-        """
+        """Raise an `InstrumentError` if a sensor failed; its wire cools then."""
         if self._seen is not None and any(axis.fault for axis in self._state.axes):
             raise InstrumentError(unseen(self._seen.why))
         for name, axis in zip(AXES, self._state.axes, strict=True):
@@ -275,12 +272,12 @@ class InspectionRig:
         self._told(self.log[-1])
 
     def _image(self) -> Image | None:
-        """Return a picture; None if there is no good one now, for some time.
+        """Return a picture; None if there is no good one now.
 
-        Where angles are read from pictures, it is the one that gave them.
+        If angles are read from pictures, it is the picture of the present angles.
         """
         if self._seen is None:
-            return self._taken()
+            return self._newest_picture()
         found, self._picture = self._picture, None
         return found
 
@@ -288,13 +285,13 @@ class InspectionRig:
         """Take a picture, and read the angles from it if all lights are on."""
         if self._seen is None:
             return
-        self._picture = self._taken()
+        self._picture = self._newest_picture()
         self._read[:2] = np.nan
         if self._picture is not None and self._lights == ALL_LIGHTS:
             read = self._seen.read(Frame(self._taken_at, self._picture), cold=cold)
             self._read[:2] = np.radians(read)
 
-    def _taken(self) -> Image | None:
+    def _newest_picture(self) -> Image | None:
         newest = getattr(self.tip, "newest", None)
         if newest is None:
             return self.tip.frame().image
@@ -321,16 +318,16 @@ class InspectionRig:
             sighted = request.sighted
             read = np.full(2, np.nan) if sighted is None else self.calibration.joints(sighted)
         wanted = self.calibration.joints(self._commanded)
-        # The readings are those of the last exchange, which may have begun late.
+        # The readings come from the last exchange, which may have begun late.
         t = self.plant.time
         currents, self._state = self.control.step(self._state, wanted, read, t=t)
-        self._read = self._exchanged(np.concatenate([currents, request.rates]))
+        self._read = self._exchange(np.concatenate([currents, request.rates]))
         self._watch()
         self._known = np.where(np.isnan(self._read), self._known, self._read)
         self._ticks += 1
         self.tip.move_to(self.plant.stance())
 
-    def _applied(self, request: Request) -> None:
+    def _apply(self, request: Request) -> None:
         """Set lights, exposure, focus and water as requested."""
         if request.lights is not None:
             self._lights, self._picture = request.lights, None
@@ -341,31 +338,31 @@ class InspectionRig:
                 if image is not None:
                     self._base.begin(image, self.t)
         self._wet = self._wet if request.water is None else request.water
-        self._insist(lambda: apply_to_tip(self.tip, request))
+        self._retry(lambda: apply_to_tip(self.tip, request))
 
-    def _exchanged(self, u: FloatArray) -> FloatArray:
+    def _exchange(self, u: FloatArray) -> FloatArray:
         """Return the readings under inputs; NaN after a failure, which has made the head safe."""
         try:
             read = self.plant.exchange(u)
         except InstrumentError as error:
-            self._failed(error)
+            self._count_failure(error)
             off = (replace(axis, applied=0.0) for axis in self._state.axes)
             self._state = replace(self._state, axes=tuple(off))
-            self._insist(lambda: self.tip.switch(self._lights))
+            self._retry(lambda: self.tip.switch(self._lights))
             return np.full(4, np.nan)
         self._failures = 0
         return read
 
-    def _insist(self, work: Callable[[], None]) -> None:
-        """Do something until it succeeds."""
+    def _retry(self, work: Callable[[], None]) -> None:
+        """Repeat a call until it succeeds."""
         while True:
             try:
                 return work()
             except InstrumentError as error:
-                self._failed(error)
+                self._count_failure(error)
 
-    def _failed(self, error: InstrumentError) -> None:
-        """Note a failure of a device, which has made the head safe; raise it after many."""
+    def _count_failure(self, error: InstrumentError) -> None:
+        """Log a failure of a device, after which the head is safe; raise it after too many."""
         self._failures += 1
         if isinstance(error, SafetyError) or self._failures > _MOST_FAILURES:
             raise error
@@ -381,7 +378,7 @@ def rig_at(
     *,
     probe: PathLike | None = None,
 ) -> Iterator[InspectionRig]:
-    """Yield the loop on a head of devices; make it safe and close them at the end.
+    """Yield the loop on a real head; make the head safe and close its devices at the end.
 
     The first picture is taken before the wires are heated.
 

@@ -18,18 +18,17 @@ from minorloop_head.ultrasound.wall_echoes import Profile, centred, joined, wall
 TURNS, SHOTS = 48, 4
 """Places of the sweep round the pipe for water line and profile, and shots at each."""
 _ASTRAY = 0.4e-3
-"""Distance from the wall in metres of an echo that does not count for the level of the water: of a
-beam that meets the wall above it, some sound comes back from the wall beside. Dents and pits are
-nearer."""
+"""Distance in metres from the wall beyond which an echo is ignored for the water level: of a beam
+above the water, some sound returns from the wall beside. Dents and pits are nearer."""
 _PLACE_SD = 0.1e-3
-"""Standard deviation in metres of the heights of wall and probe: 0.05 mm by their place in the
-pipe, the rest by sway, and by the width of the beam, of which a part under water answers. Errors of
-the level are as large as said with it, on 28 simulated pipes."""
+"""Standard deviation in metres of the heights of wall and probe: 0.05 mm from their place in the
+pipe, the rest from sway and from the width of the beam, of which the part under water answers. It
+predicts the errors of the level on 28 simulated pipes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """Profile of the wall once round the pipe, and the water line that it shows."""
+    """Profile of the wall once round the pipe, and the water line in it."""
 
     profile: Profile
     water: WaterLine
@@ -42,7 +41,7 @@ def ring_sweep(rig: InspectionRig) -> Ring:
     """
     view, profiles = rig.calibration, []
     go(rig, angles=RasterScan(calibration=view).perpendicular)
-    # Each picture is found by what those before it show; the cables are wound up no more than half.
+    # Each picture is matched with those before it; cables are wound up by half a turn at most.
     start, way = float(rig.place[1]), -1.0 if rig.place[1] > 0 else 1.0
     for k in range(TURNS):
         go(rig, place=(rig.place[0], start + way * 2 * np.pi * k / TURNS))

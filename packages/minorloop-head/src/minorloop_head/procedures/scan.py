@@ -1,7 +1,7 @@
 """Bring the probe over a place, let water in, and fire a burst at each point of a raster.
 
-Along the pipe the head bends from point to point. Around it the catheter rolls from row to row: a
-beam that is normal to the wall moves around the pipe by a third of what the head bends only.
+Along the pipe the head bends from point to point. Around it the catheter rolls from row to row:
+while the beam stays normal to the wall, it moves around the pipe by a third of the bend only.
 
 Angles that the wires reach in water are predicted from their identification in air. Under a current
 i, a wire that was identified at an ambient T_0 with a convection h_0 settles in water of T with a
@@ -46,48 +46,48 @@ SLEEVED = 4.0 / 3.0
 """Convection of a wire in its sleeve under water over that at identification in still air: 100 and
 75 W/(m^2 K)."""
 _SLEEVE_BAND = 0.04
-"""Largest share by which the convection of a sleeve differs: its bore is 10 % wider or narrower."""
+"""Largest relative deviation of the convection of a sleeve: its bore is 10 % wider or narrower."""
 _WATER_BAND = 0.6
 """Half of the 95 % band of the temperature of the water, in K: that of a thermometer."""
 _ITERATIONS = 30
-"""Of the fixed point for the resistance, whose error is halved by each."""
+"""Iterations of the fixed point for the resistance; each halves its error."""
 _ScanStage: TypeAlias = Literal["travel", "light", "turn", "points", "retreat", "roll", "back"]
 _RETREAT, _MOST_AGAIN = math.radians(6.0), 2
-"""Roll in radians by which the catheter turns back before it comes to a row again: three times what
-it jumps when it breaks away, so that it slides to the row. And how often it does so in a scan."""
+"""Roll in radians by which the catheter turns back to approach a row again: three times its jump
+when it breaks away, so that it slides to the row. And most such retreats in a scan."""
 SHOTS = 16
-"""In a burst: they take 16 ms, in which the head hardly moves."""
+"""Number in a burst: they take 16 ms, in which the head hardly moves."""
 AIMED = math.radians(0.6)
-"""Tolerance of a point in radians, 0.1 mm of the wall. A burst is fitted where it was measured, so
-that a smaller one is not needed."""
+"""Tolerance of a point in radians, 0.1 mm on the wall. No smaller one is needed, because a burst is
+fitted where it was measured."""
 DWELL, _MOST_DWELL = 0.48, 1.2
-"""Seconds at a point at least, and at most if the head does not come near: in 0.5 s a wire has
-moved by a step of the raster and is at rest."""
+"""Seconds at a point, and longest seconds if the head does not come near: in 0.5 s a wire moves by
+a step of the raster and comes to rest."""
 _SILENT, _UNSEEN = 2.0, 0.2
-"""Seconds after which a burst that has not been fired is skipped, and for which one is fired again
-whose picture does not show the pose."""
+"""Seconds after which a burst that was not fired is skipped, and for which a burst is repeated if
+its picture does not show the pose."""
 _TILT = math.radians(-15.0)
-"""Of the head: as little as the pan, since cold wires reach little in water."""
+"""Tilt of the head: small, as the pan, since cold wires reach little in water."""
 _ROLLING = 4.0
-"""Longest seconds of the way to the next row, which takes 1.3 s. What then remains of it, or is too
-much, is tilted; if the head cannot, the catheter turns back and comes again."""
+"""Longest seconds of the roll to the next row, which takes 1.3 s. The head tilts by the remaining
+error; if it cannot, the catheter turns back and approaches the row again."""
 _ROLLS = 4
-"""Steps of the search for a roll; each divides its error by 20, the radius over the offset."""
+"""Iterations of the search for a roll; each divides its error by 20, the radius over the offset."""
 MOST_OFF = 0.8e-3
-"""Farthest distance in metres of a burst from its point of the raster. Each is fitted where it was
-measured, so that only bursts outside the raster are refused: two and a half steps."""
+"""Largest distance in metres of a burst from its point of the raster, two and a half steps. A burst
+is fitted where it was measured, so that only bursts outside the raster are refused."""
 NO_COUPLING = "no coupling"
 
 
 @dataclass(eq=False, kw_only=True)
 class ScannedRaster:
-    """A raster as far as it is scanned: the scan keeps it up to date."""
+    """State of the scan of a raster, which the scan keeps up to date."""
 
     reference: FloatArray = field(default_factory=lambda: np.zeros(2))
     """Shape (2,). Advance and roll of the catheter, in metres and radians, from which the beam is
     square to the middle: the angles of the bursts hold there."""
     bursts: tuple[Burst, ...] = ()
-    """Of the points whose readings had shots."""
+    """Bursts of the points whose readings had shots."""
     point: int = 0
     """The next one, from 0."""
     onward: int = 1
@@ -96,16 +96,16 @@ class ScannedRaster:
     done: bool = True
     """Whether the scan has ended."""
     stage: _ScanStage = "travel"
-    """What it does now."""
+    """Present stage of the scan."""
     targets: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     """Shape (N, 2). Pan and tilt of the points; none before the catheter has arrived, or if it did
     not."""
     again: int = 0
-    """How often the catheter has turned back, because it had jumped beyond a row."""
+    """Number of times that the catheter turned back because it had jumped beyond a row."""
     refused: str = ""
-    """Why it was not scanned; empty if it was."""
+    """Reason why it was not scanned; empty if it was."""
     steps: tuple[LogEntry, ...] = ()
-    """Of the visit until its end, or since the scan before it, for who keeps the scan."""
+    """Steps of the visit until its end, from its beginning or the scan before, to be kept."""
     centre: tuple[float, float] = (0.0, 0.0)
     """Phi and z of its middle, in radians and metres."""
     shift: float = 0.0
@@ -123,7 +123,7 @@ class RasterScan:
 
     calibration: HeadCalibration
     points: int = POINTS
-    """In a row of the raster."""
+    """Number of points in a row of the raster."""
 
     def scan(
         self,
@@ -136,13 +136,13 @@ class RasterScan:
 
         Returns the scan as made.
 
-        ``made``: new, or of the same scan, which was cut off: it goes on with the next point;
+        ``made``: new, or of the same scan, which was interrupted: it continues with the next point;
         ``centre``: in radians and metres; ``shift``: displacement of the raster in pitches;
         ``light``: of a camera that is exposed for the wall ahead before the pipe is flooded, where
         the loop does not do so all the time.
         """
         made.centre, made.shift, made.done = centre, shift, False
-        if (yield from self._over(made)):
+        if (yield from self._approach_row(made)):
             made.stage = "light"
             if light is None:
                 yield Request(water=True)
@@ -151,12 +151,12 @@ class RasterScan:
                 yield from meter(self.calibration, light, last=Request(water=True))
             made.stage = "turn"
             yield from go(angles=made.targets[made.point])
-            while (yield from self._row_scanned(made)):
-                yield from self._rolled(made)
+            while (yield from self._scan_row(made)):
+                yield from self._roll(made)
         made.done = True
         return made
 
-    def _over(self, made: ScannedRaster) -> Procedure[bool]:
+    def _approach_row(self, made: ScannedRaster) -> Procedure[bool]:
         """Bring the probe over the next row of the raster; return whether it gets there."""
         while True:
             made.stage = "travel"
@@ -173,26 +173,26 @@ class RasterScan:
             made.targets = self.targets(made.centre, first, made.shift, made.onward)
             if len(made.targets):
                 break
-            if not (yield from self._retreated(made)):
+            if not (yield from self._retreat(made)):
                 return False
         if not made.point:
             made.reference = self.rolled(made.centre[0], now.place)
         return True
 
-    def _row_scanned(self, made: ScannedRaster) -> Procedure[bool]:
-        """Fire at the points of a row, from where the catheter is; return whether there is more.
+    def _scan_row(self, made: ScannedRaster) -> Procedure[bool]:
+        """Fire at the points of a row, from where the catheter is; return whether points are left.
 
-        If the row is not within reach from there, it has still to be come to again.
+        If the row is not within reach from there, the catheter retreats to approach it again.
         """
         now, n = (yield NOW), made.point // self.points
         aims = self._row(made.centre, now.place, made.shift, self._index(n, made.onward))
         if not len(aims):
-            return (yield from self._retreated(made))
+            return (yield from self._retreat(made))
         made.targets[n * self.points : (n + 1) * self.points] = aims
         made.stage, since = "points", now.t - DWELL
         while True:
             now = yield Request(angles=made.targets[made.point])
-            now = yield from self._fired(made, now, since)
+            now = yield from self._fire_at_point(made, now, since)
             made.point, since = made.point + 1, now.t
             if made.point == len(made.targets):
                 return False
@@ -200,10 +200,10 @@ class RasterScan:
                 yield Request(angles=made.targets[made.point])
                 return True
 
-    def _fired(self, made: ScannedRaster, now: Reading, since: float) -> Procedure[Reading]:
+    def _fire_at_point(self, made: ScannedRaster, now: Reading, since: float) -> Procedure[Reading]:
         """Fire at a point once the head is at rest, and stay until the burst has arrived.
 
-        ``since`` is when the head was sent there.
+        ``since`` is the time of the command to go there.
         """
         target = made.targets[made.point]
         fire = Request(angles=target, shots=SHOTS, frame=True)
@@ -225,13 +225,13 @@ class RasterScan:
             made.bursts = (*made.bursts, burst)
         return now
 
-    def _rolled(self, made: ScannedRaster) -> Procedure[None]:
+    def _roll(self, made: ScannedRaster) -> Procedure[None]:
         """Roll to the next row."""
         made.stage = "roll"
         now = yield NOW
         yield from go(self._rolled_to(made, now), patience=_ROLLING)
 
-    def _retreated(self, made: ScannedRaster) -> Procedure[bool]:
+    def _retreat(self, made: ScannedRaster) -> Procedure[bool]:
         """Turn back before a row that was jumped past; False if it is too far, or too often."""
         now = yield NOW
         row = self._rolled_to(made, now)
@@ -342,7 +342,7 @@ class RasterScan:
     ) -> Burst:
         """Average the shots of a point to a burst whose angles hold at a reference.
 
-        ``angles``, ``target`` (2,): line of sight as measured and as wanted, in radians. ``place``,
+        ``angles``, ``target`` (2,): measured and wanted line of sight, in radians. ``place``,
         ``reference`` (2,): advance and roll of the catheter, and those of the whole raster. The
         advance is that of the raster: it has not moved. ``coupled``: as in `burst_of`.
         """
@@ -365,7 +365,7 @@ def flooded_reach(
 ) -> FloatArray:
     """Return the least and largest reading (axes, 2) of the joints in water, in degrees.
 
-    ``wanted`` (axes,): readings that are wanted, in degrees, which say where the other wires are;
+    ``wanted`` (axes,): wanted readings in degrees, which give the positions of the other wires;
     ``temperature``: of the water, in degrees Celsius; ``cooling``: convection over that at
     identification.
     """
@@ -403,10 +403,10 @@ def burst_of(
 ) -> Burst:
     """Average a burst to one trace with a verdict.
 
-    ``shots``: of the burst. ``angles``, ``wanted`` (2,): line of sight as measured and as wanted,
-    in radians. ``probe``: at the place of the catheter. ``coupled``: whether one before it in the
-    raster has an echo of the wall. Until then the verdict is ``no coupling`` if there is none: a
-    single burst may meet the flank of a dent, which sends none back.
+    ``shots``: of the burst. ``angles``, ``wanted`` (2,): measured and wanted line of sight, in
+    radians. ``probe``: at the place of the catheter. ``coupled``: whether an earlier burst of the
+    raster has an echo of the wall. If not, a burst without echo has the verdict ``no coupling``;
+    if so, it may have met the flank of a dent, which returns none.
     """
     spot, aimed = probe.spots(np.array([angles, wanted]))[:, :2]
     off = float(wall_distance(spot, aimed, probe.radius))

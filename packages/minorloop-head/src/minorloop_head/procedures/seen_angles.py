@@ -2,9 +2,8 @@
 
 A head without sensors at its joints has two currents and a camera. `SeenAngles` reads the angles
 from its pictures, counted from the picture of the cold head. `SeenHead` joins currents and camera
-to an actuator with two currents and two angles, so that it is identified and driven as any other;
-the picture of the cold head is taken when the actuator is opened, and so again when a stopped run
-is continued.
+to an actuator with two currents and two angles, so that it is identified and driven as any other.
+It takes the picture of the cold head when it is opened, also for the rest of a stopped run.
 """
 
 from __future__ import annotations
@@ -33,24 +32,24 @@ from minorloop_head.vision.wall_refinement import refined
 
 OUTPUTS = Channel("pan", "deg"), Channel("tilt", "deg")
 _LEAST, _MOST = -6.0, 90.0
-"""Pan and tilt of the joints between which a lost view is looked for, in degrees: a strong head
-turns by 78, and beyond these angles a picture does not count as seen."""
+"""Pan and tilt of the joints between which a lost view is searched, in degrees: a strong head turns
+by 78. Angles beyond do not count."""
 _SWEEP = np.concatenate([np.linspace(0.5, 0.95, 45), np.linspace(0.85, 0.3, 30), np.zeros(15)])
 _SLOWLY = 0.8
-"""Shares of the largest current that turn an axis up and down, slowly, and seconds for each: the
-view changes by less than half of a patch from a picture to the next."""
+"""Shares of the largest current that turn an axis slowly up and down, and seconds for each: between
+pictures the view changes by less than half of a patch."""
 SWEEP_SECONDS = 2 * _SWEEP.size * _SLOWLY
 """Duration of a sweep of both axes."""
 _SETTLING = 1.0
-"""Seconds until the camera has set its exposure to the light."""
+"""Seconds in which the camera adapts its exposure to the light."""
 _STILL, LONGEST, _MOVED = 5.0, 120.0, 0.1
-"""A head is cold that turns less than 0.1 degrees in 5 s; seconds that are waited for that."""
+"""A head is cold if it turns by less than 0.1 degrees in 5 s; and longest wait for that."""
 _WAITED = "the angles are counted from the cold head; it has to stand still first"
 _WARM = "the angles are counted from the cold head, and it is heated"
 _FRESH = 1.0
-"""Seconds for which a picture says why there are no angles, where the camera gives few."""
+"""Seconds for which the last picture explains missing angles, if the camera gives few pictures."""
 _PATIENCE = 10.0
-"""Seconds without angles after which a run stops: as long as control goes by its model."""
+"""Seconds without angles after which a run stops: as long as the control relies on its model."""
 
 
 def seen_by(view: HeadCalibration) -> WallAngles:
@@ -105,14 +104,14 @@ def sweep(
 class SeenAngles:
     """Pan and tilt of the joints by pictures, counted from the picture of the cold head.
 
-    A head is cold that has no current and stands still. Until that is known there are no angles.
+    A head is cold if it has no current and stands still. Until that is known there are no angles.
 
     ``view``: of the camera; ``cold`` (2,): pan and tilt of the cold head in degrees, such as
     `HeadControl.cold`.
 
     Its ``known``: whether the picture of the cold head was found.
-    Its ``why``: why the last picture gave no angles; empty if it did.
-    Its ``searched``: whether they were looked for in it: not in one that shows nothing.
+    Its ``why``: reason why the last picture gave no angles; empty if it did.
+    Its ``searched``: whether it was searched for the view: not if it shows nothing.
     """
 
     def __init__(self, view: HeadCalibration, cold: npt.ArrayLike = (0.0, 0.0)) -> None:
@@ -123,7 +122,7 @@ class SeenAngles:
         self.known, self.why, self.searched = False, _WAITED, False
 
     def read(self, frame: Frame, *, cold: bool = False) -> FloatArray:
-        """Return pan and tilt (2,) in degrees; NaN where the picture does not show them surely.
+        """Return pan and tilt (2,) in degrees; NaN if the picture does not surely show them.
 
         ``frame``: under all lights; ``cold``: whether the head has no current.
         """
@@ -137,7 +136,7 @@ class SeenAngles:
         return self._view.joints(sight.angles) if not sight.trial else np.full(2, np.nan)
 
     def _look_for_zero(self, frame: Frame, cold: bool) -> None:
-        """Take the picture of the cold head as that of its angles, once it stands still."""
+        """Use the picture of the cold head as zero of the angles, once the head stands still."""
         if not cold:
             self._state = self._since = None
             self.why = _WARM
@@ -158,7 +157,7 @@ class SeenAngles:
     def _begin(self, frame: Frame) -> None:
         try:
             _, self._state = self._estimator.begin(frame.image, self._rest, frame.t)
-            # A search is compiled before a current is on: a mirrored picture needs one.
+            # A mirrored picture forces a search, which is so compiled before a current is on.
             self._estimator.step(
                 self._state, np.ascontiguousarray(frame.image[:, ::-1]), frame.t + 1.0
             )
@@ -169,7 +168,7 @@ class SeenAngles:
 
 
 class _Ticks:
-    """The clock of a simulated head: a tick takes its time, and nothing else does."""
+    """The clock of a simulated head, which only its ticks advance."""
 
     def __init__(self) -> None:
         self._t = 0.0
@@ -184,8 +183,8 @@ class _Ticks:
 class SeenHead(WrappedActuator):
     """Two currents of an actuator, and the angles that its camera sees.
 
-    It waits until the head stands still. The actuator confirms that it is safe at the end of that,
-    also where it ends early.
+    It waits until the head stands still. The actuator confirms at the end of the wait that it is
+    safe, also if the wait ends early.
 
     Raises a `ParameterError` if the actuator has not two currents, or the camera another size than
     calibrated; an `InstrumentError` if the head does not come to rest, or its camera does not show
@@ -199,15 +198,15 @@ class SeenHead(WrappedActuator):
     ``expose``: sets exposure time in s and gain of the camera; without it the camera does so
     itself.
     ``every``: ticks from a picture to the next while a current is held.
-    ``clock``: keeps the ticks, in which pictures are taken and searched; that of a simulated head,
+    ``clock``: times the ticks, in which pictures are taken and searched; that of a simulated head,
     in which this takes no time, without it.
     ``cold`` (2,): as of `SeenAngles`.
-    ``waits``: called once the first picture has come and has the right size: before it waits.
+    ``waits``: called when the wait begins, after a first picture of the right size.
 
-    Its ``age``: of the newest picture when it was taken over, in seconds, by its time: at least,
-    where that is the time of its arrival.
-    Its ``pictures``: number of those that have come.
-    Its ``searched``: whether the angles were looked for in the newest one: not if it is old, or
+    Its ``age``: age of the newest picture when it was received, in seconds; a lower bound if the
+    time of the picture is that of its arrival.
+    Its ``pictures``: number of received pictures.
+    Its ``searched``: whether the newest picture was searched for the view: not if it is old, or
     shows nothing.
     """
 
@@ -295,8 +294,8 @@ class SeenHead(WrappedActuator):
 
         def picture() -> Frame:
             self._look()
-            assert self._frame is not None  # that of the zero, at least
-            return self._frame  # one that did not come is the one before, which counts as frozen
+            assert self._frame is not None  # there is at least the frame of the zero
+            return self._frame  # the last one again if none came: it counts as frozen
 
         with left_safe(self):
             frames = sweep(hold, picture, highest)
@@ -309,7 +308,7 @@ class SeenHead(WrappedActuator):
 
     @property
     def why(self) -> str:
-        """Why the last picture did not show the angles; empty if it did."""
+        """Reason why the last picture did not show the angles; empty if it did."""
         return self._why
 
     @property
@@ -329,7 +328,7 @@ class SeenHead(WrappedActuator):
         self._clock.sleep(self._due - now)
 
     def _known(self, u: Value, angles: FloatArray) -> FloatArray:
-        """Return angles, of later pictures if this one does not show them."""
+        """Return angles; hold currents until a picture shows them if they are not known yet."""
         while not np.isfinite(angles).all():
             angles = self.exchange(u)
         return angles
@@ -337,7 +336,7 @@ class SeenHead(WrappedActuator):
     def _look(self, *, cold: bool = False) -> FloatArray:
         angles = np.full(2, np.nan)
         try:
-            frame = self._taken()
+            frame = self._take_picture()
         except InstrumentError as error:
             fresh = self._frame is not None and self._clock.now() - self._frame.t < _FRESH
             self._why = self._why if fresh and self._why else str(error)
@@ -351,7 +350,7 @@ class SeenHead(WrappedActuator):
             raise InstrumentError(unseen(self._why))
         return angles
 
-    def _taken(self) -> Frame:
+    def _take_picture(self) -> Frame:
         if self._expose is not None:
             self._expose(LIMITS.exposure, self._gain)
         frame, lens = self._picture(), self._view.lens
@@ -382,7 +381,7 @@ class SeenHead(WrappedActuator):
 
 
 def unseen(why: str) -> str:
-    """Return the sentence on a camera that does not show the angles, with what to do."""
+    """Return the message that the camera does not show the angles, with advice."""
     if why in (_WAITED, _WARM):
         return why
     what, advised, advice = why.partition("; ")
@@ -397,7 +396,7 @@ def unseen(why: str) -> str:
 
 
 def unknown_zero(why: str) -> str:
-    """Return the sentence on a head whose zero was not found in time."""
+    """Return the message that the zero of a head was not found in time."""
     if why != _WAITED:
         return unseen(why)
     return (

@@ -1,8 +1,8 @@
-"""Turn of the base of a head by what its camera sees of the wall.
+"""Turn of the base of a head, measured by its camera.
 
 Flow sways the base of the head, which the sensors of the joints do not measure. A picture of the
-wall shows the whole line of sight; what the joints do not explain of it is the turn of the base.
-Angles and pictures have times, and the turn is given for the time of a burst.
+wall shows the whole line of sight; less the angles of the joints, it is the turn of the base.
+Angles and pictures have times, from which the turn at the time of a burst is computed.
 """
 
 from __future__ import annotations
@@ -22,27 +22,25 @@ from minorloop_head.vision.wall_angles import WallAngles
 from minorloop_head.vision.wall_patches import SEEN, WallState
 
 _KEPT = 50
-"""Readings of the joints that are kept: 2 s, more than the latency of a usual camera."""
+"""Number of kept readings of the joints: 2 s, more than the latency of a usual camera."""
 _RESTED = 10
-"""Readings whose mean is the line of sight of the first picture: 0.4 s, for which a head that has
-arrived is at rest."""
+"""Number of readings whose mean is the line of sight of the first picture: in these 0.4 s a head
+that has arrived is at rest."""
 _FARTHEST = math.radians(3.0)
 """Largest change of the base from one picture to the next: a sway of 1 degree makes 2."""
 _TRIES = 16
-"""Angles that are tried if the view is not found at the expected ones: all that are near, 2 degrees
-apart."""
+"""Number of angles tried if the view is not at the expected ones: near ones, 2 degrees apart."""
 _ROLLED = math.radians(5.0)
-"""Roll of the catheter after which what is newly in view is remembered: a tenth of a picture."""
+"""Roll of the catheter after which the new part of the view is stored: a tenth of a picture."""
 _NEAR, _BETWEEN = 0.02, 0.25
-"""Seconds from a picture within which the turn is that of the picture, and between two pictures
-between which it is interpolated: either is off by less than 0.04 degrees in a sway of 1 degree at
-0.3 Hz."""
+"""Longest seconds from a picture for which its turn holds, and between two pictures for which the
+turn is interpolated: either errs by less than 0.04 degrees in a sway of 1 degree at 0.3 Hz."""
 
 
 class SeenBase:
     """Pan and tilt of the base by pictures, counted from a picture of the base at rest.
 
-    Its ``why``: why the last picture did not show the turn; empty if it did.
+    Its ``why``: reason why the last picture did not show the turn; empty if it did.
     """
 
     def __init__(self, view: HeadCalibration) -> None:
@@ -59,7 +57,7 @@ class SeenBase:
         return self._state is not None
 
     def read(self, t: float, angles: npt.ArrayLike, place: npt.ArrayLike) -> None:
-        """Note what joints and catheter read at a time.
+        """Store the readings of joints and catheter at a time.
 
         ``t``: in seconds. ``angles`` and ``place`` (2,): pan and tilt by the joints in radians;
         advance in metres and roll in radians.
@@ -69,10 +67,10 @@ class SeenBase:
         self._read.append((t, np.asarray(angles, np.float64), np.asarray(place, np.float64)))
 
     def begin(self, image: Image, t: float) -> None:
-        """Take a picture of a head at rest under all lights as that of a base that is not turned.
+        """Set the zero: a picture under all lights of a head at rest, whose base is not turned.
 
-        ``image`` (height, width). ``t``: when it was taken, in seconds. Joints and catheter have
-        been read about then.
+        ``image`` (height, width). ``t``: time of the picture, in seconds. `read` has stored
+        readings about that time.
         """
         before = [angles for at, angles, _ in self._read if at <= t][-_RESTED:]
         rested = np.mean(before or [self._read[0][1]], axis=0)
@@ -99,11 +97,11 @@ class SeenBase:
             high=tuple((expected + _FARTHEST).tolist()),
             tries=_TRIES,
         )
-        # The joints say where the head has turned since; a picture may be long after the last one.
+        # The joints give the turn of the head since the last picture, which may be long ago.
         before = replace(self._state, angles=expected, rates=np.zeros(2), missed=1)
         sight, state = estimator.step(before, image, t)
         if sight.verdict == SEEN:
-            # After a turn of a degree, some tenths remain; from there, a hundredth does.
+            # A first step leaves tenths of a turn of one degree; a second step leaves a hundredth.
             sight, state = estimator.step(replace(before, angles=sight.angles, missed=0), image, t)
         roll = self._place(t)[1]
         if sight.verdict == SEEN and min(abs(roll - one) for one in self._rolls) > _ROLLED:
@@ -114,7 +112,7 @@ class SeenBase:
             self._seen.append((t, sight.angles - angles))
 
     def at(self, t: float) -> FloatArray:
-        """Return the turn (2,) of the base at a time, in radians; NaN where it was not seen."""
+        """Return the turn (2,) of the base at a time, in radians; NaN where no picture shows it."""
         times = [at for at, _ in self._seen]
         after = int(np.searchsorted(times, t))
         near = [n for n in (after - 1, after) if 0 <= n < len(times)]
@@ -138,7 +136,7 @@ class SeenBase:
         return min(self._read, key=lambda each: abs(each[0] - t))[2]
 
     def _angles(self, t: float) -> FloatArray:
-        """Return what the joints read at a time, between two readings if need be."""
+        """Return the angles of the joints at a time, interpolated between two readings."""
         times = [at for at, _, _ in self._read]
         each = np.array([angles for _, angles, _ in self._read])
         return np.array([np.interp(t, times, each[:, n]) for n in range(2)])

@@ -22,30 +22,30 @@ from minorloop_head.geometry import AXES
 from minorloop_head.procedures.drive_faults import DriveFault, FaultLog
 
 TICK = 0.04
-"""Seconds of a step, unless a head has others."""
+"""Default seconds of a step."""
 _STEADY = 0.2
 """Share of a hold, at its end, over which the angles are averaged."""
 _CHECK = (
     "check whether the hold is too short, the pictures come late, a load sways the head, or it "
     "differs from its file"
 )
-"""What to check if a head that its camera reads misses a target, and no fault is known."""
+"""Advice if a head whose camera measures its angles misses a target without a known fault."""
 _RATE = 10.0
-"""Pictures a second that a head needs whose angles its camera gives."""
+"""Least pictures per second for a head whose camera measures its angles."""
 _LATELY = 25
-"""Steps whose median duration is the usual one: a search for a lost view takes longer in a few."""
+"""Number of last steps whose median is the usual duration: searches for a lost view take longer."""
 _REHEARSED = 25
-"""Steps of the control without a head: what is compiled in them is so before a current is on."""
+"""Number of steps of the control without a head, which compile it before a current is on."""
 _OFF = 0.05
-"""Share of the reach of a wire by which a target is missed, as `minorloop drive` warns, and within
-which an angle is still."""
+"""Tolerance of a reached target and of a still angle, as a share of the reach of the wire; warnings
+of `minorloop drive` use the same."""
 _MOST = 0.05, 0.95
-"""Parts of the readings between which an angle moves: noise and outliers are beyond."""
+"""Quantiles of the readings whose difference is the motion: without noise and outliers."""
 
 
 @dataclass(frozen=True, eq=False)
 class SteeredHead:
-    """How a head reached its targets."""
+    """Record of a head that was steered to targets, and the result for each target."""
 
     t: FloatArray
     """Shape (T,). Ends of the ticks, in seconds."""
@@ -64,13 +64,13 @@ class SteeredHead:
     unreachable: tuple[str, ...] = ()
     """A sentence for each target that the guard found out of reach until the end of its hold."""
     missed: tuple[str, ...] = ()
-    """Sentences on the other targets that were not reached, or not held still, at the end of their
-    hold: one for both axes if the reason is the same."""
+    """Sentences on other targets that were not reached or not held still at the end of their hold:
+    one for both axes if the reason is the same."""
     unconfirmed: tuple[str, ...] = ()
-    """A sentence for each other target of which it is not known whether it was reached: readings
-    were not used, or there was none and the model says that it was."""
+    """A sentence for each other target that only the model shows as reached: readings were not used
+    or missing."""
     faults: tuple[DriveFault, ...] = ()
-    """Of the readings."""
+    """Faults of the readings."""
 
     @property
     def done(self) -> bool:
@@ -95,9 +95,9 @@ class SteeredHead:
 
     @cached_property
     def moved(self) -> FloatArray:
-        """(N, 2) degrees by which used readings differ at the end of each hold; NaN as `reached`.
+        """(N, 2) range of the central 90 % of used readings at the end of each hold, in degrees.
 
-        Of nine in ten of them.
+        NaN as `reached`.
         """
         return self._of_used(lambda seen: np.ptp(np.quantile(seen, _MOST)))
 
@@ -112,7 +112,7 @@ class SteeredHead:
         return np.array([np.isfinite(self.read[each]).any(axis=0) for each in self._ends])
 
     def _of_used(self, found: Callable[[FloatArray], np.floating[Any]]) -> FloatArray:
-        """Return what is found (N, 2) of the used readings at the end of each hold."""
+        """Return a statistic (N, 2) of the used readings at the end of each hold."""
         values = np.full(self.targets.shape, np.nan)
         for n, k in np.ndindex(values.shape):
             seen, used = self.read[self._ends[n], k], self.used[self._ends[n], k]
@@ -157,17 +157,17 @@ def steer(
 ) -> SteeredHead:
     """Bring a cold head to targets, hold each, and leave it safe.
 
-    A head with a ``time`` may take longer than a tick for a reading: the wires go by that time. One
-    with an ``age`` is read from pictures, of which it is the newest one's. One with ``searched``
-    tells whether that showed anything, in which its view was looked for.
+    A head with a ``time`` may take longer than a tick for a reading: the control uses that time.
+    If pictures measure its angles, ``age`` is that of the newest picture, and ``searched`` whether
+    it was searched for the view, as in `SeenHead`.
 
     Raises a `ParameterError` as `check_targets`, and nothing is switched on then; a `SafetyError`
     if the head does not confirm at the end that it is safe.
 
     ``head``: two currents in A, two angles in degrees; ``control``: with the interval of the head's
     tick; ``targets`` (N, 2): readings of pan and tilt, in degrees; ``hold``: seconds for each
-    target; ``unfinished``: takes what was measured if an error or a signal ends the drive, after
-    the head was made safe, and whether that was confirmed.
+    target; ``unfinished``: if an error or a signal ends the drive, called after the head was made
+    safe, with the record so far, and whether the head confirmed that it is safe.
     """
     wanted, hold = check_targets(control, targets, hold, head.tick)
     faults = FaultLog(AXES, head.tick, control.axes[0].observer.delay)
@@ -190,7 +190,7 @@ def steer(
 
 
 class _Drive:
-    """What is measured while a head is brought to targets."""
+    """Brings a head to targets, and collects the record."""
 
     def __init__(
         self, head: Actuator, control: HeadControl, wanted: FloatArray, faults: FaultLog
@@ -205,7 +205,7 @@ class _Drive:
         self.given_up: dict[tuple[int, int], str] = {}
 
     def carry_out(self, hold: float) -> None:
-        """Hold each target for so many seconds."""
+        """Hold each target for ``hold`` seconds."""
         head, control, faults = self._head, self._control, self._faults
         tick = head.tick
         state = self._state
@@ -228,11 +228,10 @@ class _Drive:
             self.given_up |= {(n, k): text for k, text in _given_up(self._state, n + 1).items()}
 
     def _paced(self) -> HeadControl:
-        """Return the control for the usual duration of a step, and the age of the newest picture.
+        """Return the control for the usual duration of a step and the age of the newest picture.
 
-        A picture is taken at the beginning of a step, and its current begins when it was searched,
-        near the end: in a step of several ticks, it is older by as much. One that is older by a
-        tick is usual.
+        A picture is taken at the beginning of a step. Its current begins near the end, after the
+        search: a step of several ticks adds them to its age. A picture older by one tick is usual.
         """
         head, delay = self._head, self._control.axes[0].observer.delay
         ticks = 1
@@ -246,7 +245,7 @@ class _Drive:
         return self._later[key]
 
     def found(self) -> SteeredHead:
-        """Return what was measured until now."""
+        """Return the record until now."""
         times, row, read, current = (np.array(each) for each in zip(*self.rows, strict=True))
         # A step judges the reading of the tick before: the last reading needs one more.
         last = self._control.step(self._state, self._wanted[row[-1]], read[-1], t=self._t)[1]
@@ -283,7 +282,7 @@ def _judged(control: HeadControl, state: HeadState) -> tuple[BoolArray, FloatArr
 
 
 def _time(head: Actuator, counted: float) -> float:
-    """Return the time of a head in seconds; that counted in ticks for one without."""
+    """Return the time of a head in seconds; the time counted in ticks if the head has none."""
     return float(getattr(head, "time", counted))
 
 
@@ -293,7 +292,7 @@ def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:
     for name, axis, wanted, (low, high) in zip(
         AXES, control.axes, target.tolist(), control.reach(target).tolist(), strict=True
     ):
-        # A cold wire goes no further down: the other axis compensates what it couples in.
+        # A cold wire goes no further down, but control of the other axis compensates its coupling.
         low, high = (round(end, 1) + 0.0 for end in (min(low, axis.reach[0]), high))
         if not low - axis.tolerance <= wanted <= high + axis.tolerance:
             beyond.append(
@@ -322,8 +321,8 @@ def _missed(
 ) -> Iterator[str]:
     """Yield a sentence on other axes that were not still at their target at the end of its hold.
 
-    It ends with the fault that was on, ``otherwise`` if none was. Both axes are in one sentence if
-    that is the same.
+    It ends with the active fault, or ``otherwise`` without one. Axes with the same fault share a
+    sentence.
     """
     every: dict[tuple[int, str], list[str]] = {}
     for (n, k), at in np.ndenumerate(found.reached):

@@ -30,30 +30,29 @@ NEAR, FIRST = 6e-3, 1e-3
 """Advance of the near view beyond the place of centring, and least advance of the catheter, in
 metres: drawn back further, its tip sticks."""
 COLD, _SPARE = np.radians(135.0), 2.0
-"""Direction in the image of what is on the cold side of both wires, in radians from its x to its y
-axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
+"""Direction in the image of the cold side of both wires, in radians from its x to its y axis; and
+spare degrees of reach of a wire beyond a place, for tool and overshoot."""
 _SHORT = 8.0
-"""Degrees from which a joint is too far off to look in a direction: views overlap by more."""
+"""Largest error of a joint in degrees when looking in a direction: views overlap by more."""
 REFUSED = "out of reach"
 """Verdict of a place that the head or its probe does not reach."""
 CENTRED_PX, WITHIN = 2.0, 0.3e-3
-"""Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
+"""Largest distance of a centred point from the middle of the image in pixels, and of a touch from
 its place in metres."""
 _STEADY_PX, _CENTRINGS = 0.8, 3
-"""Distance in pixels within which an outline is held at the first try, less than half of what it
-may be off, since the head goes on to move; and most tries until the outline, found anew, is in the
-middle. A wire with friction does not hold it so near, and swings about it with an integral: later
-tries have `CENTRED_PX`, and no integral."""
+"""Tolerance in pixels of an outline in the first try, less than half of `CENTRED_PX`, since the
+head moves on; and most tries until the outline, found anew, is in the middle. A wire with friction
+does not hold it so near, and oscillates with an integral: later tries use `CENTRED_PX` and none."""
 STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
-"""Travels in metres from which a tool reaches what the camera has in its middle. The tool is 3.5 mm
-beside the lens, which is 8 mm along a wall that it meets at 25 degrees."""
+"""Travels in metres, of which one lets the tool reach the middle of the image. The tool is 3.5 mm
+beside the lens: 8 mm along a wall that it meets at 25 degrees."""
 TURNS = np.radians((0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0))
-"""Rolls of the catheter that bring the tool to the side of its wires where they reach a place."""
+"""Rolls of the catheter, of which one turns a place to where the wires reach it with the tool."""
 CLAIMED = ("centre", "touch", "reach", "scan")
-"""Steps without which a defect does not count as measured."""
+"""Steps that must succeed for a defect to count as measured."""
 _TESTED, _TEST_MARK = "test mark", (1.5e-3, 0.0)
-"""Step of the log, and place of a mark from that of the pit, around and along the pipe in metres:
-beside the largest pit, and near enough for its error to be that of the touch."""
+"""Step of the log, and offset of the test mark from the pit, around and along the pipe in metres:
+beside the largest pit, and near enough to have the error of the touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +81,8 @@ def go(
 def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
     """Turn the head to angles (2,) from a roll of 0; return whether it arrives.
 
-    If it does not, the log says so under a name. The catheter then rolls until the head, where its
-    wires leave it, looks the same way round the pipe.
+    If it does not, the log says so under ``name``. The catheter then rolls until the head, at the
+    angles that its wires reach, looks in the same direction round the pipe.
     """
     go(rig, angles=angles)
     need, has = (rig.calibration.joints(each) for each in (angles, rig.angles))
@@ -106,7 +105,7 @@ def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
 
 
 def meter(rig: InspectionRig, place: FloatArray | None = None) -> None:
-    """Focus on the wall ahead, and expose it, or a place (2,) of it, for a middle grey."""
+    """Focus on the wall ahead, and set the gain for a middle grey of it, or of a place (2,)."""
     rig.light.place = place
     rig.run(metering(rig.calibration, rig.light))
 
@@ -131,7 +130,7 @@ def photo(rig: InspectionRig) -> Photo:
 
 def approach(rig: InspectionRig, place: FloatArray) -> None:
     """Go to where a place (2,) is within the cone, and turn towards it."""
-    go(rig, place=_near(rig, place))
+    go(rig, place=_place_before(rig, place))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
 
 
@@ -149,11 +148,11 @@ def place_words(place: FloatArray) -> str:
     return f"phi {np.degrees(wrapped(place[0])):.1f} deg, z {1e3 * place[1]:.2f} mm"
 
 
-def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
+def _place_before(rig: InspectionRig, place: FloatArray) -> FloatArray:
     """Return advance and roll (2,) of the catheter before a place.
 
-    It rolls only if the wires, from a roll of 0, would not turn the head to the place: until the
-    place is where they are cold.
+    It rolls only if the wires do not turn the head to the place from a roll of 0. The place is then
+    on the side where they are cold.
     """
     view = rig.calibration
     ahead = float(place[1]) - view.radius / np.tan(_CENTRED)
@@ -169,12 +168,12 @@ def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
 def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> None:
     """Centre a place of the wall in the image.
 
-    Where the picture does not show it whole, at its edge or white, or it is lost, the joints turn
-    the head there; it is exposed for the place, and the picture is tried again.
+    If the place is lost, white, or cut off by the edge of the picture, the joints turn the head
+    there, the gain is set for the place, and the picture is tried again.
 
-    ``place`` (2,): phi and z. ``outlined``: whether the middle of the round outline there is
-    centred instead, if there is one: places from another view are some pixels off. The outline is
-    found anew then, as the place is seen in the middle, and centred again if it is not there.
+    ``place`` (2,): phi and z. ``outlined``: whether to centre the middle of the round outline there
+    instead, if there is one: places from another view are some pixels off. The outline is then
+    found anew in the middle of the picture, and centred again if it is not in the middle.
     """
     centring = Centring(calibration=rig.calibration, interval=TWO_TICKS)
     if outlined:
@@ -198,11 +197,11 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
         if found.error <= centring.in_middle:
             break
         centring = replace(centring, in_middle=CENTRED_PX, integral_gain=0.0)
-    _say_centred(rig, found)
+    _log_centred(rig, found)
 
 
 def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> FloatArray:
-    """Return the pixel (2,) in the middle of the round outline about a place, as it is seen now."""
+    """Return the pixel (2,) in the middle of the round outline about a place in a new picture."""
     now, image = rig.look()
     camera = rig.calibration.camera_at(now.place)
     guess = np.asarray(camera.pixel(place, *now.angles.tolist()))
@@ -210,8 +209,8 @@ def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> Floa
     return rig.compute(lambda: centring.outlined([frame], guess, now, reach=FOUND))
 
 
-def _say_centred(rig: InspectionRig, found: Centred) -> None:
-    """Log the distance from the middle, or why the picture did not give it."""
+def _log_centred(rig: InspectionRig, found: Centred) -> None:
+    """Log the distance from the middle, or why the picture does not give it."""
     if found.verdict != TRACKED:
         words = f"{found.verdict} in {_CENTRINGS} tries; turned there by the joints alone"
         rig.say("centre", words, succeeded=False)
@@ -270,7 +269,7 @@ def touch(rig: InspectionRig, hole: Hole) -> None:
 
 
 def _test_tool(rig: InspectionRig, hole: Hole) -> None:
-    """Set a mark beside a hole, and correct the calibration of the tool by where it is."""
+    """Set a mark beside a hole, and correct the calibration of the tool by its place."""
     view, metres = rig.calibration, np.array([rig.calibration.radius, 1.0])
     marking = Marking(calibration=view)
     bring_in_reach(rig, marking, hole.place + np.array(_TEST_MARK) / metres)
@@ -279,5 +278,5 @@ def _test_tool(rig: InspectionRig, hole: Hole) -> None:
     if found.tool is not None and view.tool is not None:
         rig.calibration = replace(view, tool=found.tool)
         moved = 1e3 * float(np.linalg.norm(np.subtract(found.tool.offset, view.tool.offset)))
-        words = f"the tool is {moved:.2f} mm beside where its calibration has it"
+        words = f"the tool is {moved:.2f} mm beside its expected place"
     rig.say(_TESTED, words)

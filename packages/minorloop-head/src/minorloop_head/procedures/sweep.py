@@ -1,10 +1,10 @@
 """Sweep the probe along the wall while it fires, line by line, for a map of echoes.
 
 The head holds pan and tilt, so that the beam is square to the wall. The catheter rolls along each
-line and rolls back fast; all the while it advances slowly, by a line's distance for each line. It
+line and rolls back fast. Meanwhile it advances slowly, by the distance of lines for each line. It
 never stops in between: friction would hold it, and then let it jump farther than the next line.
 
-A request moves the catheter for one tick only. Whoever does not go on has stopped it.
+A request moves the catheter for one tick only: it stops if no other request follows.
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ _SweepStage: TypeAlias = Literal["travel", "run up", "line", "return"]
 STUCK = "the catheter does not follow"
 NOT_THERE = "the catheter did not reach the first line"
 SHOTS = 4
-"""In a burst: they take 4 ms, in which the spot moves by a tenth of its width."""
+"""Number in a burst: they take 4 ms, in which the spot moves by a tenth of its width."""
 _FASTEST = math.radians(55.0)
-"""Highest rate of roll in rad/s, that of the way back. The motor has 60 degrees a second."""
+"""Highest rate of roll in rad/s, used on the way back. The motor reaches 60 degrees a second."""
 _MARGIN = math.radians(2.0)
-"""By which a line is longer at either end, in radians."""
+"""Extra length of a line at either end, in radians."""
 _RUN_UP, _HURRY = 1e-3, 0.8e-3
-"""Way in metres on which the tip breaks away from friction before the first line, where it jumps by
-0.4 mm; and rate of advance in m/s on it."""
+"""Advance in metres before the first line, on which the tip breaks away from friction and jumps by
+0.4 mm; and its rate in m/s."""
 _TURNING = 0.5
-"""Seconds of a turn back, until friction lets the tip follow, for the first guess of the pace."""
+"""Seconds of a reversal until friction lets the tip follow, for the first guess of the pace."""
 _STALLED = 4.0
-"""Seconds without a move after which the sweep ends. To break away from friction takes 2.5 s on the
-way to the first line, and half a second of a turn."""
+"""Seconds without motion after which the sweep ends. Breaking away from friction takes 2.5 s before
+the first line, and half a second of a reversal."""
 _BEAMS = 2.0
 """Least size of an area in widths of the beam: one burst shows no wall beside a defect."""
 _LONGEST = 10e-3
-"""Longest part of the pipe in metres: with half an hour of the head for 1 cm."""
+"""Largest length of the area in metres: 1 cm takes half an hour."""
 
 
 @dataclass(eq=False, kw_only=True)
 class SweptArea:
-    """An area as far as it is swept: the sweep keeps it up to date.
+    """State of the sweep of an area, which the sweep keeps up to date.
 
-    ``phi`` and ``z`` are the ends of the area, ``phi`` growing beyond pi where needed; ``bursts``
-    all that were fired; ``lines`` have ended. The catheter had moved on at the time and place (2,)
-    of ``moved``. ``trouble`` says why the sweep ended early.
+    ``phi`` and ``z`` are the ends of the area; ``phi`` may exceed pi. ``bursts`` are all fired
+    bursts, ``lines`` the number of finished lines. ``moved`` is the time and place (2,) of the last
+    motion of the catheter. ``trouble`` says why the sweep ended early.
     """
 
     phi: tuple[float, float]
@@ -77,11 +77,11 @@ class ProbeSweep:
 
     calibration: HeadCalibration
     tick: float = 0.04
-    """Of the loop, in seconds: there is one burst in each."""
+    """Duration of a tick of the loop in seconds; there is at most one burst in each."""
 
     @property
     def point(self) -> RasterScan:
-        """A raster of one point: its angles, and whether they are within reach, are a sweep's."""
+        """A raster of one point, which has the angles and the reach of a sweep."""
         return RasterScan(calibration=self.calibration, points=1)
 
     @property
@@ -98,14 +98,14 @@ class ProbeSweep:
     def area(
         self, phi: tuple[float, float], z: tuple[float, float], bursts: Sequence[SweptBurst] = ()
     ) -> SweptArea:
-        """Return an area that is to be swept.
+        """Return an area to be swept.
 
         Raises a `ParameterError` if the area is smaller than two beams, too large, or not in the
         pipe.
 
         ``phi``: first and last, in radians. The last is greater, by a turn at most. ``z``: first
-        and last, in metres. ``bursts``: of the same sweep, in their order, which was cut off: it
-        goes on with their last line.
+        and last, in metres. ``bursts``: those of the same sweep, in their order, if it was
+        interrupted: it continues with their last line.
         """
         self._check(phi, z)
         rolls = np.array([each.place[1] for each in bursts])
@@ -163,38 +163,38 @@ class ProbeSweep:
         return made
 
     def _lines(self, made: SweptArea, now: Reading, start: float, end: float) -> Procedure[None]:
-        """Fire on lines from one roll to another, until the last one is behind the area."""
+        """Fire on lines from one roll to another, until they cover the area."""
         while now.place[0] < self._first(made):
-            now = yield from self._rolled(made, now, _HURRY, 0.0)
+            now = yield from self._move(made, now, _HURRY, 0.0)
         cycle = (made.phi[1] - made.phi[0]) * (1 / self.rate + 1 / _FASTEST) + 2 * _TURNING
         while True:
-            # The pace brings the next line to its place.
+            # The rate of advance that brings the next line to its place.
             due = self._first(made) + self.pitch - float(now.place[0])
             pace = float(np.clip(due, 0.5 * self.pitch, 1.5 * self.pitch)) / cycle
             made.stage, began, fired = "line", now.t, math.nan
-            now = yield from self._rolled(made, now, pace, self.rate)
+            now = yield from self._move(made, now, pace, self.rate)
             while (roll := float(now.place[1])) < end:
                 still = abs(roll - fired) * self.calibration.radius < 0.5 * self.pitch
                 fired = fired if still else roll
-                now = yield from self._rolled(made, now, pace, self.rate, 0 if still else SHOTS)
+                now = yield from self._move(made, now, pace, self.rate, 0 if still else SHOTS)
             low, high = made.z
             made.stage, made.lines = "return", made.lines + 1
             made.progress = float(np.clip((now.place[0] - low) / (high - low), 0.0, 1.0))
             if made.progress == 1.0:
                 return
-            now = yield from self._rolled(made, now, pace, -_FASTEST)
+            now = yield from self._move(made, now, pace, -_FASTEST)
             while now.place[1] > start:
-                now = yield from self._rolled(made, now, pace, -_FASTEST)
+                now = yield from self._move(made, now, pace, -_FASTEST)
             cycle = now.t - began
 
     def _first(self, made: SweptArea) -> float:
         """Return the advance at which the next line begins."""
         return made.z[0] + made.lines * self.pitch
 
-    def _rolled(
+    def _move(
         self, made: SweptArea, before: Reading, advance: float, roll: float, shots: int = 0
     ) -> Procedure[Reading]:
-        """Move for a tick at rates in m/s and rad/s, and keep the burst that was fired in it."""
+        """Move for a tick at rates in m/s and rad/s, and keep the burst of the tick."""
         now = yield Request(rates=np.array([advance, roll]), shots=shots)
         if now.shots:
             made.bursts.append(self.burst((before.t, before.place), now))
@@ -207,7 +207,7 @@ class ProbeSweep:
         return now
 
     def burst(self, last: tuple[float, FloatArray], reading: Reading) -> SweptBurst:
-        """Return the burst of a reading at the place in its middle.
+        """Return the burst of a reading, at the place of the middle of its shots.
 
         ``last`` is time and place (2,) of the reading before.
         """

@@ -19,19 +19,19 @@ from minorloop_head.reconstruction.depth_map import ECHOES, UNSEEN, DepthMap, Pa
 from minorloop_head.reconstruction.findings import DIGITS, rounded
 from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT, CScan
 
-_NARROW = 0.55  # of its length is the width of a map that has two ticks across
-_EVEN = 1e-6  # mm, between the least and the most of a map of one colour
+_NARROW = 0.55  # ratio of width to length below which a map has two ticks across
+_EVEN = 1e-6  # mm; a map with a smaller range has one colour
 _MOST_FACES = 160  # along a side of a surface
 _WIDE = 7.0  # inches, the width of a map of the pipe
-_FINEST = 4  # parts into which a side of a texel is divided, so that a rim is no stair
+_FINEST = 4  # largest number of parts of a side of a texel, for smooth rims
 SOURCES = ("unseen", "camera", "echoes", "both")
 SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CONTRAST = 0.5
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _LOUD, _DEEP = (0.0, 1.1), (-0.1, 1.0)
-"""Ends of the colours of amplitudes over that of a plain wall, and of depths in mm."""
+"""Limits of the colour scales of amplitudes relative to a plain wall, and of depths in mm."""
 _MARGIN = 1e-3
-"""Wall in metres that is drawn beyond a find outside the area."""
+"""Margin of wall in metres that is drawn beyond a find outside the area."""
 _MARKS = {PIT: "o", CRACK: "s", NO_ECHO: "^"}
 _DIGITS = DIGITS | {"90 % band [mm]": 3}
 
@@ -51,13 +51,13 @@ class _Shown:
         start = math.degrees(patch.phi) + turn * float(columns[0])
         ends = start, start + turn * columns.size
         extent = (*ends, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
-        equal = math.degrees(1.0) / (1e3 * patch.radius)  # a millimetre is as long both ways
+        equal = math.degrees(1.0) / (1e3 * patch.radius)  # equal scales in both directions
         image = {"origin": "lower", "extent": extent, "aspect": equal}
         return cls(columns, start, {**image, "interpolation": "nearest"})
 
 
 def columns_within(patch: Patch, around: tuple[float, float] | None) -> IntArray:
-    """Return the columns of a ring between two angles in radians, in their order; all for None."""
+    """Return the columns of a ring between two angles in radians, in order; None means all."""
     if around is None:
         return np.arange(patch.columns)
     texels = patch.radius / patch.step
@@ -201,7 +201,7 @@ def _mark_finds(axes: Any, scan: CScan, start: float) -> None:
 
 
 def _with_finds(around: tuple[float, float], scan: CScan) -> tuple[float, float]:
-    """Return angles widened to finds beyond them: a line runs up and out outside of its area."""
+    """Return angles widened to finds beyond them: a line is longer than its area at either end."""
     middle, margin = 0.5 * sum(around), _MARGIN / scan.wall.patch.radius
     finds = [middle + float(wrapped(find.phi - middle)) for find in scan.finds]
     return (
@@ -211,7 +211,7 @@ def _with_finds(around: tuple[float, float], scan: CScan) -> tuple[float, float]
 
 
 def _on_axis(degrees: FloatArray, start: float) -> FloatArray:
-    """Return angles from the start of an axis on."""
+    """Return angles as values from the start of an axis on, below one turn more."""
     return np.asarray((np.asarray(degrees) - start) % 360.0 + start)
 
 
@@ -269,7 +269,7 @@ def _draw_sources(axes: Any, wall: DepthMap, extent: tuple[float, float, float, 
 
 
 def _plane(figure: Any, place: tuple[int, int, int], half: tuple[float, float], title: str) -> Any:
-    """Return axes of an unrolled piece of wall, with as many ticks as fit."""
+    """Return axes of an unrolled piece of wall; narrow ones have two ticks across."""
     axes = figure.add_subplot(*place)
     axes.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
     if half[0] < _NARROW * half[1]:
@@ -278,18 +278,18 @@ def _plane(figure: Any, place: tuple[int, int, int], half: tuple[float, float], 
 
 
 def _two_ticks(half: float) -> tuple[float, float]:
-    """Return a round number of each sign within a half width."""
+    """Return a negative and a positive round number within a half width."""
     unit = 10.0 ** np.floor(np.log10(half))
     at = float(unit * np.floor(0.9 * half / unit) or 0.5 * unit)
     return -at, at
 
 
 def _draw_values(axes: Any, values: FloatArray, extent: tuple[float, float, float, float]) -> None:
-    """Draw a map of a number with its colours; write an even one in words."""
+    """Draw a map of a quantity with its colours; describe a constant one in words."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     even = high - low < _EVEN
-    # An even map has the shade of wall that the camera has seen.
+    # A constant map has the shade of wall that the camera has seen.
     axes.imshow(
         np.where(np.isfinite(values), 0.0, np.nan) if even else values,
         origin="lower", extent=extent, cmap="Greys_r" if even else "viridis",
@@ -328,7 +328,7 @@ def _solid(axes: Any, wall: DepthMap) -> None:
 
 
 def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
-    """Draw a surface of (rows, columns, 3) corners; that of matplotlib draws garbage beside NaN."""
+    """Draw a surface of (rows, columns, 3) corners; `plot_surface` draws garbage beside NaN."""
     from mpl_toolkits.mplot3d import art3d
 
     every = max(-(-max(shades.shape[:2]) // _MOST_FACES), 1)
@@ -343,7 +343,7 @@ def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
 
 
 def _shades(wall: DepthMap, depth: FloatArray) -> FloatArray:
-    """Return colours (rows, columns, 4) of depths in metres, those of the map beside."""
+    """Return colours (rows, columns, 4) of depths in metres, as in the map beside."""
     from matplotlib import colormaps
 
     low, high = _limits(wall)

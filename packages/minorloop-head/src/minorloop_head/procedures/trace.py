@@ -16,16 +16,16 @@ from minorloop_head.vision.cracks import TracedCrack, trace_cracks
 from minorloop_head.vision.defects import Findings
 
 AGAIN = LEAST_EVIDENCE - 2.0
-"""Lower evidence, used if the usual one does not show a known course again: having been seen before
-makes a crack exp(2) = 7 times as likely, by assumption."""
+"""Lower evidence, used if a known course is not found with the usual one: by assumption, an earlier
+view makes a crack exp(2) = 7 times as likely."""
 OPEN = 0.03e-3
-"""Median width in metres that a crack has from nearer, or it is a scratch: light comes back from
-its ground. At its widest place, noise makes a line of 0.01 mm as wide as 0.05 mm."""
+"""Least median width in metres of a crack in a near view. A narrower line is a scratch: its ground
+reflects light. At its widest place, noise makes a line of 0.01 mm as wide as 0.05 mm."""
 BESIDE, _SHARED = 0.6e-3, 0.5
-"""Two courses are one if they are nearer than this, in metres, over this share of the shorter."""
+"""Largest distance in metres, over this share of the shorter, between two courses of one crack."""
 _LONGER = 1.1
-"""Ratio of lengths from which the farther view of a crack is used as its course: the nearer image
-may not contain the whole crack."""
+"""Ratio of lengths above which the far view of a crack gives its course: the near image may not
+contain the whole crack."""
 _EVEN = 0.5e-3
 """Length over which the width of a crack is averaged, in metres."""
 TEXEL, MARGIN = 0.05e-3, 0.6e-3
@@ -61,7 +61,7 @@ def traced_again(found: Findings, course: FloatArray, radius: float) -> tuple[Tr
 def likely(
     traces: Sequence[TracedCrack], tried: Sequence[TracedCrack], radius: float
 ) -> list[tuple[TracedCrack, int]]:
-    """Return untried courses, the surest first, and in how many acquisitions each was traced."""
+    """Return untried courses, surest first, each with its number of acquisitions."""
     groups: list[list[TracedCrack]] = []
     for trace in sorted(traces, key=lambda trace: -trace.length):
         for group in groups:

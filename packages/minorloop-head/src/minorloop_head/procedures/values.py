@@ -1,4 +1,4 @@
-"""What passes between a procedure and the loop that drives it, and what the loop drives."""
+"""Requests and readings between a procedure and its loop, and protocols of the driven devices."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ class Reading:
     """Shape (2,). Pan and tilt of the line of sight as the joints measure them, 0 along the
     pipe."""
     place: FloatArray = field(default_factory=_zeros)
-    """Shape (2,). Advance and roll of the catheter as measured."""
+    """Shape (2,). Measured advance and roll of the catheter."""
     base: FloatArray = field(default_factory=_zeros)
-    """Shape (2,). Pan and tilt by which the flow of the water has turned the base of the head, as
-    pictures show them; the joints do not. Zero where no picture is used, NaN where it does not show
-    them."""
+    """Shape (2,). Pan and tilt by which the flow of the water has turned the base of the head,
+    measured in pictures; joints do not measure them. Zero without a picture, NaN if the picture
+    does not show them."""
     image: Image | None = None
-    """A frame that was taken at these angles; None where none was requested."""
+    """A frame that was taken at these angles; None if it was not requested."""
     shots: tuple[Shot, ...] = ()
     """The burst that was requested."""
     fired: bool = False
     """Whether the burst that was requested has been fired."""
     extension: float = 0.0
-    """Of the micro-tool, in metres."""
+    """Extension of the micro-tool, in metres."""
     touching: bool = False
     """Whether its point touches the wall."""
 
@@ -67,17 +67,17 @@ class LogEntry:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Request:
-    """Request of a procedure; what it does not name stays as it is."""
+    """Request of a procedure; settings that are None do not change."""
 
     angles: FloatArray | None = None
     """Shape (2,). Pan and tilt to which the head goes."""
     rates: FloatArray = field(default_factory=_zeros)
-    """Shape (2,). Of advance and roll, for one tick."""
+    """Shape (2,). Rates of advance and roll, for one tick."""
     sighted: FloatArray | None = None
     """Shape (2,). Pan and tilt of the head estimated from the image. They replace the readings of
     joints that have no sensors."""
     lights: tuple[bool, ...] | None = None
-    """Which lights are on from the next frame."""
+    """Whether each light is on from the next frame."""
     exposure: tuple[float, float] | None = None
     """Exposure time and gain from the next frame."""
     focus: float | None = None
@@ -89,7 +89,7 @@ class Request:
     shots: int = 0
     """Number of shots in the burst of the next reading."""
     extension: float | None = None
-    """To which the micro-tool extends, in metres; it stops where it touches the wall."""
+    """Wanted extension of the micro-tool, in metres; it stops where it touches the wall."""
     now: bool = False
     """Whether the next reading is of the same tick: nothing moves before it."""
 
@@ -105,8 +105,8 @@ Procedure: TypeAlias = Generator[Request, Reading, Result]
 class Running(Generic[Result]):
     """A procedure that a loop advances by one tick at a time.
 
-    ``carry_out``: carries out a request, but for its motion, which is that of the loop; ``safe``:
-    is carried out if the procedure is closed before its end, and leaves all safe.
+    ``carry_out``: carries out a request, except its motion, which the loop does; ``safe``: request
+    that is carried out if the procedure is closed before its end, and leaves all safe.
 
     Its ``done``: whether it has ended, or was closed.
     Its ``result``: of a procedure that has ended.
@@ -124,7 +124,7 @@ class Running(Generic[Result]):
         self._begun = self.done = False
 
     def advance(self, reading: Reading) -> Request:
-        """Go on with the reading of a tick; return what is requested until the next one."""
+        """Continue with the reading of a tick; return the request until the next one."""
         try:
             request = self._procedure.send(reading) if self._begun else next(self._procedure)
             self._begun = True
@@ -138,7 +138,7 @@ class Running(Generic[Result]):
         return request
 
     def close(self) -> None:
-        """End it now, and leave all safe; nothing is done if it has ended."""
+        """End the procedure now and leave all safe; do nothing if it has ended."""
         self._procedure.close()
         if not self.done:
             self.done = True
@@ -229,7 +229,7 @@ def apply_to_tip(tip: Tip, request: Request) -> None:
 
 
 def passed(since: float | None, now: float, seconds: float) -> bool:
-    """Whether a number of seconds has passed, up to rounding of the clock; not since None."""
+    """Whether some seconds have passed, up to rounding of the clock; False if since is None."""
     return since is not None and now - since >= seconds - 1e-6
 
 

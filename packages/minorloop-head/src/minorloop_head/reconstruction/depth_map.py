@@ -23,11 +23,11 @@ STEP = 0.1e-3
 UNSEEN, CAMERA, ECHOES, BOTH = 0, 1, 2, 3
 """Sources of a texel, as two bits: the bitwise or of two maps of sources has the source of both."""
 _LOST, _FALSE = 0.02, 3e-4
-"""Shares of the echoes that are missing below the water, and that are noise above it. On 28
-simulated pipes 1 in 100 is missing, where the flank of a dent sends it elsewhere; noise is an echo
-once in some thousand bursts."""
+"""Share of missing echoes below the water line, and of echoes of noise above it. On 28 simulated
+pipes 1 in 100 is missing, where the flank of a dent reflects it elsewhere; noise gives an echo once
+in some thousand bursts."""
 _HEIGHTS = 2001
-"""Heights of the surface that are compared, 10 um apart in a pipe of 20 mm."""
+"""Number of compared heights of the surface, 10 um apart in a pipe of 20 mm."""
 Bytes = npt.NDArray[np.uint8]
 
 
@@ -40,12 +40,12 @@ class Patch:
 
     phi: float
     z: float
-    """Of the centre of its first texel, in radians and metres."""
+    """Centre of its first texel, in radians and metres."""
     rows: int
     columns: int
     """Texels along and around the pipe."""
     radius: float = 10e-3
-    """Of the pipe, in metres."""
+    """Radius of the pipe, in metres."""
     step: float = STEP
     """Size of a texel, in metres."""
 
@@ -129,7 +129,7 @@ def unseen_map(patch: Patch) -> DepthMap:
 def camera_map(
     patch: Patch, seen: BoolArray, defect: npt.ArrayLike, *, sd: float = 0.05e-3
 ) -> DepthMap:
-    """Return the map of a camera: depth 0 where the wall is seen, unknown where there is a defect.
+    """Return the map of a camera: depth 0 where it sees the wall, unknown at a defect.
 
     ``patch``: the texels of the map. ``seen`` (rows, columns): where the camera has seen the wall.
     ``defect`` (rows, columns): probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
@@ -168,18 +168,18 @@ class WaterLine:
     """The surface of the water in a pipe."""
 
     height: float
-    """As y in the pipe, which points down, in metres: water is where y is larger. NaN without
+    """Height as y in the pipe, which points down, in metres: larger y is under water. NaN without
     data."""
     sd: float
     """Standard deviation in metres of a normal distribution with the same 90 % band."""
     wrong: float
     """Share of the directions that contradict it."""
     seen: bool = True
-    """Whether there were places below and above it, so that it is between them."""
+    """Whether places below and above it were measured, so that it is between them."""
 
     @property
     def words(self) -> str:
-        """The height with its 90 % band, above or below the axis; or that it was not seen."""
+        """The height with its 90 % band, above or below the axis; or why it is unknown."""
         if math.isnan(self.height):
             return "not seen"
         if not self.seen:
@@ -192,7 +192,7 @@ class WaterLine:
 
     @property
     def full(self) -> bool:
-        """Whether every place is below it."""
+        """Whether every place is below the surface."""
         return not self.seen and self.height < 0
 
     def wet(self, phi: npt.ArrayLike, radius: float, *, margin: float = 0.0) -> BoolArray:
@@ -223,10 +223,10 @@ def find_water(
     offset: float = 0.0,
     place_sd: float = 0.0,
 ) -> WaterLine:
-    """Find the water line from where a sweep round the pipe gave echoes.
+    """Return the water line by the places where a sweep round the pipe gave echoes.
 
-    It is the middle of the 90 % band of its height; it is not seen if a pipe that is full, or has
-    no water at any place, is likelier than a surface anywhere.
+    It is the middle of the 90 % band of its height. It is not seen if a full pipe, or one without
+    water at any place, is likelier than a surface.
 
     ``phi`` (K,): where each beam meets the wall, in radians.
     ``detected`` (K,): whether there was an echo.
@@ -234,15 +234,15 @@ def find_water(
     ``face``: distance of the face of the probe from the axis, in metres. A probe works only with
     its face under water: below the axis, the height of the face counts and not that of the wall.
     ``offset``: height of the pivot of the probe, as y, in metres.
-    ``place_sd``: standard deviation in metres by which the heights of all places are off together.
+    ``place_sd``: standard deviation in metres of the common error of the heights of all places.
 
     Notes
     -----
-    Each height is as likely as the echoes that are there and missing, if `_LOST` of those below it
-    are missing, and `_FALSE` of the places above it have one (Bayes). So a lost echo does not move
-    the line, nor does a dent whose flanks send the beam elsewhere. Places that stay below the upper
-    half of the radius do not tell a full pipe from another. The height is as likely anywhere
-    between two places, whose band is less wide than that of a normal distribution as deviating.
+    The likelihood of a height is that of the present and missing echoes, if a share `_LOST` of
+    those below it are missing, and a share `_FALSE` of the places above it have one (Bayes). So a
+    lost echo does not move the line, nor does a dent whose flanks reflect the beam elsewhere. Only
+    places in the upper half of the radius distinguish a full pipe. Between two places the height
+    is uniform; its band is narrower than that of a normal distribution of the same deviation.
     """
     y = coupled_at(phi, radius, face=face, offset=offset).ravel()
     wet = np.asarray(detected, dtype=bool).ravel()

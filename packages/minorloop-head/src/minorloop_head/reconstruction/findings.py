@@ -43,7 +43,7 @@ class Finding:
 
 
 PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
-"""Standard deviations by an outline: of the place in m, and of the diameter as a share of it."""
+"""Standard deviations by an outline: of the place in m, and relative of the diameter."""
 DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
 """Digits that tables show after the point."""
 _UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
@@ -72,7 +72,7 @@ def kind_of(verdict: str) -> str:
 
 
 def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
-    """Return a pit as measured as a finding, in a pipe of a radius in metres."""
+    """Return a measured pit as a finding, in a pipe of a radius in metres."""
     verdict = pit.verdict
     if pit.bursts < pit.planned:
         verdict += f" ({pit.bursts} of {pit.planned} places)"

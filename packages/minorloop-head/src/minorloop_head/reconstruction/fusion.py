@@ -21,11 +21,11 @@ from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.ultrasound.spectra import long_enough, spectra_of, usable_bursts
 
 _SHARE_ERROR = 0.08
-"""Error of a depth from two echoes, without the waves in a pit, as a share of the depth."""
+"""Relative error of a depth from two echoes, which neglects waves in a pit."""
 _STIFFNESS = 1 / 0.05e-3**2
 """Weight of a squared difference of neighbours inside an outline without edges, in 1/m^2."""
 EDGE = 0.15
-"""Step of the logarithm of the image from neighbour to neighbour that counts as an edge."""
+"""Least difference of the logarithm of the image between neighbours at an edge."""
 _UNKNOWN = 0.6e-3
 """Prior standard deviation of an unknown depth, in metres."""
 _LEAST_RIM = 0.03e-3
@@ -243,7 +243,7 @@ def fuse(
 
 
 def _reached(means: MeanDepths, patch: Patch) -> BoolArray:
-    """Return where any footprint is above a twentieth of the highest."""
+    """Return the texels with a footprint above a twentieth of the highest."""
     height = np.abs(means.footprints).max(axis=0, initial=0.0).reshape(patch.rows, patch.columns)
     reached: BoolArray = height > 0.05 * max(float(height.max()), 1e-12)
     return reached
@@ -252,14 +252,14 @@ def _reached(means: MeanDepths, patch: Patch) -> BoolArray:
 def _fused(
     pit: PitDepth, means: MeanDepths, patch: Patch, inside: FloatArray, image: npt.ArrayLike | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return depth and deviation where there are echoes."""
+    """Return depth and standard deviation of texels with echoes."""
     mean, spread, rim = _prior_of(patch, pit, inside)
     mask = ((inside > 0.003) | _reached(means, patch)).ravel()
     depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
     if mask.any():
         ties = _ties(patch, inside, image, mask)
         depth[mask], sd[mask] = _solve(means, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
-    # No footprint resolves on which side of the rim a single texel lies.
+    # No footprint resolves the side of the rim on which a single texel is.
     sd = np.hypot(sd, rim.ravel())
     return depth.reshape(inside.shape), sd.reshape(inside.shape)
 
@@ -317,7 +317,7 @@ def _solve(
     means: MeanDepths, mask: BoolArray, ties: FloatArray, mean: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and deviation of the texels inside."""
-    from scipy.linalg import cho_factor, cho_solve  # not for who only steers a probe
+    from scipy.linalg import cho_factor, cho_solve  # steering a probe does not need it
 
     weighted = means.footprints[:, mask] / means.sds[:, None]
     normal = weighted.T @ weighted + ties + np.diag(1 / spread**2)
@@ -338,7 +338,7 @@ def wall_about(
 ) -> DepthMap:
     """Map the depth of the wall about a pit.
 
-    ``pit``: as measured; ``centre``: phi and z of the mouth by the camera; ``diameter``: of the
+    ``pit``: measured pit; ``centre``: phi and z of the mouth by the camera; ``diameter``: of the
     mouth by the camera, in metres; ``seen``: returns the logarithm (rows, columns) of the image of
     a patch.
     """

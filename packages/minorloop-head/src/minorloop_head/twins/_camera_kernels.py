@@ -1,7 +1,7 @@
 """Compiled loops for the camera: arrays in, arrays out.
 
-Rays meet the wall exactly at nodes every ``CELL`` pixels; ``fields`` (F, V, U) float32 holds what
-varies smoothly there, and a row of pixels lies on straight lines between them:
+Rays meet the wall exactly at nodes every ``CELL`` pixels; ``fields`` (F, V, U) float32 holds the
+smooth quantities there, which are linear between nodes along a row of pixels:
 
 0 phi, 1 z, 2 width of a pixel on the wall, 3 variance of the blur in square pixels,
 4 light by way of the other walls, 5 and 6 slopes of the ray into the wall around and along,
@@ -25,7 +25,7 @@ _F = np.float32
 _ZERO, _HALF, _ONE = _F(0.0), _F(0.5), _F(1.0)
 _NEAR = 1e-4  # square of 10 mm
 _STEPS = 24
-"""Steps of the integral of light that is scattered on a ray, by trial: twice as many change it by
+"""Steps of the integral of the light scattered along a ray, by trial: twice as many change it by
 1 %."""
 _FARTHEST = 0.15
 """Longest ray in metres, for those along the axis: at this distance an LED gives less than 0.5 % of
@@ -101,9 +101,9 @@ def fill_nodes(rays, rotations, positions, radius, leds, strengths, optics, exti
 
 @njit(cache=True, nogil=True)
 def backscatter(rays, rotations, positions, radius, leds, strengths, water, out):
-    """Fill out (V, U) with the light that water sends back on the way of each ray.
+    """Fill out (V, U) with the light that water scatters back along each ray.
 
-    ``water`` is (extinction in 1/m, light sent back in 1/(m sr)); the rest as in ``fill_nodes``.
+    ``water`` is (extinction in 1/m, backscatter in 1/(m sr)); the rest as in ``fill_nodes``.
     Light that is scattered twice is left out. The integral has _STEPS steps.
     """
     extinction, back = water
@@ -127,7 +127,7 @@ def backscatter(rays, rotations, positions, radius, leds, strengths, water, out)
                     ahead = (to[0] * turn[0, 2] + to[1] * turn[1, 2] + to[2] * turn[2, 2]) / far
                     power = strengths[k] * max(ahead, 0.0) * _NEAR / far**2
                     total += power * np.exp(-extinction * (far + r)) * step
-            # A dull white wall of irradiance 1 has a radiance of 1 / pi, which counts as 1.
+            # The unit is the radiance of a dull white wall of irradiance 1, which is 1 / pi.
             out[i, j] = np.pi * back * total
 
 
@@ -276,9 +276,9 @@ def _in_groove(now, middle, pixel, half, x, y, slope, albedo, metal):
 
     ``middle`` is the place of a pixel of a width ``pixel`` across the groove, ``half`` half of its
     width, (x, y) the unit vector across, ``slope`` that of both flanks. A ray that enters at X is
-    at X + w d at the depth d; a flank hides the other where its slope is steeper than the ray, and
-    shadows it where it is steeper than the light. Light that one flank sends to the other counts
-    once, by the share of its view that the other fills.
+    at X + w d at the depth d; a flank hides the other if its slope is steeper than the ray, and
+    shadows it if it is steeper than the light. Light from one flank to the other is reflected
+    once, in proportion to the share of its view that the other fills.
     """
     view = 1.0 - 1.0 / np.sqrt(1.0 + slope * slope)
     again = view * (metal[0] + metal[1]) ** 2 / np.sqrt(1.0 + slope * slope)
@@ -310,7 +310,7 @@ def _in_groove(now, middle, pixel, half, x, y, slope, albedo, metal):
 def add_crack(fields, radius, corners, look, box, metal, radiance):
     """Draw a crack over the image; ``corners`` is (N, 3): phi, z, half the width.
 
-    ``look`` is (albedo, slope of its flanks, or 0 where what is in it is dull).
+    ``look`` is (albedo, slope of its flanks, or 0 for a dull filling).
     """
     now, slope = np.empty(fields.shape[0]), np.empty((2, 2))
     middle_z = 0.5 * (corners[:, 1].min() + corners[:, 1].max())
@@ -478,7 +478,7 @@ def blur(image, fields, spare):
             for u in range(gap):
                 target[u] = source[u]
                 target[columns - 1 - u] = source[columns - 1 - u]
-            # Parts that begin at 0: the compiler makes vectors of no other loop.
+            # Slices that begin at 0: the compiler vectorises no other loop.
             left, right = source[: columns - 2 * gap], source[2 * gap :]
             middle, part = source[gap : columns - gap], line[gap : columns - gap]
             inner = target[gap : columns - gap]

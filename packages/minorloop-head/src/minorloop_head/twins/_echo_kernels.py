@@ -181,7 +181,7 @@ def crack_echo(waves, back, along, across, wavenumbers, depth):
     """Return the sum (F,) of products of waves (F, N, M) carried down to a depth and up again.
 
     ``along`` (N,) and ``across`` (M,) are squares of wavenumbers, ``along`` in the order of a
-    Fourier transform; steep waves decay with the depth.
+    Fourier transform; steep waves decay with depth.
     """
     out = np.zeros(wavenumbers.size, dtype=np.complex128)
     count = along.size

@@ -88,7 +88,7 @@ def catheter_run(state, drives, growth, clock, ends, first, u, pace, delay, past
     """Advance and roll of the catheter under rates that are linear between samples.
 
     As ``_wire_kernels.head_run``; ``drives`` (2, 6) are those of ``catheter_step``, and ``growth``
-    is how much friction grows per millimetre of catheter in the pipe.
+    is the growth of friction per millimetre of catheter in the pipe.
     """
     out = np.empty((ends.size, 2))
     began = 0.0

@@ -1,8 +1,8 @@
 """Compiled loops that draw features into the map of a wall, and shade it: arrays in, arrays out.
 
-The fields are those of `_camera_kernels`. What is looked up in the texture is computed for all
-cells of a row at once, since the compiler makes loops of vectors only of long and plain ones:
-arrays (CELL, cells) have the first pixels of all cells first, then the second ones.
+The fields are those of `_camera_kernels`. Values of the texture are computed for all cells of a row
+at once, since the compiler vectorises only long and plain loops: arrays (CELL, cells) have the
+first pixels of all cells first, then the second ones.
 
 A map is (Z, P, 4) float32: albedo, slope around, slope along, share of the specular reflection.
 ``size`` is (texel around, texel along); the map wraps around and ends along.
@@ -49,7 +49,7 @@ def _corners(fields, i, corners):
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _cells(fields, row, corners, shapes, size, cells, level):
-    """Fill for each cell of a row what gives its texels.
+    """Fill for each cell of a row the numbers of its texels.
 
     ``cells`` (6, cells): column and its step from pixel to pixel, columns of the level, row and
     its step, last row; ``level`` (2, cells): its first texel, and texels in a row.
@@ -83,7 +83,7 @@ def _cells(fields, row, corners, shapes, size, cells, level):
 def _texels(cells, level, part, where):
     """Fill ``where`` (CELL, cells) with the texel up and left of each pixel, and ``part`` (2,).
 
-    ``part`` (2, CELL, cells) is how far the pixel is to the right of it, and below.
+    ``part`` (2, CELL, cells) is the distance of the pixel to the right of it, and below.
     """
     x0, x_step, turn, y0, y_step, last = cells[0], cells[1], cells[2], cells[3], cells[4], cells[5]
     first, width = level[0], level[1]
@@ -126,8 +126,8 @@ def _look_up(texels, level, part, where, look):
 
 
 _EXACT = {"nnan", "ninf", "nsz"}
-"""What may be assumed of numbers where each product, quotient and root is rounded by itself: fused
-products and estimates of reciprocals differ between processors."""
+"""Allowed assumptions of the compiler, with which each product, quotient and root is still rounded:
+fused products and estimates of reciprocals differ between processors."""
 
 
 # Without a check of each divisor, loops that divide become loops of vectors too.

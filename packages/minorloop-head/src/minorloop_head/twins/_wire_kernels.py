@@ -92,8 +92,8 @@ def _wire_step(state, axis, around, h):
     """Integrate one wire over a step, in place, by implicit Euler and safeguarded Newton.
 
     The unknown is the effective temperature
-    T - stress / C - shift: fraction, stress and temperature all follow from it, and the heat
-    balance rises with it, at least as steeply as the heat capacity, which brackets the root.
+    T - stress / C - shift, which gives fraction, stress and temperature. The heat balance rises
+    with it, at least as steeply as the heat capacity, which brackets the root.
     """
     z = state[2]
     error, slope, t, xi, stress = _heat_left(z, state, axis, around, h)

@@ -36,8 +36,8 @@ _NEAREST, FARTHEST = 4e-3, 60e-3  # m, of the focus
 _FOCUS_RATE = 250.0  # of 1/distance, in 1/m per second
 _FULL_SCALE = 100.0  # grey levels at radiance 1, 10 ms and gain 1
 _NOISE_BANK = 1 << 20
-"""Normal numbers, drawn once, of which each row of a frame takes a random part: new ones for each
-frame would take 6 of the 40 ms between frames."""
+"""Number of normal numbers, drawn once, of which each row of a frame uses a random part: new ones
+for each frame would take 6 of the 40 ms between frames."""
 _NUDGE = 2.5  # pixels of motion up to which second derivatives describe the blur
 _BOX = 19
 """Cells of a mean that scatters light over about 100 pixels if it is taken twice."""
@@ -238,7 +238,7 @@ class Camera(Mounted):
     def repaint(self, pipe: Pipe) -> None:
         """Show another state of the wall, such as with a mark on it.
 
-        More dirt, as a mark is, takes less than a frame; everything else a second.
+        More dirt, such as a mark, takes less than a frame; other changes take a second.
         """
         before, surface = self._pipe, self._surface
         known = len(before.dirt)
@@ -270,7 +270,7 @@ class Camera(Mounted):
         self._outlines = _outlines(self._pipe, self._cracks)
 
     def _prepare(self) -> None:
-        """Prepare what is the same for all frames."""
+        """Prepare the constants of all frames."""
         self._lay_out(lay_out(self._pipe))
         optics = self._optics
         rows, columns = optics.height // kernels.CELL + 1, optics.width // kernels.CELL + 1
@@ -329,7 +329,7 @@ class Camera(Mounted):
         pose = self._pose(self._optics.height / 2)
         local = pose.to_camera(self._outlines)
         ahead = local[..., 2].min(axis=1) > 1e-4
-        # Beyond the corners the distortion may fold back into the image, and a port shows nothing.
+        # Beyond the corners the distortion may fold back into the image; a port has no rays there.
         edge = 1.0 / WATER_INDEX if self._flooded else 1.0
         plain = np.clip(local[..., :2] / np.maximum(local[..., 2:], 1e-4), -edge, edge)
         pixels = self._optics.pixels(plain)

@@ -1,7 +1,7 @@
 """The catheter that carries the head: it advances in the pipe and rolls about the axis.
 
 A motor at the entrance pushes and turns a long elastic tube with friction on the wall: the tip
-follows with a delay, does not follow small motions, and jumps a little when it breaks away.
+follows with a delay, ignores small motions, and jumps a little when it breaks away.
 
 Channels, in this order: ``advance rate`` in mm/s, -20 to 20, and ``roll rate`` in deg/s, -60
 to 60, in; ``advance`` in mm and ``roll`` in degrees, of the tip, out.
@@ -21,7 +21,7 @@ from minorloop_head.twins.simulated_axes import SimulatedAxes
 TRAVEL = 1500.0
 """Travel of the catheter in the pipe, in mm."""
 TURNS = 720.0
-"""Largest roll in either direction before the cables are wound up, in degrees."""
+"""Largest roll in either direction, limited by the winding of the cables, in degrees."""
 
 # A choice: a tube of a few N/mm and N m/deg against a few newtons of friction.
 _NOMINAL = {

@@ -1,4 +1,4 @@
-"""What camera and probe share: they are mounted on the head, and turn and travel with it."""
+"""Base of camera and probe: devices on the head, which turn and travel with it."""
 
 from __future__ import annotations
 

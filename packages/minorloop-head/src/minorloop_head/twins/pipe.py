@@ -29,16 +29,16 @@ class Bore:
 
     phi: float
     z: float
-    """Of its centre."""
+    """Place of its centre."""
     diameter: float
-    """Of its mouth, without the chamfer."""
+    """Diameter of its mouth, without the chamfer."""
     depth: float = math.inf
-    """Of its floor below the wall; infinite for a through-hole."""
+    """Depth of its floor below the wall; infinite for a through-hole."""
     inside: str = "dark"
-    """One of "dark", "backlit", "white". What is seen in a hole: nothing, light from behind, or a
-    white deposit that fills the mouth."""
+    """One of "dark", "backlit", "white": a hole shows no light, light from behind, or a white
+    deposit that fills the mouth."""
     brightness: float = 0.3
-    """Of the light from behind, or albedo of the deposit or of the floor of a pit."""
+    """Brightness of the light from behind, or albedo of the deposit or of the floor of a pit."""
     chamfer: float = 0.0
     """Width of the broken edge."""
     chamfer_slope: float = 0.5
@@ -79,9 +79,9 @@ class Crack:
     depth: float = 1e-3
     """Depth below the wall."""
     albedo: float = 0.05
-    """Albedo of what is seen in it; of flanks, relative to the metal."""
+    """Albedo of its visible inside; that of flanks is relative to the metal."""
     flanks: float = 0.0
-    """Slope of the two flanks of metal that are seen in it; 0 where none are."""
+    """Slope of its two visible flanks of metal; 0 without."""
 
     def __post_init__(self) -> None:
         if len(self.points) < 2 or len(self.points) != len(self.widths):
@@ -137,7 +137,7 @@ class Dirt:
 
     phi: float
     z: float
-    """Of its centre."""
+    """Place of its centre."""
     size: float
     """Mean radius."""
     albedo: float
@@ -164,14 +164,14 @@ class Weld:
 
     phi: float
     z: float
-    """Of its middle."""
+    """Place of its middle."""
     angle: float
-    """From the direction around the pipe."""
+    """Angle from the direction around the pipe."""
     length: float
     width: float
     """Along and across the bead."""
     height: float = 0.1e-3
-    """Of its crown."""
+    """Height of its crown."""
     pitch: float = 0.5e-3
     """Between ripples."""
     ripple: float = 0.2

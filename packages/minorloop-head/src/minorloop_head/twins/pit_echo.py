@@ -160,9 +160,9 @@ class CrackBasis:
     z: FloatArray
     """Shape (N,). Its course in even steps, in radians and metres."""
     widths: FloatArray
-    """Shape (N,). In metres."""
+    """Shape (N,). Widths in metres."""
     points: FloatArray
-    """Shape (N, Q, 3). On its mouth, in the pipe, in metres."""
+    """Shape (N, Q, 3). Points on its mouth, in the pipe, in metres."""
     weights: FloatArray
     """Shape (Q,). Shares of the width."""
     modes: FloatArray

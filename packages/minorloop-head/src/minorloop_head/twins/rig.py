@@ -34,8 +34,8 @@ _MARK_RADIUS, _MARK_ALBEDO = 0.15e-3, 0.35
 """Radius of a mark in metres, and its albedo relative to the metal: a dot of ink."""
 _SPREAD, _TILT = 0.2e-3, 0.01
 _KNOWN, _KNOWN_TILT = 0.03e-3, 1.5e-3
-"""Standard deviations of offset (metres) and slope: of a specimen, and of what is known of it. A
-calibration against a target does as well."""
+"""Standard deviations of offset (metres) and slope: of a specimen, and of its calibration, which
+equals that of a calibration against a target."""
 STRAIGHT = math.radians(30.0)
 """Pan and tilt of the joints of a head that looks along the pipe."""
 _UNITS = np.array([math.radians(1.0), math.radians(1.0), 1e-3, math.radians(1.0)])
@@ -50,8 +50,8 @@ class Rig:
 
     ``head``: nominal, with 0.05 degrees of noise and a delay of one tick, without it. ``catheter``:
     nominal, with a noise of 0.02 mm and degrees, without it. ``sway``: of the base of the head
-    while the pipe is not flooded; none without it. ``flooded``: of the pipe after ``flood``;
-    without it, that changes nothing.
+    while the pipe is not flooded; no sway without it. ``flooded``: filling of the pipe after
+    ``flood``; without it, ``flood`` changes nothing.
     """
 
     def __init__(
@@ -118,8 +118,8 @@ class RigWires:
         self._framed = True
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold two currents for a tick; nothing is read."""
-        if not self._framed:  # a frame lets the time of the camera pass
+        """Hold two currents for a tick; there are no readings."""
+        if not self._framed:  # a frame advances the clock of the camera
             self._tip.wait(self.tick)
         self._framed = False
         self._rig.exchange(np.append(u, [0.0, 0.0]))
@@ -130,7 +130,7 @@ class RigWires:
         self._rig.safe()
 
     def frame(self) -> Frame:
-        """Return a picture from where the head is now."""
+        """Return a picture from the present pose of the head."""
         self._tip.move_to(self._rig.stance())
         self._framed = True
         return self._tip.frame()
@@ -303,10 +303,10 @@ class _MicroTool(Mounted):
         self._wanted = float(length)
 
     def _advance(self, seconds: float) -> None:
-        """Move the point: towards what is wanted, and never through the wall."""
+        """Move the point towards the wanted extension, but never through the wall."""
         super()._advance(seconds)
         if not (self._extension or self._wanted or self.touching):
-            return  # withdrawn: where it would meet the wall does not matter
+            return  # withdrawn: the wall does not matter
         most = seconds * RATE
         moved = self._extension + float(np.clip(self._wanted - self._extension, -most, most))
         phi, z, free = self._met()
@@ -321,7 +321,7 @@ class _MicroTool(Mounted):
             self.pipe = replace(self.pipe, dirt=(*self.pipe.dirt, dot))
 
     def _met(self) -> tuple[float, float, float]:
-        """Return phi and z at which the way meets the wall, and the extension to what it meets."""
+        """Return phi and z at which the tool meets the wall, and the extension to the contact."""
         try:
             phi, z, length = self._tool.meet(
                 self._mount, self._pan, self._tilt, self.pipe.radius

@@ -1,4 +1,4 @@
-"""The sensors of the simulated axes: noise, and faults to test a loop with."""
+"""The sensors of the simulated axes: noise, and faults for tests of a loop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from minorloop.lab.actuator import Channel
 from minorloop.twins.simulated_actuator import gaussian
 
 _BLOCK = 1024
-"""Random numbers in a block: 2048 take less than three times as long as one, which takes 60 us."""
+"""Random numbers in a block: 2048 take less than three times the 60 us of one."""
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class SimulatedAxes(SimulatedPlant):
         self._log: list[FloatArray] = []
 
     def safe(self) -> None:
-        """Go to the resting input; it takes no time, and is not sampled."""
+        """Go to the resting input, in no time and without a sample."""
         self._input = np.array(self._rest_input)
 
     @abstractmethod

@@ -21,7 +21,7 @@ LEVELS = 4
 """Resolutions of the surface, each half of the one before, by trial: the last texels are 0.4 mm
 wide."""
 _KEPT = 2
-"""Surfaces that are kept: that of a pipe, and with a mark on it. Each has some 50 megabytes."""
+"""Number of cached surfaces: that of a pipe, and with a mark on it. Each has some 50 megabytes."""
 _STREAK = 1.2e-3  # m, length of brush marks
 _STAIN = 2.5e-3  # m, size of stains
 
@@ -39,13 +39,13 @@ class Surface:
     shapes: npt.NDArray[np.int64]
     """Shape (L, 3). First texel, rows and columns of each level."""
     size: tuple[float, float]
-    """Of a texel of the finest level, around and along, in metres."""
+    """Size of a texel of the finest level, around and along, in metres."""
 
 
 def lay_out(pipe: Pipe) -> Surface:
-    """Return the surface of a pipe, without its bores and cracks; nothing may change it.
+    """Return the surface of a pipe, without its bores and cracks; callers may not change it.
 
-    Drawing it takes a third of a second, so that the last ones are kept.
+    Drawing it takes a third of a second, so that the last surfaces are cached.
     """
     dents, scratches, dirt = tuple(pipe.dents), tuple(pipe.scratches), tuple(pipe.dirt)
     bare = replace(pipe, bores=(), cracks=(), water=None)

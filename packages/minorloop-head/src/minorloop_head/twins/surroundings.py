@@ -1,6 +1,6 @@
-"""Surroundings of a wire over time, and what fills a pipe, from which they follow.
+"""Surroundings of a wire over time, and the filling of a pipe, from which they follow.
 
-The operator of the head does not know them; a study sets them to disturb the head.
+The operator of the head does not know them; a study sets them as disturbances.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MEDIA = {
 GASES = ("air", "nitrogen", "argon", "helium", "forced gas")
 """Media of `convection` that may fill a pipe above the water."""
 _GIVEN_RISE = 50.0
-"""Rise of the temperature of a wire, in K, at which its convection is given: it then moves."""
+"""Rise of the temperature of a wire, in K, for which its convection is stated: it moves then."""
 _MOST_LOAD = 4e-3
 """Largest torque on a joint, in N m: the preload of the weakest spring still holds it."""
 _MOST_SWAY = math.radians(10.0)
@@ -62,13 +62,13 @@ class Course:
     end: float | None = None
     """Value after the change; ``start`` without it."""
     at: float = 0.0
-    """When the change begins, in seconds."""
+    """Beginning of the change, in seconds."""
     duration: float = 0.0
-    """How long it takes, in seconds, straight from ``start`` to ``end``; 0 is a step."""
+    """Duration of the linear change from ``start`` to ``end``, in seconds; 0 is a step."""
     amplitude: float = 0.0
-    """Of a sine added from ``at`` on."""
+    """Amplitude of a sine added from ``at`` on."""
     period: float = 1.0
-    """Of that sine, in seconds."""
+    """Period of that sine, in seconds."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -103,14 +103,14 @@ class Course:
 
 @dataclass(frozen=True)
 class Cooling:
-    """How the cooling of a wire in a head varies, and the body of the head that it warms.
+    """Variation of the cooling of a wire in a head, and the body of the head that the wire warms.
 
     Raises a `ParameterError` if a value is out of its range.
     """
 
     exponent: float = 0.148
-    """Of the film coefficient over the rise of the wire's temperature: 0.148, by Morgan (1975) for
-    still gas and Rayleigh numbers of 0.01 to 100; that of a wire of 0.2 mm is 0.03."""
+    """Exponent of the film coefficient over the rise of the wire's temperature: 0.148, by Morgan
+    (1975) for still gas and Rayleigh numbers of 0.01 to 100; that of a wire of 0.2 mm is 0.03."""
     bend: float = 0.1
     """Growth of the film coefficient with the angle, in 1/rad. A wire of diameter d at a distance D
     from a wall loses heat as 1 / acosh(2 D / d) (Incropera, shape factors of conduction); a bent
@@ -153,7 +153,7 @@ class Surroundings:
     """Torque of the flow against the wire, in N m, up to 4 mN m in either direction; a single one
     acts on every axis."""
     cooling: Cooling | None = None
-    """How the cooling of the wires varies. Without it the film coefficient is the same at every
+    """Variation of the cooling of the wires. Without it the film coefficient is constant over
     temperature and angle, and the body of the head stays at the ambient temperature."""
 
     def __post_init__(self) -> None:
@@ -167,7 +167,7 @@ class Surroundings:
         return np.array([_as_course(each).numbers for each in (self.ambient, self.convection)])
 
     def cooling_numbers(self) -> FloatArray:
-        """Return the rise at which convection is given, and the cooling, (6,)."""
+        """Return the rise for which convection is stated, and the cooling, (6,)."""
         cooling = self.cooling or Cooling(exponent=0.0, bend=0.0, share=0.0)
         return np.array([_GIVEN_RISE, *astuple(cooling)])
 
@@ -192,7 +192,7 @@ class Sway:
     """
 
     amplitude: float = math.radians(1.0)
-    """In radians, up to 10 degrees."""
+    """Amplitude in radians, up to 10 degrees."""
     pan: float = 0.3
     tilt: float = 0.23
     """Frequencies in Hz."""
@@ -209,9 +209,9 @@ class Sway:
 
 @dataclass(frozen=True, kw_only=True)
 class Filling:
-    """What fills a pipe: gas, and under a level water.
+    """Filling of a pipe: gas, and water below a level.
 
-    All else follows from it: ambient and convection of the wires, speed of sound, sway.
+    Ambient and convection of the wires, speed of sound and sway follow from it.
 
     Raises a `ParameterError` if a value is out of its range.
     """
@@ -220,11 +220,11 @@ class Filling:
     """Height of the water's surface in metres, with y pointing down from the axis; a pipe without
     it is dry."""
     temperature: float = 20.0
-    """Of water and gas, in degrees Celsius, from 0 to 95."""
+    """Temperature of water and gas, in degrees Celsius, from 0 to 95."""
     gas: str = "air"
     """One of `GASES`: still, but for ``forced gas``."""
     pressure: float = ATMOSPHERE
-    """Of gas and water, in Pa, as in `convection`."""
+    """Pressure of gas and water, in Pa, as in `convection`."""
     sleeve: float = 1.0
     """Convection of this head's wires in their sleeves under water, over that of `convection`: 0.5
     to 2."""

@@ -29,7 +29,7 @@ class TurbidWater:
     """Coefficients in 1/m. Both weaken the light on its way: light that is scattered forwards
     counts as lost."""
     backward: float = 0.003
-    """Share of the scattered light that goes back, per steradian."""
+    """Share of the scattered light in the backward direction, per steradian."""
     gloss: float = 0.82
     """Specular reflection of the metal over that in air: by Fresnel, 0.82 for steel."""
 
@@ -58,8 +58,8 @@ class FlatPort(Pinhole):
     """A lens behind a thin flat port in water, by the law of Snell.
 
     The port touches the lens, so that all rays still pass through one point. Normalised
-    coordinates are those of rays in the water; there is none beyond the angle whose ray would
-    graze the port.
+    coordinates are those of rays in the water; there are no rays beyond the angle that grazes the
+    port.
     """
 
     @classmethod

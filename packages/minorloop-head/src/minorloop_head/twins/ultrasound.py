@@ -156,7 +156,7 @@ class Ultrasound(Mounted):
         return trace
 
     def _prepare(self) -> None:
-        """Prepare what is the same for all shots."""
+        """Prepare the constants of all shots."""
         self._frequencies = np.arange(_LOWEST, _HIGHEST + 1.0, _RESOLUTION)
         self._k = 2 * np.pi * self._frequencies / self._speed
         radius, probe = self._pipe.radius, self._true_probe
@@ -357,7 +357,7 @@ class Ultrasound(Mounted):
 def compile_echoes() -> None:
     """Compile the loops of an echo.
 
-    This takes seconds on a new machine, more than a camera in the same process may be late.
+    This takes seconds on a new machine, longer than a camera in the same process may wait.
     """
     table, out = np.zeros((2, 2, 1), dtype=np.complex64), np.zeros(1, dtype=np.complex128)
     origin, axis = np.zeros(3), np.array([1.0, 0.0, 0.0])

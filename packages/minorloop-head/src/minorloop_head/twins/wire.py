@@ -27,7 +27,7 @@ from minorloop_head.twins.surroundings import Surroundings
 
 HIGHEST_CURRENT = 0.4
 DIAMETER = 0.2e-3
-"""In m, equal for all specimens: wire is drawn to 1 %, and resistance and surface depend on it."""
+"""Diameter in m, equal for all specimens: it sets resistance and surface, and is drawn to 1 %."""
 
 WIRE = {
     "density": 6450.0,  # kg/m^3
@@ -100,7 +100,7 @@ class HeatedWires(SimulatedAxes):
     def surround(self, surroundings: Surroundings) -> None:
         """Replace the surroundings from now on, such as when a pipe is flooded.
 
-        ``surroundings``: over the clock of the twin, which goes on.
+        ``surroundings``: over the clock of the twin, which continues.
         """
         self.surroundings = surroundings
         self._around = surroundings.courses()

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 _STEPS = 4
-"""Newton steps from the best trial: three give the rounding error, and one is spare."""
+"""Newton steps from the best trial: three reach the rounding error, and one is spare."""
 _F = np.float32
 _FARTHEST = 1.0  # m, beyond every table
 
@@ -72,9 +72,9 @@ def phases(first, step, out):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _look_up(table, steps, point, origin, axis, out):
-    """Fill out (2, F) with the field of a beam at a point, and return how far along the beam.
+    """Fill out (2, F) with the field of a beam at a point, and return the distance along the beam.
 
-    Without the phase along the beam; what is returned exceeds ``_FARTHEST`` where the table ends.
+    The field lacks the phase along the beam. Beyond the table the distance exceeds ``_FARTHEST``.
     """
     x, y, z = point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]
     along = x * axis[0] + y * axis[1] + z * axis[2]
@@ -95,7 +95,7 @@ def _look_up(table, steps, point, origin, axis, out):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _multiply(a, b, out):
-    """Fill out (2, F) with the products of the numbers of a and b (2, F)."""
+    """Fill out (2, F) with the complex products of a and b (2, F)."""
     ax, ay, bx, by, x, y = a[0], a[1], b[0], b[1], out[0], out[1]
     for f in range(x.size):
         x[f], y[f] = ax[f] * bx[f] - ay[f] * by[f], ax[f] * by[f] + ay[f] * bx[f]

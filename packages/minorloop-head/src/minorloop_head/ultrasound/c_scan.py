@@ -38,40 +38,41 @@ from minorloop_head.ultrasound.wall_shape import speed_error
 PIT, CRACK, CUT = "pit", "crack", "cut by the edge"
 NO_ECHO = "no echo: a hole through the wall, or a place without coupling"
 _WET = 0.5
-"""Least amplitude of the strongest echo over that of a plain wall where the beam is under water: at
-the line, half of it is."""
+"""Least amplitude of the strongest echo of a beam under water, over that of a plain wall: at the
+water line, half of the beam is."""
 _SURE = 6.0
-"""Standard deviations of the map from which on something is no texture of the wall."""
+"""Least deviation of a find, in standard deviations of the texture of the wall on the map."""
 _FEWEST = 3
 """Fewest bursts on a surface: fewer are outliers."""
 _FLOOR_SD = 4e-6
 """Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
 _LOST, _LOST_SURE = 0.1, 3.0
-"""Least share of the echo of the wall that a crack takes, and over the noise of this share: four
-bursts in a row are not by chance. A crack of 0.06 mm takes 0.1 midway between two lines."""
+"""Least share of the echo of the wall that a crack takes, and its least ratio to the noise of this
+share: four bursts in a row are no chance. A crack of 0.06 mm takes 0.1 midway between two lines."""
 _SLENDER, _SHORTEST = 3.0, 1e-3
 """Least length of a crack over its width on the map, and in metres."""
 _LEVEL = 0.02e-3
 """Largest difference of the depths on both sides of a crack, in metres."""
 _BRIDGED, _CLOSE = 3.0, 0.8
-"""Widths of the beam between bursts on one crack, on or about one pit, or on a steep flank and its
-foot, as sway leaves gaps, and fewest bursts on such a width of the length of a crack."""
+"""Largest distance in widths of the beam between bursts on one crack, on or about one pit, or on a
+steep flank and its foot, as sway leaves gaps; and fewest bursts per width along a crack."""
 _FAINT = 0.6
 """Amplitude over that of a plain wall below which part of the beam misses the wall."""
 _CLOSED, _SMOOTH, _GENTLE = 0.6 * np.pi, 0.04e-3, 0.75
-"""Of the echoes around a place without any: largest angle between two of them as seen from its
-middle; largest root mean square of their depths about a plane, in metres; and largest slope of the
-plane over that of a wall without an echo."""
+"""Limits of the echoes around a place without any: angle between two of them as seen from its
+middle; root mean square of their depths about a plane, in metres; and slope of the plane over that
+of a wall without an echo."""
 _TOLD, _RAISED = 2, 10e-6
-"""Fewest faint echoes at the edge of a place without any that tell a bead from a hole, and least
-height of their median over the wall in metres: that of a depth by the envelope is off by less."""
+"""Fewest faint echoes at the edge of a place without any that distinguish a bead from a hole, and
+least height of their median over the wall in metres: more than the error of a depth by the
+envelope."""
 _NEAR = 2.0
-"""Widths of the beam within which bursts are at the edge of what was swept."""
+"""Distance in widths of the beam within which bursts are at the edge of the swept area."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
 """Standard deviations of place and size of a find in metres, half the distance of bursts."""
 _ASTRAY = 1.5
-"""How many standard deviations of the bursts beside it the value at a place is off where it
-changes: as much as on 0.3 mm, by the error of the place and the way to the nearest burst."""
+"""Error of a value that changes with the place, in standard deviations of the bursts beside it: its
+change over 0.3 mm, the error of the place and the distance of the nearest burst."""
 
 
 @dataclass(frozen=True)
@@ -79,25 +80,24 @@ class EchoFind:
     """A pit, a crack or a place without an echo in the map of a sweep."""
 
     kind: str
-    """``pit`` or ``crack``; ``cut by the edge`` where it may be either or neither: a sweep beyond
-    the edge shows what it is; `NO_ECHO` where the level wall around answers, and no burst on it
-    does."""
+    """``pit`` or ``crack``; ``cut by the edge`` if it may be either or neither: a sweep beyond the
+    edge decides; `NO_ECHO` if the level wall around has echoes, and no burst on it has."""
     phi: float
     z: float
     """Centre, in radians and metres; the place of a crack that is nearest to it."""
     diameter: float
-    """Of a pit where it is half as deep, or of a place without an echo, in metres; width of a crack
-    on the map, which is at least that of the beam."""
+    """Diameter in metres of a pit at half its depth, or of a place without an echo; width of a
+    crack on the map, which is at least that of the beam."""
     length: float
     """Greatest extent, in metres."""
     depth: float = np.nan
     depth_sd: float = np.nan
-    """Below the wall beside it, and its standard deviation, in metres; NaN for a place without an
-    echo, and for a crack whose floor sends none back."""
+    """Depth below the wall beside it, and its standard deviation, in metres; NaN for a place
+    without an echo, and for a crack whose floor returns none."""
     bursts: int = 0
     """Number of bursts on it."""
     at_least: bool = False
-    """Whether it reaches the edge of what was swept, so that it may be longer."""
+    """Whether it reaches the edge of the swept area, so that it may be longer."""
 
     @property
     def place(self) -> tuple[float, float]:
@@ -105,7 +105,7 @@ class EchoFind:
         return self.phi, self.z
 
     def finding(self, radius: float) -> Finding:
-        """Return it as a finding, in a pipe of a radius."""
+        """Return the find as a finding, in a pipe of a radius."""
         verdict = "swept, at least as long" if self.at_least else "swept"
         return Finding(
             self.kind, verdict, self.phi, _PLACE_SD / radius, self.z, _PLACE_SD, self.diameter,
@@ -121,31 +121,31 @@ class CScan:
     """Depth of the strongest echo below the wall; unseen where there is none, in gaps and above the
     water."""
     amplitude: FloatArray
-    """Shape (rows, columns). Of the echo of the wall about a texel, as a share of that of a plain
+    """Shape (rows, columns). Amplitude of the echo of the wall about a texel over that of a plain
     wall; NaN in gaps and more than the width of the beam above the water."""
     gap: BoolArray
     """Shape (rows, columns). Flooded texels farther than the width of the beam from every burst."""
     water: WaterLine
-    """As found by where there are echoes."""
+    """Water line by the places with echoes."""
     finds: tuple[EchoFind, ...]
     """Pits by depth, cracks, then places without an echo; none by a probe without a lens."""
     noise: tuple[float, float]
-    """Standard deviations of depth in metres and of amplitude by the texture of this wall, from
-    which finds are told."""
+    """Standard deviations of depth in metres and of amplitude by the texture of this wall, with
+    which finds are compared."""
 
 
 def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) -> CScan:
     """Map the wall by the bursts of a sweep, and find pits and cracks in it.
 
-    ``swept``: in any order; those with a verdict count as gaps. ``probe``: the probe and what is
-    known of pipe, water and mount. ``patch``: the texels of the map.
+    ``swept``: bursts in any order; those with a verdict count as gaps. ``probe``: the probe, and
+    its pipe, water and mount. ``patch``: the texels of the map.
 
     Notes
     -----
     A texel has the echo of the nearest burst. A smooth surface that is steeper than half the
     opening angle of the lens sends no echo back, so that a steeper step between neighbouring bursts
-    is an edge. Edges divide the bursts into surfaces; a surface that lies deeper than those around
-    it is the floor of a pit. A crack takes from the echo of a wall that is flat beside it. Bands of
+    is an edge. Edges divide the bursts into surfaces; a surface that is deeper than those around it
+    is the floor of a pit. A crack weakens the echo of a wall that is flat beside it. Bands of
     depths include that of the speed of sound, which is not corrected by the distance of the wall.
     """
     heard = [one for one in swept if not one.burst.verdict and np.isfinite(one.spot).all()]
@@ -178,7 +178,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
             for one in _floors(echoes.depth, used, on, (steepest, noise[0]))
         ]
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
-        slender = _slender(echoes, clear, on, noise[1])
+        slender = _slender_groups(echoes, clear, on, noise[1])
         finds = _finds(slender, floors, _silent(echoes, clear, on, steepest), on)
     deep = np.abs(echoes.depth)
     floor = np.hypot(np.where(deep > PULSE, _FLOOR_SD, 0.0), speed_sd * deep)
@@ -198,7 +198,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
 def _astray(values: FloatArray, echoes: WallEchoes, noise: float) -> FloatArray:
     """Return the standard deviation (N,) of values at the places of bursts.
 
-    Beside the noise it has their change with the place, as at a rim.
+    It contains the noise and the change of values with the place, as at a rim.
     """
     beside = values[echoes.near[:, :BESIDE]]
     known = np.isfinite(beside)
@@ -228,7 +228,7 @@ class _Bursts:
         return np.asarray(edges[self.apart(edges) <= reach * self.width])
 
     def pairs(self, chosen: Indices) -> Indices:
-        """Return pairs (E, 2) of chosen bursts that are on one crack if they are on any."""
+        """Return pairs (E, 2) of chosen bursts that are near enough to be on one crack."""
         near = cKDTree(self.points[chosen]).query_pairs(
             _BRIDGED * self.width, output_type="ndarray"
         )
@@ -249,7 +249,7 @@ class _Bursts:
         )
 
     def cut(self, members: Indices) -> bool:
-        """Return whether most of some bursts are at the edge of what was swept."""
+        """Return whether most of some bursts are at the edge of the swept area."""
         return bool(np.mean(self.from_edge(members) < _NEAR * self.width) > 0.5)
 
     def closed(self, members: Indices, rim: Indices) -> bool:
@@ -275,11 +275,11 @@ class _Bursts:
         return np.asarray(np.linalg.lstsq(places, depth)[0])
 
     def _off(self, plane: FloatArray, members: Indices, depth: FloatArray) -> FloatArray:
-        """Return how much deeper than a plane some bursts are, in metres."""
+        """Return the depths of some bursts below a plane, in metres."""
         return np.asarray(depth[members] - self.points[members] @ plane[:2] - plane[2])
 
     def from_edge(self, members: Indices) -> FloatArray:
-        """Return the distances (N,) of some bursts from the edge of what was swept, in metres."""
+        """Return the distances (N,) of some bursts from the edge of the swept area, in metres."""
         points, low, high = self.points[members], self.points.min(axis=0), self.points.max(axis=0)
         return np.asarray(np.minimum(points - low, high - points).min(axis=1))
 
@@ -311,7 +311,7 @@ class _Bursts:
     def find(self, kind: str, members: Indices, **more: float) -> EchoFind | None:
         """Return the texels nearest to some bursts as a find; None if there are none.
 
-        At the edge of what was swept it may be anything.
+        At the edge of the swept area its kind is unknown.
         """
         texels = self.patch.places[np.isin(self.nearest, members)]
         if not len(texels):
@@ -351,7 +351,7 @@ def _floors(
 ) -> list[_Floor]:
     """Return the surfaces that are deeper than those beyond their edges, and than the pipe.
 
-    The wall about a bead is deeper than its top, and no floor. ``limits`` are the steepest slope
+    The wall about a bead is deeper than its top, but no floor. ``limits`` are the steepest slope
     without an edge and the noise of depths.
     """
     steepest, noise = limits
@@ -368,7 +368,7 @@ def _floors(
     sunk = [k for k in np.unique(inner) if np.median(depth[surface == k]) > 0.5 * least]
     deep = [k for k in sunk if (drop[inner == k] > least).mean() > 0.5]
     floor = np.isin(surface, deep)
-    # Floors that touch are one, and so are the parts of one that a gap between lines cuts in two.
+    # Join floors that touch, and the parts of a floor on both sides of a gap between lines.
     over = on.neighbours(heard, _BRIDGED)
     over = np.concatenate([edges, over[~_steep(depth, over, on, steepest)]])
     whole = on.groups(over[floor[over].all(axis=1)])
@@ -389,7 +389,7 @@ def _steep(depth: FloatArray, edges: Indices, on: _Bursts, steepest: float) -> B
     return np.asarray(np.abs(fall) > steepest * np.maximum(on.apart(edges), on.width))
 
 
-def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
+def _slender_groups(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
     """Return groups of bursts that are long and narrow, on which a flat wall lacks echo.
 
     The wall on both sides of each is level, unless the edge cuts it.
@@ -418,9 +418,9 @@ def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> li
 def _silent(echoes: WallEchoes, used: Indices, on: _Bursts, steepest: float) -> list[Indices]:
     """Return groups of bursts without an echo, where the wall around them has one.
 
-    A burst in a group has no echo, and no neighbour with one, so that bursts that are lost here and
-    there make none. At the rim of a hole the beam is partly on the wall, and the echo is faint; on
-    a slope all echoes are, so that those without any are looked at first. A plane through the wall
+    A burst in a group has no echo and no neighbour with one, so that single lost bursts form no
+    group. At the rim of a hole the beam is partly on the wall, and the echo is faint; on a slope
+    all echoes are faint, so that bursts without echo are examined first. A plane through the wall
     around would have an echo, unlike the flank of a dent.
     """
     silent = np.isnan(echoes.depth)
@@ -445,8 +445,8 @@ def _silent(echoes: WallEchoes, used: Indices, on: _Bursts, steepest: float) -> 
 def _bead(echoes: WallEchoes, members: Indices, on: _Bursts) -> bool:
     """Return whether faint echoes at the edge of a place without any are from above the wall.
 
-    That is the foot of a bead, whose flanks send the beam elsewhere. Of a hole the wall beside it
-    echoes there.
+    These come from the foot of a bead, whose flanks reflect the beam elsewhere. About a hole, the
+    wall beside it echoes there.
     """
     heard = np.isfinite(echoes.depth)
     faint = heard & (echoes.strongest < _FAINT)

@@ -1,4 +1,4 @@
-"""Measure the depth of a crack; most cracks are too narrow for the footprint of the beam."""
+"""Depth of a crack from echoes; most cracks are too narrow for the footprint of the beam."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ _FEWEST, _REACH = 12, 2.4e-3
 _TEXEL = 0.04e-3
 _CROSSED = 1e-3  # m, half the side of a raster
 _ENOUGH = 60.0
-"""Half the energy over the noise that the floor must return before a depth is searched for."""
+"""Least energy of the floor over the noise, halved, for a depth to be searched."""
 _SURE = 20.0
-"""Cost by which a floor must beat no floor, and the best depth any other."""
+"""Least advantage in cost of a floor over no floor, and of the best depth over any other."""
 _APART = 0.03e-3  # m, between depths of different dips of the cost
 _UNMODELLED = 12e-6
 """Error of a depth by waves between the flanks, in metres, from scans of the twin."""
 _GAINS = (0.25, 0.4, 0.63, 1.0)
-"""Shares of what enters a crack that come back from its floor, each 1.6 times the one before:
-between the flanks sound spreads along the crack, the more the deeper it is."""
+"""Shares of the sound in a crack that its floor returns, each 1.6 times the last: between the
+flanks sound spreads along the crack, the more the deeper it is."""
 _BOUND = 0.8e-3
 """Greatest lower bound of a depth in metres. Floors of cracks of the twin, 0.1 to 0.3 mm wide, are
 found down to 0.7 mm. At 1.1 mm that of a wide one is not: waves between its flanks disturb it."""
 _DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
-"""Depths that are tried, in metres, down to the end of the window."""
+"""Tried depths in metres, down to the end of the window."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +71,14 @@ def crack_depth(
 
     Raises a `SignalError` if fewer than two places are given, or the width is not positive.
 
-    ``bursts``: as ``average`` made them; ``probe``: the probe and what is known of the pipe;
+    ``bursts``: as ``average`` made them; ``probe``: the probe in its pipe;
     ``places`` (N, 2): phi and z along the crack as the camera traced it; ``width``: width of the
     crack in the image, in metres.
 
     Notes
     -----
     The image gives the share of each footprint that falls on the crack. That share of the echo is
-    delayed by the depth. The depth and how much of it comes back are the only unknowns. Waves
+    delayed by the depth. The depth and the returned part of that share are the only unknowns. Waves
     between the flanks are neglected.
     """
     course = np.asarray(places, dtype=np.float64)
@@ -131,7 +131,7 @@ def crack_map(
     middle: tuple[float, float],
     patch: Patch,
 ) -> DepthMap:
-    """Return the depth map of the wall with a crack, as deep as measured under the raster.
+    """Return the depth map of the wall with a crack, which has the measured depth under the raster.
 
     ``places`` (N, 2): phi and z along it. ``width``: in metres. ``found``: its depth by ultrasound.
     ``middle``: phi and z in the middle of the raster. Farther than half its side from there the

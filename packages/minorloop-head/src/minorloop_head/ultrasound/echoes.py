@@ -16,16 +16,15 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop_head.sources import Shot
 
 DEAD_TIME = 2.5e-6
-"""How long the disc rings after its pulse, in seconds; samples before are ignored."""
+"""Seconds for which the disc rings after its pulse; samples before are ignored."""
 MOST_OFF = 0.3e-3
-"""How far off its target the spot of a shot may be, in metres: about the pitch of a raster."""
+"""Largest distance in metres of the spot of a shot from its target: about the pitch of a raster."""
 _LEAST_SNR = 4.0
-"""Amplitude over noise from which on a peak counts as an echo; noise alone reaches it in one of
-3000 samples."""
+"""Least amplitude of an echo over the noise; noise alone reaches it in one of 3000 samples."""
 _SLACK, _LEAST_ECHO = 1.5e-3, 0.02
-"""Distance in metres of the wall from where it is expected, and least amplitude of its echo."""
+"""Largest distance of the wall from its expected place in m, and least amplitude of its echo."""
 _CLIPPED = 0.985
-"""Share of full scale from which on a sample counts as clipped."""
+"""Least value of a clipped sample, as a share of full scale."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Echo:
     time: float
     """Since the pulse, in seconds; NaN where there is none."""
     amplitude: float
-    """Of its envelope after the matched filter, in the unit of the trace."""
+    """Amplitude of its envelope after the matched filter, in the unit of the trace."""
     snr: float
     """Amplitude over the standard deviation of the noise after the filter."""
 
@@ -73,7 +72,7 @@ NO_ECHO = Echo(np.nan, 0.0, 0.0)
 
 
 def trace_fault(shot: Shot) -> str:
-    """Return what is wrong with a trace, or an empty string.
+    """Return the fault of a trace, or an empty string.
 
     It is ``not a trace`` (wrong shape, too short, not real numbers, not finite, or without a
     positive sample interval), ``dropout`` (flat where noise should be), or ``clipped`` (at full
@@ -112,7 +111,7 @@ def _numbers(values: object) -> FloatArray | None:
 
 def matched(trace: npt.ArrayLike, interval: float, pulse: Pulse) -> npt.NDArray[np.complex128]:
     """Return the analytic correlation (T,) of a trace with a pulse of unit energy."""
-    from scipy import fft  # not for who only steers a probe
+    from scipy import fft  # steering a probe does not need it
 
     samples = pulse.samples(interval)
     samples = samples / np.linalg.norm(samples)
@@ -144,9 +143,9 @@ def find_echoes(
     ``pulse``: to match; 10 MHz and 60 % without it.
     ``gate``: first and last time of an echo, in seconds; without it, all after the dead time.
     ``share``: least amplitude of an echo, as a share of the loudest one in the gate.
-    ``most``: how many echoes are returned, the loudest.
-    ``fine``: whether to time the wave rather than its envelope: the scatter is six times smaller,
-    but the time is off by whole waves where noise is loud or the phase of the pulse is unknown.
+    ``most``: largest number of returned echoes, the loudest.
+    ``fine``: whether to time the wave instead of its envelope: the scatter is six times smaller,
+    but the time errs by whole waves if noise is loud or the phase of the pulse is unknown.
 
     Notes
     -----
@@ -218,7 +217,7 @@ def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
 
 
 def has_wall_echo(shots: Sequence[Shot], distance: float, speed: float) -> bool:
-    """Return whether more than half of the shots have an echo of the wall; in air, none has.
+    """Return whether more than half of the shots have an echo of the wall; shots in air have none.
 
     ``shots``: at one place; more shots are more certain. ``distance``: of the wall along the beam,
     in metres. ``speed``: of sound in water, in m/s.
@@ -237,14 +236,14 @@ class Burst:
     sample_interval: float
     """In seconds."""
     angles: FloatArray
-    """Shape (2,). Mean pan and tilt as measured, in radians."""
+    """Shape (2,). Mean of measured pan and tilt, in radians."""
     used: int
     fired: int
-    """How many shots are in the mean, and how many were fired."""
+    """Number of shots in the mean, and of fired shots."""
     noise: float
     """Standard deviation of a sample of the mean."""
     verdict: str = ""
-    """Why there is no trace, or an empty string."""
+    """Reason why there is no trace, or an empty string."""
 
 
 def average(
@@ -254,10 +253,10 @@ def average(
 
     If no shot is usable, the verdict of the burst is the most frequent fault.
 
-    ``shots``: fired within some 16 ms, in which the head hardly moves. ``angles`` (N, 2): pan and
-    tilt of the head at each shot as measured, in radians. ``off`` (N,): distance of the spot of
-    each shot from its target as tracked, in metres; NaN if it was not tracked. ``most_off``: shots
-    farther away are left out.
+    ``shots``: fired within some 16 ms, in which the head hardly moves. ``angles`` (N, 2): measured
+    pan and tilt of the head at each shot, in radians. ``off`` (N,): tracked distance of the spot of
+    each shot from its target, in metres; NaN if it was not tracked. ``most_off``: shots farther
+    away are left out.
 
     Notes
     -----

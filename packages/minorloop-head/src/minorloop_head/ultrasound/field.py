@@ -16,15 +16,15 @@ from minorloop_head.ultrasound import _field_kernels as kernels
 
 LOWEST, HIGHEST = 5e6, 15e6  # Hz, the band of a pulse of 10 MHz and 60 %, with its flanks
 RESOLUTION = 0.3125e6
-"""Of the spectra that are compared, in Hz: one over the window of 3.2 us."""
+"""Frequency step of compared spectra, in Hz: one over the window of 3.2 us."""
 _FACET = 0.06e-3
 """Step of the integral over the wall, in metres: less than half a wavelength at 10 MHz."""
 
 ComplexArray = npt.NDArray[np.complex128]
 
 _SUNK = 1e-3
-"""Greatest distance of a wall behind the nominal one at which the field is known, in metres: that
-of the deepest dent whose flanks send echoes back, 0.7 mm, and the slant of a beam."""
+"""Largest distance in metres of a wall behind the nominal one at which the field is known: that of
+the deepest dent whose flanks return echoes, 0.7 mm, and the slant of a beam."""
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class CalibratedProbe:
     """
 
     transducer: Probe
-    """Its geometry, as calibrated."""
+    """Its calibrated geometry."""
     mount: Mount
     """Estimated place of the head in the pipe."""
     radius: float = 10e-3
     thickness: float = 2e-3
-    """Of the pipe and its wall, in metres."""
+    """Radius of the pipe and thickness of its wall, in metres."""
     temperature: float = 20.0
-    """Of the water, as measured, in degrees Celsius."""
+    """Measured temperature of the water, in degrees Celsius."""
     steel: float = 5900.0
     """Speed of longitudinal waves in the wall, in m/s."""
 
@@ -129,8 +129,8 @@ class SoundField:
     ) -> ComplexArray:
         """Return the echo (K, F) of a wall, 2 i k times the integral of p^2 over it.
 
-        ``sunk`` returns how much farther than ``radius`` from the axis it is, in metres, at
-        places (..., 2), phi and z; without it, it is nowhere.
+        ``sunk`` returns the distance of the wall from the axis less ``radius``, in metres, at
+        places (..., 2), phi and z; zero without it.
         """
         side = _FACET * np.arange(-np.ceil(self.reach / _FACET), np.ceil(self.reach / _FACET) + 1)
         radii = np.full((len(origins), side.size, side.size), radius)

@@ -29,23 +29,23 @@ from minorloop_head.ultrasound.wall_shape import (
 )
 
 DEPTHS: FloatArray = np.arange(0.08e-3, 1.25e-3, 0.01e-3)
-"""Depths of a sweep, in metres: from half a wavelength at 10 MHz on, seven in each."""
+"""Depths of a sweep in metres: from half a wavelength at 10 MHz on, seven per half wavelength."""
 _WEAK, STRANGE = 0.3, 1.2
-"""Gain of a floor below which there may be none; cost, over that of noise alone, above which a fit
-is incomplete."""
+"""Gain below which there may be no floor; and cost over that of noise alone above which a fit is
+incomplete."""
 _STARTS = 2
 _HALF_WAVE = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _RIVAL, _AMBIGUOUS = 0.8, 0.87
-"""A second depth that explains more than these shares of what the best one explains is tried too,
-and makes the depth ambiguous."""
+"""Least shares of the explanation by the best depth with which a second depth is tried too, and
+makes the depth ambiguous."""
 _APART, _OTHER = 0.02e-3, 0.045e-3
-"""Depths nearer than this belong to one dip of the cost, and to one start of the search, in m."""
+"""Largest differences in m of depths in one dip of the cost, and in one start of the search."""
 _CLEAR_GAIN = 20.0
-"""Cost by which the best depth must beat any other; noise at 4 dB changes the difference by 10."""
+"""Least advantage in cost of the best depth; noise at 4 dB changes the difference by 10."""
 _USUAL, _UNSURE = 1.06, 0.88  # times the cost of noise alone; gain of a floor
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
-"""Dishes in metres and slopes at which the search starts: floors are tilted by up to 4 degrees."""
+"""Initial dishes in metres and slopes of floors in the search: they tilt by up to 4 degrees."""
 CENTRE = np.array([0.0, 0.0, 0.0, 0.6e-3, 1.0, 0.0, 0.0, 0.0])
 PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.04e-3])
 """Means and standard deviations of the unknowns before the scan, as in ``pit_model.NAMES``: place
@@ -58,7 +58,7 @@ _LARGEST_STEPS = np.array([6e-5, 6e-5, 0.08, 3e-5, 0.5, 0.05, 0.05, 3e-5])
 _SLIP = 12e-6
 """Standard deviation of the distance of a trace from the plane through all, in metres."""
 _TRIALS = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
-"""Distances from which the best one is searched, in metres."""
+"""Initial distances of the search for the best one, in metres."""
 _ROUNDS = 8
 """Most Gauss-Newton steps of a fit, by trial."""
 
@@ -79,9 +79,9 @@ class JointFit:
     """A fit of one pit to the traces of a raster."""
 
     model: PitModel
-    """Of the echoes of the same beams."""
+    """Model of the echoes of the same beams."""
     spectra: Spectra
-    """Of the traces."""
+    """Spectra of the traces."""
     scale: float = 1.0
     """Misfit above which a trace has less weight, in units of its noise."""
     far: npt.NDArray[np.intp] | None = None
@@ -123,9 +123,9 @@ class JointFit:
 
     @property
     def speed_error(self) -> tuple[float, float]:
-        """Share by which sound is faster than assumed, and its standard deviation.
+        """Relative error of the assumed speed of sound, and its standard deviation.
 
-        Zeros without a lens: the band of its depths is far wider.
+        Zeros without a lens: its band of depths is far wider.
         """
         if not np.isfinite(self.model.probe.transducer.focus):
             return 0.0, 0.0
@@ -137,8 +137,8 @@ class JointFit:
     def range_error(self) -> float:
         """Distance of the wall from its plane in the traces that give the pulse, in metres.
 
-        The root mean square of three quarters of the traces, the smallest, so that another pit
-        near by counts little; the part that noise adds is subtracted.
+        It is the root mean square of the smallest three quarters, so that another pit near by has
+        little weight, less the part of the noise.
         """
         far = self._far
         slope = 2 * self._k * np.abs(self.pulse * self.model.plain[far])
@@ -149,7 +149,7 @@ class JointFit:
         return float(np.sqrt(max(square[: -(-3 * far.size // 4)].mean(), 0.0)))
 
     def sweep(self, unknowns: FloatArray, depths: FloatArray) -> FloatArray:
-        """Return costs (D,) at evenly spaced depths, the other unknowns as given."""
+        """Return costs (D,) at evenly spaced depths, with the other unknowns unchanged."""
         x, y, size, _, gain, u, v, dish = unknowns
         pressure = self.model.mouth(x, y, size)
         missing = self.model.missing(pressure, size)
@@ -329,7 +329,7 @@ def solve_without_floor(fit: JointFit, best: JointSolution) -> JointSolution:
 
 
 def floor_gains_nothing(best: JointSolution, hole: float) -> bool:
-    """Return whether a mouth without a floor, of cost ``hole``, fits as well."""
+    """Return whether a mouth without a floor, of cost ``hole``, fits equally well."""
     return hole < 1.02 * best.cost + 10
 
 
@@ -345,7 +345,7 @@ def _with_slips(fit: JointFit, best: JointSolution) -> tuple[JointSolution, bool
 
 
 def _rival(fit: JointFit, best: JointSolution) -> tuple[FloatArray, float]:
-    """Return the second best dip, and its share of what the best explains."""
+    """Return the second best dip, and its explanation as a share of that of the best."""
     gained = max(fit.cost_of(fit.model.plain) - best.cost, 1e-9)
     for dip in _others(_dips(fit, best.unknowns), best.unknowns[3], np.inf):
         return dip.unknowns, float(1 - (dip.cost - best.cost) / gained)
@@ -359,7 +359,7 @@ def _is_through(fit: JointFit, best: JointSolution) -> bool:
 
 
 def _better(fit: JointFit, best: JointSolution, starts: list[FloatArray]) -> JointSolution:
-    """Return the better of a solution and the most promising other start, fitted to its end."""
+    """Return the better of a solution and a full fit from the most promising other start."""
     others = [fit.solve(start, rounds=3) for start in starts]
     other = min(others, key=lambda solution: solution.cost, default=best)
     if other.cost > 1.5 * best.cost:
@@ -407,24 +407,23 @@ def _shaped(
 
 
 BESIDE = 0.1e-3
-"""Distance from the rim from which on the wall gives most of an echo, in metres: half the beam is
+"""Least distance in metres from the rim at which the wall gives most of an echo: half the beam is
 within 0.12 mm of its axis."""
 FEWEST = 10
-"""Fewest distances that give a shape."""
+"""Fewest distances for a shape."""
 MOST_UNKNOWN = 15e-6
-"""Largest standard deviation of the wall at the rim, in metres, with which a depth is given."""
+"""Largest standard deviation of the wall at the rim for a depth, in metres."""
 _STEEP = 0.02
-"""Slope of the wall from which on it is fitted as bent: four times that by the error of the
-pivot."""
+"""Least slope of a wall that is fitted as bent: four times the slope by the error of the pivot."""
 _RENEWALS = 3
-"""Renewals of a shape: from the second on, it changes by less than a distance errs."""
+"""Renewals of a shape: from the second on, it changes by less than the error of a distance."""
 _EQUAL, _STILL = 5.0, 0.5
-"""Largest correlation of the difference of two traces with a pulse, in deviations of the noise, up
-to which they are equal: noise alone reaches it once in some thousand pairs; and share of pairs in a
-row that may be: traces of a head that does not move are equal, and show no bent wall."""
+"""Largest correlation of the difference of two equal traces with a pulse, in deviations of the
+noise, which reaches it once in some thousand pairs; and largest share of equal consecutive pairs:
+traces of a head that does not move are equal, and show no bent wall."""
 _ASTRAY = 0.1e-3
-"""Distance of a first echo from a curved wall in metres from which on it is that of something else:
-dents from which echoes return are within 0.05 mm of one."""
+"""Largest distance in metres of a first echo from a curved wall: dents that return echoes are
+within 0.05 mm of one."""
 
 
 def is_bent(fit: JointFit, most: float) -> bool:
@@ -435,7 +434,7 @@ def is_bent(fit: JointFit, most: float) -> bool:
 
 
 def moves(bursts: Sequence[Burst]) -> bool:
-    """Return whether the traces of a raster differ by more than noise, as those of places do."""
+    """Return whether the traces of a raster differ by more than noise, because the head moved."""
     equal = []
     for one, other in pairwise(bursts):
         interval, noise = one.sample_interval, np.hypot(one.noise, other.noise)
@@ -447,13 +446,13 @@ def moves(bursts: Sequence[Burst]) -> bool:
 def bent_fit(bursts: Sequence[Burst], fit: JointFit) -> JointFit | None:
     """Return a fit about a mouth in a bent wall; None where too few bursts show one.
 
-    ``bursts``: usable ones; ``fit``: of them, with a wall that is not bent.
+    ``bursts``: usable ones; ``fit``: their fit with a wall that is not bent.
 
     Notes
     -----
     The first echoes of the bursts beside the mouth give a shape, and the distances at which their
-    traces fit the echoes of this shape give a better one. Water that warms during the raster shifts
-    echoes too, and shows no bent wall.
+    traces fit the echoes of this shape give a better one. Water that warms during the raster also
+    shifts echoes, but is no bent wall.
     """
     plain, speed = fit.model, fit.model.probe.speed
     expected = 2 * plain.spots[:, 2] / speed
@@ -501,7 +500,7 @@ def _beside(model: PitModel) -> npt.NDArray[np.bool_]:
 
 
 def _open_mouth() -> FloatArray:
-    """Return the unknowns of a mouth as in the image, without a floor."""
+    """Return the unknowns of a mouth with the outline of the image, without a floor."""
     unknowns = CENTRE.copy()
     unknowns[4] = 0.0
     return unknowns

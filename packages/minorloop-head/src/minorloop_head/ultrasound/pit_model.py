@@ -24,7 +24,7 @@ from minorloop_head.ultrasound.field import (
 from minorloop_head.ultrasound.wall_shape import WallShape
 
 NAMES = ("around", "along", "size", "depth", "gain", "tilt around", "tilt along", "dish")
-"""Names of the unknowns: metres off the guess, ln(radius / guess), metres, 1, slopes, metres."""
+"""Names of the unknowns; units: metres from the guess, ln(radius / guess), m, 1, slopes, m."""
 _RADII, _ANGLES = 9, 28  # quadrature points
 _STEEPEST = 0.44  # of the wavenumber, across the pit
 _BACK = 0.12 * 0.7
@@ -54,7 +54,7 @@ class _UnitDisc:
 @lru_cache(maxsize=4)
 def unit_disc(limit: float) -> _UnitDisc:
     """Return the modes up to a limit of chi."""
-    from scipy.special import jn_zeros, jnp_zeros, jv  # not for who only steers a probe
+    from scipy.special import jn_zeros, jnp_zeros, jv  # steering a probe does not need it
 
     nodes, share = np.polynomial.legendre.leggauss(_RADII)
     radii = 0.5 * (nodes + 1)
@@ -101,7 +101,7 @@ class PitModel:
     """Shape (K,). Distances behind the nominal wall, along the beams, from which phases count;
     zeros without it."""
     shape: WallShape | None = None
-    """Of a bent wall, about the centre. The pit begins at the plane through its rim."""
+    """Shape of a bent wall about the centre. The pit begins at the plane through its rim."""
     sound: SoundField = field(init=False)
     plain: ComplexArray = field(init=False)
     facing: FloatArray = field(init=False)
@@ -133,7 +133,7 @@ class PitModel:
             self._lid = middle + places @ np.array(slopes) - self.shape.depth(places)
 
     def _sunk(self, places: FloatArray) -> FloatArray:
-        """Return how far behind the nominal wall it is at places (..., 2), phi and z."""
+        """Return the distance of the wall behind the nominal one at places (..., 2), phi and z."""
         assert self.shape is not None
         around = self.probe.radius * wrapped(places[..., 0] - self.centre[0])
         return self.shape.depth(np.stack([around, places[..., 1] - self.centre[1]], axis=-1))
@@ -156,7 +156,7 @@ class PitModel:
         return self.sound.at(self._origins[near], self._axes[near], self._starts[near], points)
 
     def missing(self, pressure: FloatArray, size: float) -> ComplexArray:
-        """Return the echo (N, F) that the wall loses by the mouth."""
+        """Return the part (N, F) of the echo of the wall that the mouth removes."""
         area = (self.radius * np.exp(size)) ** 2 * self._disc.weights
         lost = np.zeros((len(pressure), *pressure.shape[2:]))
         kernels.square_sum(pressure, area, lost)

@@ -1,7 +1,7 @@
-"""Measure the depth of a pit from a raster of echoes about its place in the image.
+"""Depth of a pit from a raster of echoes about its place in the image.
 
-A floor deeper than is measured is detected by an echo after the window of the fit; a mouth is a
-through-hole if no echo comes out of it, whatever its time or shape.
+A floor beyond the measured depths is detected by an echo after the window of the fit; a mouth is a
+through-hole if it returns no echo of any time or shape.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _TIMES: FloatArray = np.arange(-0.5e-6, 2.3e-6, 0.05e-6)
 _SPAN = 8
 """Number of these times in one window, whose power is compared with that of noise."""
 _LATE = 0.19e-6
-"""Time from which on a window counts as late, in seconds."""
+"""Least time of a late window, in seconds."""
 _LATE_SURE, _EARLY_SURE, _EARLY_SHARE = 4.0, 5.0, 1e-3
 """Largest residual of a hole late and early, in deviations of the noise (at most 3.7 late in 50
 scans of holes); and the share of the missing echo that chamfered edges may return early."""
@@ -61,17 +61,17 @@ _WINDOWS = ((1.6e-6, 1.3e-3, 2.7e-3), (3.2e-6, 2.6e-3, 4.1e-3))
 """Start of each later window, in seconds after the usual one, and its range of depths in metres."""
 _STEP = 0.01e-3
 _SURE, _GAIN = 25.0, 0.15
-"""A floor is detected from this cost over the noise and this gain of a flat floor on. By noise
-alone, the best of some 280 depths reaches a cost of about 6."""
+"""Least cost over the noise, and least gain of a flat floor, for a detected floor. By noise alone,
+the best of some 280 depths reaches a cost of about 6."""
 _USUAL_GAIN, _COULD = 0.5, 15.0
-"""Gain of a poor floor, and the cost that it must return, for its absence to be certain."""
+"""Gain of a poor floor, and least cost that it would have, for its absence to be certain."""
 POINTS, PITCH = 6, 0.32e-3
 """Points in a row of a raster, which cover the largest pit and wall beside it, and metres between
 them, a third of the footprint of the beam."""
 FEWEST = 16
 """Fewest bursts for a depth."""
 DEEPEST = 1.25e-3
-"""Greatest depth that is measured, in metres."""
+"""Greatest measured depth, in metres."""
 MEASURED, HOLE = "measured", "through-hole"
 DEEPER, SILENT = "deeper than 1.25 mm", "no floor echo"
 NO_PIT, _FAINT = "no pit", "too faint"
@@ -79,11 +79,11 @@ _NEAR_DEEPEST = 1e-3
 UNEVEN, DISTURBED, AMBIGUOUS = "uneven floor", "disturbed", "ambiguous depth"
 ASTRAY = "distances disagree"
 _NOTICED, _HOPELESS, _NOTICEABLE = 0.05, 1.15, 3.0
-"""Share by which a pit must explain the traces better than a plain wall; cost, over that of a plain
-wall, above which no fit is tried; and how many times the first a mouth must take from the echo, for
-its absence to be certain."""
+"""Least advantage of a pit over a plain wall, as a share of the cost; cost, over that of a plain
+wall, above which no fit is tried; and multiple of the first that a mouth would take from the echo,
+for its absence to be certain."""
 _OPEN, _UNEVEN = 0.1, 0.6
-"""Gain of a floor below which there is none, and below which it is uneven."""
+"""Gain below which there is no floor, and below which it is uneven."""
 # Errors that the curvature of the cost does not contain, calibrated on separate scans: chamfered
 # mouths and waves outside of the modes, the aim of the beam, the size of the spot. That of the
 # speed of sound is added to them.
@@ -91,8 +91,8 @@ _WIDER, _UNMODELLED = 2.0, 2.5e-6
 _FLAT = 0.02e-3
 _POINTING, _SIZE = 34e-6, 0.018
 _STRAINED = 2.5
-"""Prior deviations between fitted size and image from which on something else echoes too, and the
-outline of the camera is kept."""
+"""Least difference in prior deviations between fitted size and image that shows another echo; the
+outline of the camera is used then."""
 _WIDE, _WIDEST = 0.1e-3, 0.05e-3
 """Standard deviation of the depth of an uneven floor, and the largest one of a flat floor, in
 metres."""
@@ -109,8 +109,8 @@ class PitDepth:
     """Depth of a pit by ultrasound, with a verdict."""
 
     verdict: str
-    """``measured``; ``deeper than 1.25 mm`` (there is an echo of a floor beyond the depths that are
-    measured); ``through-hole`` (no echo out of the mouth, down to the thickness of the wall); ``no
+    """``measured``; ``deeper than 1.25 mm`` (there is an echo of a floor beyond the measured
+    depths); ``through-hole`` (no echo out of the mouth, down to the thickness of the wall); ``no
     floor echo`` (no floor, but another echo; or noise or the end of the traces would hide it);
     ``uneven floor`` (it does not echo as a flat one: the depth is a mean, with a wide band);
     ``disturbed`` (something beside the mouth, such as a bead, echoes too: the outline is that of
@@ -138,10 +138,10 @@ class PitDepth:
     tilt: tuple[float, float] = (0.0, 0.0)
     """Slopes of the floor around and along the pipe."""
     dish: float = np.nan
-    """How much deeper the middle of the floor is than its mean, in metres."""
+    """Depth of the middle of the floor below its mean, in metres."""
     bursts: int = 0
     planned: int = 0
-    """How many were used, and how many were planned."""
+    """Numbers of used and of planned bursts."""
 
     @property
     def measured(self) -> bool:
@@ -192,9 +192,9 @@ def measure_pit(
     bursts were planned than are given.
 
     ``bursts``: as ``average`` returns them; those with a verdict are left out. ``probe``: the probe
-    and what is known of the pipe. ``centre``: phi and z of the mouth in the image. ``diameter``: of
-    the mouth in the image, in metres. ``planned``: bursts of the whole raster if the scan was
-    interrupted; without it, those given.
+    in its pipe. ``centre``: phi and z of the mouth in the image. ``diameter``: of the mouth in the
+    image, in metres. ``planned``: number of bursts of the whole raster if the scan was interrupted;
+    that of ``bursts`` without it.
     """
     if not as_finite("diameter of a mouth", diameter) > 0:
         raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
@@ -284,7 +284,7 @@ def _assessed(
 
 
 def _if_deeper(fit: JointFit, best: JointSolution, verdict: str, bursts: Sequence[Burst]) -> str:
-    """Return the verdict, or that the floor is deeper than measured, or that none is detected."""
+    """Return the verdict, or that the floor is too deep to be measured, or not detected."""
     if verdict in (NO_PIT, _FAINT):
         return verdict
     gain = best.unknowns[4]
@@ -322,7 +322,7 @@ def _verdict(fit: JointFit, best: JointSolution, hole: float) -> tuple[str, floa
 
 
 def _no_pit_or_faint(fit: JointFit, best: JointSolution) -> str:
-    """Return that there is no pit, if its mouth would have been noticed; else ``too faint``."""
+    """Return ``no pit`` if a mouth would have been noticed, else ``too faint``."""
     model, (x, y, size) = fit.model, best.unknowns[:3]
     lost = fit.pulse * model.missing(model.mouth(x, y, size), size)
     power = 0.5 * np.abs(lost / fit.spectra.noise[model.near, None]) ** 2
@@ -336,10 +336,10 @@ def last_window_end(thickness: float) -> float:
 
 
 def detect_deep_floor(fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burst]) -> str:
-    """Look for a floor between the greatest measured depth and the thickness of the wall.
+    """Return whether there is a floor between the greatest measured depth and the outer wall.
 
-    Returns ``detected``; ``absent``; or ``undecided``, where the traces end too early, or noise
-    would hide a floor that returns half of what a flat one does.
+    It is ``detected``; ``absent``; or ``undecided``, if the traces end too early, or noise would
+    hide a floor with half of the echo of a flat one.
 
     ``fit``: of the same bursts. ``unknowns`` (8,): of its solution; only the outline is used.
     ``bursts``: usable ones.

@@ -1,7 +1,7 @@
-"""A-scans of a line or a raster that somebody else recorded, and the files that hold them.
+"""Third-party recordings of A-scans on a line or a raster, and their files.
 
-MATLAB files of any version, HDF5, NDE, NPZ and CSV. A file is known by its content, and a field by
-its name, in the ways in which people call it: `NAMES`.
+Files are MATLAB files of any version, HDF5, NDE, NPZ and CSV. The content shows the kind of a file.
+A field is recognised by its usual names: `NAMES`.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ NAMES = {
     "disc": "transdiam disc discdiameter diameter elementdiameter",
     "gain": "gain gaindb",
 }
-"""Names of each field, in the order in which they are looked for, without capitals and underscores.
+"""Names of each field, in the order of the search, without capitals and underscores.
 All are in SI units, and the gain in dB."""
 _TIME_FIRST = ("ptx", "ptxy")
 """Names of arrays whose first axis is time; of others it is the longest."""
 _SPEEDS, _LONGEST = (100.0, 15_000.0), 1e-3
-"""Speeds of sound in m/s, and longest interval between samples in s, that are taken for such."""
+"""Plausible speeds of sound in m/s, and longest plausible interval between samples in s."""
 _WIDEST = 0.1
 """Largest step between A-scans and largest disc in metres: both are some mm."""
 _UNEVEN = 0.05
-"""Largest deviation of a step from the mean one, as a share of it."""
+"""Largest relative deviation of a step from the mean step."""
 _EDGE, _SMOOTHED = 0.2, 50
-"""Share of the top of a spectrum over its median from which on it belongs to the pulse, and parts
-over which the spectrum is smooth."""
+"""Least height of a spectrum over its median in the band of the pulse, as a share of that of the
+top; and parts over which the spectrum is smoothed."""
 _CLIPPED = 3
-"""Equal samples at the largest value in an A-scan that count as clipped."""
+"""Fewest equal samples at the largest value of a clipped A-scan."""
 _ROUND = 0.5
-"""Bandwidth of a pulse of which only the centre is known, as a share of it to either side."""
+"""Half bandwidth of a pulse with a known centre only, as a share of the centre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,28 +73,28 @@ class RecordedScan:
     interval: float
     """Between samples, in seconds."""
     start: float
-    """Of the first sample since the pulse was fired, in seconds."""
+    """Time of the first sample since the pulse was fired, in seconds."""
     steps: tuple[float, float]
     """Between places along x and y, in metres; that along y is NaN for a line."""
     speeds: tuple[float, ...]
-    """Of sound in the layers from the probe on, in m/s; the first is that of water, if there is
-    any."""
+    """Speeds of sound in the layers from the probe on, in m/s; the first is that of water, if
+    present."""
     thicknesses: tuple[float, ...] = ()
-    """Of the layers as known, in metres; may be shorter, and NaN."""
+    """Known thicknesses of the layers, in metres; may have fewer, and NaN."""
     band: tuple[float, float] = (math.nan, math.nan)
-    """Lowest and highest frequency of the pulse, in Hz; that of the spectrum if not known."""
+    """Lowest and highest frequency of the pulse, in Hz; those of the spectrum if not known."""
     disc: float = math.nan
     """Diameter of the disc of the probe, in metres."""
     gain: float = math.nan
     """In dB."""
     start_known: bool = True
-    """Whether the time of the first sample is known, and not taken for 0."""
+    """Whether the time of the first sample is known, instead of assumed as 0."""
 
     def __post_init__(self) -> None:
         traces, (dx, dy) = self.traces, self.steps
         if traces.ndim != 3 or traces.shape[1] * traces.shape[2] < 2:
             raise RecordError(
-                "it is one A-scan, which says nothing of places; give a scan of two or more"
+                "it is one A-scan, which shows no places of flaws; give a scan of two or more"
             )
         bad = ~np.isfinite(traces)
         if bad.any():
@@ -140,7 +140,7 @@ class RecordedScan:
 
     @cached_property
     def pulse_band(self) -> tuple[float, float]:
-        """The band as known, or the part of the spectrum around its top that is above noise."""
+        """The known band, or the part of the spectrum around its top that is above the noise."""
         if all(np.isfinite(self.band)):
             return self.band
         flat = self.traces.reshape(len(self.traces), -1)
@@ -196,17 +196,16 @@ def read_scan(
         A MATLAB, HDF5, NDE, NPZ or CSV file. A CSV file has a row for each sample and a column for
         each place, and before them lines such as ``# fs: 25e6`` or ``# speeds: 1480, 5900``.
     names : mapping, optional
-        How the file calls a field of `NAMES`.
+        Name in the file of each field of `NAMES`.
     **values
-        Fields of `NAMES` that the file does not have, or that are to replace those of the file, in
-        SI units.
+        Fields of `NAMES` that the file lacks, or that replace those of the file, in SI units.
 
     Raises
     ------
     RecordError
         If the file is of another kind, or has no scan.
     ParameterError
-        If a name is none of a field, or the file does not have it.
+        If a name is not of a field, or is not in the file.
     """
     place = Path(path)
     found, ordered = _content(place)
@@ -288,7 +287,7 @@ def _step(fields: Mapping[str, Any], axis: str) -> float:
 
 
 def _fields(found: Mapping[str, Any], names: dict[str, str], place: Path) -> dict[str, Any]:
-    """Return what a file has of the fields of `NAMES`."""
+    """Return the fields of `NAMES` in a file."""
     for name, called in names.items():
         if name not in NAMES or called not in found:
             raise ParameterError(
@@ -373,7 +372,7 @@ def _hdf(place: Path, *, matlab: bool) -> tuple[dict[str, Any], bool]:
 
 
 def _nde(file: Any, setup: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the first A-scans of an NDE file, version 4: its ``Setup`` says what the axes are."""
+    """Read the first A-scans of an NDE file, version 4: its ``Setup`` describes the axes."""
     for group in setup["groups"]:
         for data in group.get("datasets", ()):
             if data.get("dataClass") != "AScanAmplitude":

@@ -30,44 +30,44 @@ from minorloop_head.ultrasound.scan_surfaces import (
 )
 
 _LEAST = 6.0
-"""Amplitude over the noise at its depth from which on a place is a flaw. Noise alone has it in one
-of 7e7 independent places; the rest is for the grain of a material, whose tails are longer."""
+"""Least amplitude of a flaw over the noise at its depth. Noise alone reaches it in one of 7e7
+independent places; the margin is for the grain of a material, whose tails are longer."""
 _SURE = 2.0
-"""How often this least amplitude a flaw has that is certain, or that is wide."""
+"""Multiple of this least amplitude for a certain flaw, and for a wide one."""
 _WIDE = 4.0
-"""Widths of a point from which on a flaw is wide, and may be what is left of a surface."""
+"""Least size of a wide flaw in widths of a point; it may be a remainder of a surface."""
 _MOST, _TAILED = 0.97, 2.65
-"""Share of the places of a layer whose amplitude is below this one over that of noise, if it is
-noise; where more is above it, grain or sparks make the tail, and noise counts as so much louder.
-Flaws take less than the rest."""
+"""Quantile of the amplitude in a layer, and its ratio to the noise if there is only noise. If it is
+higher, grain or sparks make the tail, and the noise is scaled up to it. Flaws take less than the
+rest."""
 _RAYLEIGH = 1.1774
 """Median of the amplitude of noise over the standard deviation of each of its parts."""
 _POINT = 0.6
-"""Width of a focused point at half its amplitude over the diameter of the disc: the spectrum of its
-directivity there and back, as a Gaussian."""
+"""Width of a focused point at half its amplitude over the diameter of the disc, from the two-way
+directivity of the disc as a Gaussian."""
 _WIDER = 1.3
-"""Width over that of a point from which on it is a size and not a bound."""
+"""Least width, over that of a point, that is a size instead of a bound."""
 _BESIDE = 4.0
 """Reach of the side lobes of a point, in widths."""
 _LOBES = ((2.0, 0.25), (4.0, 0.06))
-"""Pulses before and after a point in which they lie, and their largest amplitude over that of it:
-what the ends of the scan and gaps in it leave of the branches of its hyperbola."""
+"""Pulses before and after a point in which they lie, and their largest amplitude over that of the
+point: remainders of the branches of its hyperbola at the ends of the scan and at gaps."""
 _TAIL = 6.0
-"""Pulses after an echo in which what crept round a flaw arrives, quieter than a first lobe."""
+"""Pulses after an echo in which its creeping wave round the flaw arrives, below a first lobe."""
 _NARROW = 0.5
-"""Least width of a faint flaw over the usual one of the certain ones: what is narrower is grain or
+"""Least width of a faint flaw over the usual one of certain flaws: narrower ones are grain or
 noise."""
 _UNDERSIDE = 5.0
-"""Pulses by which the underside of a flaw makes the way from the surface below shorter."""
+"""Pulses by which an echo from the underside of a flaw may arrive early, due to its extent."""
 _BEFORE, _AFTER = 1.5, 3.0
-"""Pulses before and after a surface in which its echo hides others. Before the first it is as long
-as after it: its rise, which may be clipped, is not level."""
+"""Pulses before and after a surface in which its echo hides others. Before the first surface they
+are as many as after it: its rise, which may be clipped, is not level."""
 _SAME = 2.0
-"""Pulses between the parts of one flaw."""
+"""Largest distance of the parts of one flaw, in pulses."""
 _LATER = 0.5
-"""Time that branches of hyperbolas take beyond that of their tops, as a share of the layer's."""
+"""Delay of branches of hyperbolas after their tops, as a share of the time of the layer."""
 _FEWEST = 8
-"""Places along a line without which noise is not told from flaws."""
+"""Fewest places along a line to distinguish noise from flaws."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class ScanFlaw:
     """A flaw; lengths in metres, NaN if unknown."""
 
     layer: int
-    """From 1 on; the first is that in front of the probe."""
+    """Number from 1 on; the first layer is in front of the probe."""
     x: float
     y: float
     """Place, counted from the first A-scan; y is NaN on a line."""
@@ -83,24 +83,24 @@ class ScanFlaw:
     """Standard deviation of either."""
     depth: float
     depth_sd: float
-    """Below the top of the layer, with the standard deviation at the speed as given."""
+    """Depth below the top of the layer, and its standard deviation at the stated speed."""
     below: float
     """Depth below the probe."""
     width: float
     length: float
-    """At half the amplitude, focused, along x and along y: 6 dB drop."""
+    """Sizes along x and along y at half the focused amplitude: 6 dB drop."""
     size: float
-    """The larger of both where it is more than that of a point, or, if the disc is not known, than
-    the usual one of flaws in the layer; else NaN: it is at most this."""
+    """The larger of both if it is more than that of a point, or, for an unknown disc, than the
+    usual one of flaws in the layer; else NaN, and they are upper bounds."""
     level: float
     """Amplitude over that of noise and structure at its depth, in dB."""
     time: float
-    """Of its echo, in seconds after the pulse, with the first surface at its mean time."""
+    """Time of its echo, in seconds after the pulse, with the first surface at its mean time."""
     amplitude: float
     grade: str
     """``confirmed`` if twice as loud as a flaw must be, else ``probable``."""
     why: str = ""
-    """What else explains the echo, if anything does; empty for a flaw."""
+    """Other explanation of the echo; empty for a flaw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +109,14 @@ class ScanLayer:
 
     number: int
     speed: float
-    """Of sound, in m/s."""
+    """Speed of sound, in m/s."""
     top: float
     bottom: float
     """Times of the echoes of its surfaces in seconds; the bottom may be the end of the scan."""
     thickness: float
-    """In metres; NaN without a surface at its bottom."""
+    """Thickness in metres; NaN without a surface at its bottom."""
     depths: FloatArray
-    """Shape (Z,). Of the picture below the top of the layer, in metres."""
+    """Shape (Z,). Depths of the picture below the top of the layer, in metres."""
     above: float
     """Depth of its top below the probe, in metres."""
     picture: FloatArray
@@ -125,13 +125,13 @@ class ScanLayer:
 
 @dataclass(frozen=True, eq=False)
 class ScanFlaws:
-    """What a scan shows."""
+    """Layers and flaws in a scan."""
 
     scan: RecordedScan
     surfaces: Surfaces
     layers: tuple[ScanLayer, ...]
     flaws: tuple[ScanFlaw, ...]
-    """In the order of layers, then of places."""
+    """Flaws in the order of layers, then of places."""
     repeats: tuple[ScanFlaw, ...]
     """Echoes that other echoes explain."""
     advice: tuple[str, ...]
@@ -139,7 +139,7 @@ class ScanFlaws:
 
     @property
     def tilt(self) -> float:
-        """Of the first surface, in radians; NaN without one."""
+        """Tilt of the first surface, in radians; NaN without one."""
         return self.surfaces.tilt
 
 
@@ -150,7 +150,7 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
     ----------
     scan : RecordedScan
     least : float
-        Amplitude over the noise and structure at its depth from which on a place is a flaw.
+        Least amplitude of a flaw over the noise and structure at its depth.
 
     Raises
     ------
@@ -159,8 +159,8 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
 
     Notes
     -----
-    What most places have in common, once they are aligned by the echo of the first surface, are
-    surfaces and their ringing; their median is subtracted. The field is brought down to the first
+    Places are aligned by the echo of the first surface. The signal common to most of them, surfaces
+    and their ringing, is subtracted as their median. The field is continued down to the first
     surface, each place by the time of its own echo, so that the layers below are level. In each
     layer it is focused by phase shift, and compared with its median amplitude at each depth.
     """
@@ -168,7 +168,7 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
         raise ParameterError(f"least is {least}; give 1 to 1000")
     if scan.traces.shape[1] * scan.traces.shape[2] < _FEWEST:
         places = scan.traces.shape[1] * scan.traces.shape[2]
-        raise RecordError(f"{places} A-scans do not tell flaws from surfaces; give {_FEWEST}")
+        raise RecordError(f"{places} A-scans are too few to find flaws; give at least {_FEWEST}")
     scan, dead = _without_dead(scan)
     field = recorded_field(scan)
     surfaces = find_surfaces(scan, field)
@@ -183,14 +183,14 @@ def scan_flaws(scan: RecordedScan, *, least: float = _LEAST) -> ScanFlaws:
     flaws, repeats = _explained(found, surfaces.times, scan)
     if not flaws and not surfaces.times.size:
         advice.append(
-            "no echo stands out of the noise, neither of a surface nor of a flaw, so that the scan "
-            "says nothing of the part; check coupling and gain, and which field has the A-scans"
+            "no echo stands out of the noise, neither of a surface nor of a flaw, so that the part "
+            "is not inspected; check coupling and gain, and which field has the A-scans"
         )
     return ScanFlaws(scan, surfaces, tuple(layers), flaws, repeats, tuple(advice))
 
 
 def _without_dead(scan: RecordedScan) -> tuple[RecordedScan, list[str]]:
-    """Return a scan whose constant A-scans are the mean of those beside them along x, said so.
+    """Return a scan with constant A-scans replaced by the mean of neighbours along x, and advice.
 
     A gap would cut the echo of a flaw in two.
     """
@@ -204,8 +204,8 @@ def _without_dead(scan: RecordedScan) -> tuple[RecordedScan, list[str]]:
         before, after = alive[np.maximum(at - 1, 0)], alive[np.minimum(at, alive.size - 1)]
         traces[:, gaps, y] = 0.5 * (traces[:, before, y] + traces[:, after, y])
     return replace(scan, traces=traces), [
-        f"{counted(int(dead.sum()), 'A-scan')} without a signal taken for the mean of those "
-        "beside; what is there is not seen"
+        f"{counted(int(dead.sum()), 'A-scan')} without a signal replaced by the mean of the "
+        "neighbours; flaws there are missed"
     ]
 
 
@@ -213,8 +213,8 @@ def _advice(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
     said = []
     if not scan.start_known:
         said.append(
-            "the time of the first sample is not known and taken for 0, the pulse; where it is "
-            "later, the first layer is thicker than said; give it with --given start=US"
+            "the time of the first sample is unknown, and 0 is assumed, the pulse; if it is "
+            "later, the first layer is thicker than stated; give it with --given start=US"
         )
     if scan.clipped and surfaces.times.size:
         long = surfaces.plateaus[0]
@@ -234,7 +234,7 @@ def _advice(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
 
 
 def _unsure(scan: RecordedScan, surfaces: Surfaces, number: int) -> float:
-    """Return by how much a clipped echo of the top of a layer leaves depths open, in metres."""
+    """Return the uncertainty of depths after a clipped echo of the top of a layer, in metres."""
     if number < 2 or not scan.clipped:
         return 0.0
     long = float(surfaces.plateaus[number - 2]) - pulse_length(scan)
@@ -259,7 +259,7 @@ def _layers(scan: RecordedScan, surfaces: Surfaces, field: Field) -> Iterator[Sc
         hides = 0.0 if last else half[n] + (_BEFORE if n else _AFTER) * pulse
         ends = bottom - hides + surfaces.offsets * (n == 0)
         # The first surface may be tilted, and is taken away before it is filtered and focused.
-        shown = field if n or last else recorded_field(_until(scan, ends)).local()
+        shown = field if n or last else recorded_field(_cut_after(scan, ends)).local()
         begin, ending = 2 * depths[[0, -1]] / speed
         shown = shown.within(begin - pulse, ending + _LATER * (ending - begin) + 4 * pulse)
         picture = np.abs(shown.image(speed, depths))
@@ -279,8 +279,8 @@ def _layers(scan: RecordedScan, surfaces: Surfaces, field: Field) -> Iterator[Sc
         above += thick
 
 
-def _until(scan: RecordedScan, times: FloatArray) -> RecordedScan:
-    """Return a scan without what arrives at each place (X, Y) after a time in seconds."""
+def _cut_after(scan: RecordedScan, times: FloatArray) -> RecordedScan:
+    """Return a scan without signals that arrive at each place (X, Y) after a time in seconds."""
     at = scan.start + scan.interval * np.arange(len(scan.traces))
     centred = scan.traces - scan.traces.mean(axis=0)
     return replace(scan, traces=np.where(at[:, None, None] < times, centred, 0.0))
@@ -315,7 +315,7 @@ def _candidates(
         level, shape = float(ratio[z, x, y]), np.nan_to_num(loud)
         fine = vertex(shape[:, x, y], z)[0]
         across = [
-            _half(line, n, step) for line, n, step in (
+            _half_width(line, n, step) for line, n, step in (
                 (shape[z, :, y], x, scan.steps[0]), (shape[z, x], y, scan.steps[1])
             )
         ]  # fmt: skip
@@ -351,7 +351,7 @@ def _candidates(
 
 
 def _cells(scan: RecordedScan, axis: int) -> int:
-    """Return how many steps a focused point is wide, at least one on an axis that there is."""
+    """Return the width of a focused point in steps, at least one on an existing axis."""
     if scan.traces.shape[1 + axis] == 1:
         return 0
     size = _POINT * scan.disc if scan.disc > 0 else 0.0
@@ -365,7 +365,7 @@ def _point(scan: RecordedScan, layer: ScanLayer) -> float:
     return max(_POINT * scan.disc, quarter, float(np.nanmax(scan.steps)))
 
 
-def _half(line: FloatArray, n: int, step: float) -> tuple[float, float]:
+def _half_width(line: FloatArray, n: int, step: float) -> tuple[float, float]:
     """Return place and width at half the amplitude of a peak in a line of places, in metres."""
     if line.size == 1:
         return math.nan, math.nan
@@ -390,7 +390,7 @@ def _explained(
     for each in sorted(found, key=lambda one: -one.amplitude):
         if any(_is_part(each, one, pulse) for one in flaws):
             continue
-        why = next((said for one in flaws if (said := _why(each, one, times, scan))), "")
+        why = next((said for one in flaws if (said := _explanation(each, one, times, scan))), "")
         if why:
             repeats.append(replace(each, why=why, grade="look again"))
         else:
@@ -410,19 +410,19 @@ def _is_part(each: ScanFlaw, one: ScanFlaw, pulse: float) -> bool:
     return bool(each.layer == one.layer and near and abs(each.time - one.time) < _SAME * pulse)
 
 
-def _why(each: ScanFlaw, one: ScanFlaw, times: FloatArray, scan: RecordedScan) -> str:
-    """Return how a louder echo explains another, or an empty string."""
+def _explanation(each: ScanFlaw, one: ScanFlaw, times: FloatArray, scan: RecordedScan) -> str:
+    """Return the explanation of an echo by a louder one, or an empty string."""
     away = _apart(each, one)
     wide = float(np.nanmax([one.width, one.length, each.width]))
     pulse, share = pulse_length(scan), each.amplitude / one.amplitude
-    at = f"that at {1e3 * one.x:.1f} mm, {1e3 * one.below:.1f} mm below the probe"
+    at = f"the flaw at {1e3 * one.x:.1f} mm, {1e3 * one.below:.1f} mm below the probe"
     later = each.time - one.time
     if each.layer == one.layer:
         near = (abs(later) < far * pulse and share < most for far, most in _LOBES)
         if away < _BESIDE * wide and any(near):
             return f"a side lobe of {at}"
         if away < wide and 0 < later < _TAIL * pulse and share < _LOBES[0][1]:
-            return f"what crept round {at}"
+            return f"a creeping wave round {at}"
     if away > wide or share > 0.5:
         return ""
     tops = [0.0, *times]

@@ -1,11 +1,11 @@
 """Surfaces of layers in a scan: echoes that most A-scans have, on planes of a common tilt.
 
-A scan is focused through layers by phase shift, from where it was recorded down to any depth.
-Echoes of a scan with one disc are those of sources that all fire at time 0, in a medium in which
-sound is half as fast (exploding reflectors). The field of these sources at a depth is that at the
+A scan is focused through layers by phase shift, from the plane of the recording to any depth.
+Echoes of a scan with one disc equal those of sources that all fire at time 0, in a medium with half
+the speed of sound (exploding reflectors). The field of these sources at a depth is that at the
 surface, with each plane wave shifted in phase (Skjelvareid, Olofsson, Birkelund and Larsen,
 Synthetic aperture focusing of ultrasonic data from multilayered media using an omega-k algorithm,
-IEEE Trans. UFFC 58, 2011). Where the sources are, the field at time 0 is the picture.
+IEEE Trans. UFFC 58, 2011). At the depth of the sources, the field at time 0 is the picture.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from minorloop.errors import RecordError
 from minorloop_head.ultrasound.recorded_scan import RecordedScan
 
 _STEEPEST, _SLOPES = math.radians(10.0), 161
-"""Largest tilt of the first surface in radians, and how many are tried."""
+"""Largest tilt of the first surface in radians, and number of tried tilts."""
 _MOST = 200
-"""A-scans of which the tilt is found first."""
+"""Number of A-scans for a first estimate of the tilt."""
 _OVER = 4.0
-"""Amplitude of a surface over the median one around it, within `_AROUND` pulses."""
+"""Least amplitude of a surface over the median within `_AROUND` pulses around it."""
 _AROUND, _APART = 12, 4
 """Pulses around a surface, and between two, which a clipped or ringing echo may last."""
 _SAME = 1.0
-"""Pulses within which an echo arrives as a repeat of louder ones would."""
+"""Largest difference in pulses between the time of an echo and that of a repeat of louder ones."""
 _QUIETER = 0.5
 """Largest amplitude of a repeat over that of the echo that it repeats."""
 _TOP = 0.7
-"""Share of the amplitude that the plateau of an echo has."""
+"""Least amplitude of the plateau of an echo, as a share of its largest one."""
 _SMOOTH = 9
-"""A-scans over which the first surface is smooth."""
+"""Number of A-scans over which the first surface is smoothed."""
 _SAID, _REFUSED = 0.05, 0.2
-"""Share by which a thickness that is known may differ from that by the echoes until it is said, and
-until the depths would be those of another layer."""
+"""Relative difference of a known thickness from that by the echoes above which there is a warning,
+and above which depths would belong to another layer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,24 +49,24 @@ class Surfaces:
     """Surfaces between the layers of a scan, from the probe on."""
 
     times: FloatArray
-    """Shape (N,). Of the echo of each under the middle of the scan, in seconds."""
+    """Shape (N,). Time of the echo of each under the middle of the scan, in seconds."""
     amplitudes: FloatArray
-    """Shape (N,). Of the median echo."""
+    """Shape (N,). Amplitude of the median echo."""
     offsets: FloatArray
-    """Shape (X, Y). Of the echo of the first from its mean time, in seconds."""
+    """Shape (X, Y). Delay of the echo of the first from its mean time, in seconds."""
     plateaus: FloatArray
-    """Shape (N,). How long the echo of each stays near its largest amplitude, in seconds."""
+    """Shape (N,). Duration of the plateau of each echo near its largest amplitude, in seconds."""
     slopes: tuple[float, float]
-    """Sines of the tilt of the first along x and y, positive where it is deeper at larger x."""
+    """Sines of the tilt of the first along x and y, positive if it is deeper at larger x."""
 
     @property
     def tilt(self) -> float:
-        """Of the first surface, in radians; NaN without one."""
+        """Tilt of the first surface, in radians; NaN without one."""
         return math.asin(min(math.hypot(*self.slopes), 1.0)) if self.times.size else math.nan
 
 
 def pulse_length(scan: RecordedScan) -> float:
-    """Return how long a pulse of the band of a scan lasts at half its amplitude, in seconds."""
+    """Return the duration of a pulse of the band of a scan at half its amplitude, in seconds."""
     low, high = scan.pulse_band
     return 1.2 / (high - low)
 
@@ -78,9 +78,9 @@ def find_surfaces(scan: RecordedScan, field: Field | None = None) -> Surfaces:
 
     Notes
     -----
-    Amplitudes are shifted by the tilt for which their median over all places is loudest: what is
-    at a few places only has no part in it. The first surface is then followed from place to place
-    by the front of its echo.
+    Amplitudes are shifted by the tilt for which their median over all places is loudest: echoes at
+    a few places do not affect it. The first surface is then followed from place to place by the
+    front of its echo.
     """
     field = field or recorded_field(scan)
     length = pulse_length(scan)
@@ -141,7 +141,7 @@ def _stack(loud: FloatArray, delays: FloatArray) -> FloatArray:
 
 
 def _peaks(stack: FloatArray, most: int, length: float) -> FloatArray:
-    """Return the samples of the loudest echoes that stand out and repeat no louder ones."""
+    """Return the samples of the loudest echoes that stand out and are no repeats of louder ones."""
     around = median_filter(stack, 2 * int(_AROUND * length) + 1, mode="nearest")
     inner = stack[1:-1]
     tops = (inner >= stack[:-2]) & (inner > stack[2:]) & (inner > _OVER * around[1:-1])
@@ -169,7 +169,7 @@ def _apart(stack: FloatArray, one: int, other: int, least: float) -> bool:
 def _followed(loud: FloatArray, delays: FloatArray, top: int, reach: float) -> FloatArray:
     """Return the delays in samples at which the first surface itself arrives.
 
-    Its front, where the amplitude first is half of the largest, also tells when it is clipped.
+    Its front, at half of the largest amplitude, also has a time if the echo is clipped.
     """
     span = np.arange(-int(reach), int(reach) + 1)
     rows = span[:, None, None] + np.rint(top + delays).astype(int)
@@ -193,10 +193,10 @@ def _plateau(stack: FloatArray, top: int) -> tuple[int, int]:
 
 
 def contradictions(scan: RecordedScan, surfaces: Surfaces) -> list[str]:
-    """Return sentences on thicknesses that differ from those by the echoes and the speeds.
+    """Return warnings on thicknesses that differ from those by the echoes and the speeds.
 
-    Raises a `RecordError` if a layer that another one follows differs by a fifth or more: depths
-    would be wrong.
+    Raises a `RecordError` if a layer above another one differs by a fifth or more: depths would be
+    wrong.
     """
     said = []
     before = 0.0
@@ -220,9 +220,9 @@ ComplexArray: TypeAlias = npt.NDArray[np.complexfloating]
 _BEYOND = 0.2
 """Width of the flanks of the band, as a share of its edges."""
 _ROOM = 64
-"""Places beside the scan into which waves run, so that they do not come back around."""
+"""Padding beside the scan in places, so that waves do not wrap around."""
 _DEPTHS = 4
-"""Depths in the shortest wave, of which the echoes have two for each of the medium."""
+"""Number of depths per shortest wave; echoes have two waves for each wave of the medium."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,17 +249,17 @@ class Field:
     def earlier(self, times: npt.ArrayLike) -> Field:
         """Return the field with each place (X, Y) earlier by a time in seconds.
 
-        On a surface at depths that differ by little this is the field on the surface itself: what
-        the shift neglects is the slant of the waves over this difference (split-step Fourier
-        migration, Stoffa and others, Geophysics 55, 1990).
+        If the depths of a surface differ by little, this is the field on the surface itself: the
+        shift neglects the slant of the waves over this difference (split-step Fourier migration,
+        Stoffa and others, Geophysics 55, 1990).
         """
         shift = np.exp(1j * self.omega[:, None, None] * np.asarray(times))
         return replace(self, spectrum=self.spectrum * shift)
 
     def local(self) -> Field:
-        """Return the field without what most places have at the same time.
+        """Return the field without the signal common to most places at the same time.
 
-        That is the echo of a level surface, and its ringing; the median over all places has it.
+        It is the echo of a level surface with its ringing: the median over all places.
         """
         wave = fft.ifft(self.spectrum, axis=0)
         wave -= np.median(wave.real, axis=(1, 2), keepdims=True)
@@ -267,16 +267,15 @@ class Field:
         return replace(self, spectrum=fft.fft(wave, axis=0))
 
     def within(self, begin: float, end: float) -> Field:
-        """Return what arrives between two times in seconds, by as few frequencies as it needs.
+        """Return the field between two times in seconds, with as few frequencies as it needs.
 
-        Echoes at earlier and later times are left out, so that a picture of what lies between
-        takes less work.
+        Without echoes at earlier and later times, a picture of this range takes less work.
         """
         count, step = len(self.omega), self.omega[1] - self.omega[0]
         kept = int((end - begin) * count * step / (2 * np.pi)) + 1
         if kept >= count:
             return self
-        # One sample for each turn of the band, as of a signal that is mixed down.
+        # One sample for each cycle of the bandwidth, as of a down-mixed signal.
         wave = fft.ifft(self.earlier(np.full(self.spectrum.shape[1:], begin)).spectrum, axis=0)
         spectrum = fft.fft(wave[:kept], axis=0) * (count / kept)
         omega = self.omega[0] + step * count / kept * np.arange(kept)
@@ -297,7 +296,7 @@ class Field:
         return found
 
     def _vertical(self, speed: float) -> FloatArray:
-        """Return the vertical wavenumbers (F, KX, KY); NaN of waves that do not travel."""
+        """Return the vertical wavenumbers (F, KX, KY); NaN of evanescent waves."""
         kx, ky = (
             2 * np.pi * fft.fftfreq(_padded(n), step) if n > 1 else np.zeros(1)
             for n, step in zip(self.spectrum.shape[1:], self.steps, strict=True)
@@ -316,12 +315,12 @@ class Field:
 
 
 def _padded(count: int) -> int:
-    """Return a count of places with room beside them, so that waves do not come back around."""
+    """Return a padded count of places, so that waves do not wrap around."""
     return int(fft.next_fast_len(count + min(count, _ROOM))) if count > 1 else 1
 
 
 def recorded_field(scan: RecordedScan) -> Field:
-    """Return the field of a scan where it was recorded."""
+    """Return the field of a scan in the plane of the recording."""
     low, high = scan.pulse_band
     count = len(scan.traces)
     frequency = fft.rfftfreq(count, scan.interval)
@@ -345,5 +344,5 @@ def envelope(field: Field, times: FloatArray) -> FloatArray:
 
 
 def depth_step(field: Field, speed: float) -> float:
-    """Return the distance of depths that shows all of a picture, in metres."""
+    """Return the largest step of depths that resolves a picture, in metres."""
     return float(np.pi * speed / field.omega.max() / _DEPTHS)

@@ -1,4 +1,4 @@
-"""Which bursts of a raster can be used together, and the spectra of their echoes of a wall."""
+"""Selection of the bursts of a raster that fit together, and spectra of their echoes of a wall."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ WINDOW = 1 / RESOLUTION
 LEAD = 0.6e-6
 """Time from the start of the window to the echo of the wall, in seconds."""
 _TAPER = 0.2
-"""Share of the window over which it rises and falls."""
+"""Share of the window in its rising and falling flanks."""
 FAR = 10
-"""Number of traces far from a pit that give the place of the wall and the pulse."""
+"""Number of traces far from a pit for the place of the wall and the pulse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,8 @@ def spectra_of(
 ) -> Spectra | None:
     """Return the spectra of bursts; None if there is no echo of the wall around the place.
 
-    ``bursts``: as ``usable_bursts`` returns them. ``probe``: the probe and what is known of the
-    pipe. ``centre``: phi and z. ``after``: delay of the window, in seconds; phases count from the
-    wall all the same.
+    ``bursts``: as ``usable_bursts`` returns them. ``probe``: the probe in its pipe. ``centre``: phi
+    and z. ``after``: delay of the window, in seconds; phases still count from the wall.
 
     Notes
     -----
@@ -121,7 +120,7 @@ def _spectrum(burst: Burst, at: float, after: float) -> ComplexArray:
 
 
 def tapered(count: int) -> FloatArray:
-    """Return a Tukey window (count,), whose cosine flanks are ``_TAPER`` of it together."""
+    """Return a Tukey window (count,), whose two cosine flanks are a share ``_TAPER`` of it."""
     last = count - 1
     flank = int(_TAPER * last / 2)
     n = np.arange(count, dtype=np.float64)
@@ -139,8 +138,8 @@ SHORT, FEW, SMALL, _MISSING = "too short", "too few echoes", "raster too small",
 ONE_PLACE, BESIDE = "all at one place", "raster beside the mouth"
 _FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
 _INSIDE, _BESIDE, _ONE = 0.4e-3, 0.2e-3, 0.1e-3
-"""Smallest radius that counts as inside a mouth, distance from its rim from which on a spot is on
-plain wall, and smallest distance between two places, in metres. A footprint is 1 mm wide."""
+"""Smallest radius that counts as inside a mouth, least distance of plain wall from its rim, and
+smallest distance between two places, in metres. A footprint is 1 mm wide."""
 
 
 def usable_bursts(bursts: Sequence[Burst]) -> list[Burst]:
@@ -190,9 +189,8 @@ def coverage_fault(
 ) -> str:
     """Return why usable bursts do not cover a mouth, or an empty string.
 
-    ``bursts``: usable ones; ``probe``: the probe and what is known of the pipe; ``centre``: phi and
-    z of the mouth; ``diameter``: of the mouth, in metres; ``whole``: whether these are all that
-    were planned.
+    ``bursts``: usable ones; ``probe``: the probe in its pipe; ``centre``: phi and z of the mouth;
+    ``diameter``: of the mouth, in metres; ``whole``: whether these are all planned bursts.
     """
     if not long_enough(bursts, probe):
         return SHORT

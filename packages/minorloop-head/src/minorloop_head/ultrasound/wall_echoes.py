@@ -1,4 +1,4 @@
-"""Echoes of the wall in the bursts of a sweep: their depths, and how loud they are; its profile."""
+"""Echoes of the wall in the bursts of a sweep: their depths and amplitudes; profile of the wall."""
 
 from __future__ import annotations
 
@@ -25,23 +25,22 @@ from minorloop_head.ultrasound.spectra import least_deviations
 
 Indices = npt.NDArray[np.intp]
 PULSE = 0.1e-3
-"""Length of a pulse in metres of depth, two standard deviations of its envelope: nearer echoes are
-one."""
+"""Length of a pulse in metres of depth, two standard deviations of its envelope: nearer echoes
+merge."""
 _BEFORE, _BEYOND = 0.8e-3, 1.4e-3
 """Window of the strongest echo before and beyond the wall in metres, for beads and for the deepest
-pit that is measured."""
+measured pit."""
 _LEAST_SNR = 5.0
-"""Amplitude over noise from which on there is an echo: noise alone reaches it once in 5,000
-bursts."""
+"""Least amplitude of an echo over the noise: noise alone reaches it once in 5,000 bursts."""
 _RINGING = 0.15
-"""Least amplitude of the echo of a surface over that of a plain wall. What the back of a steel wall
-returns is (1 - R^2) / R = 0.13 of it, with R that of steel in water."""
+"""Least amplitude of the echo of a surface over that of a plain wall. The echo of the back of a
+steel wall is (1 - R^2) / R = 0.13 of it, with the reflection coefficient R of steel in water."""
 _ABOUT = 36
-"""Bursts whose median is the wall about one of them: a disc 1.6 mm wide, of which a crack of 0.3 mm
-takes a quarter."""
+"""Number of bursts whose median is the wall about one of them: a disc 1.6 mm wide, of which a crack
+of 0.3 mm takes a quarter."""
 _FLAT, _MOST = 0.04e-3, 0.75
-"""Largest depth of most of the wall about a crack in metres, a quarter of a wavelength, and how
-much is most. The flanks of dents and beads take from the echo too."""
+"""Largest depth in metres of the wall about a crack, a quarter of a wavelength, and least share of
+the wall below it. The flanks of dents and beads weaken the echo too."""
 BESIDE = 9
 """Bursts within 0.4 mm of one of them."""
 
@@ -53,12 +52,12 @@ class SweptBurst:
     t: float
     """Its time, in seconds."""
     place: FloatArray
-    """Shape (2,). Advance and roll of the catheter as measured, in metres and radians."""
+    """Shape (2,). Measured advance and roll of the catheter, in metres and radians."""
     spot: FloatArray
     """Shape (3,). Phi and z where the beam meets the nominal wall, and its distance along the beam,
     by the measured angles."""
     burst: Burst
-    """Mean of its shots, with pan and tilt as measured."""
+    """Mean of its shots, with measured pan and tilt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +67,11 @@ class WallEchoes:
     spots: FloatArray
     """Shape (N, 2). Phi and z."""
     depth: FloatArray
-    """Shape (N,). Of the strongest echo below the wall, in metres; NaN without one that a surface
-    can return."""
+    """Shape (N,). Depth of the strongest echo below the wall, in metres; NaN without one loud
+    enough for a surface."""
     amplitude: FloatArray
-    """Shape (N,). Of the echo at the distance of the wall about it, over the usual one; NaN if the
-    trace is too short."""
+    """Shape (N,). Amplitude of the echo at the distance of the wall about it, over the usual one;
+    NaN if the trace is too short."""
     strongest: FloatArray
     snr: FloatArray
     """Shape (N,). Amplitude of the strongest echo over the usual one, and over noise."""
@@ -81,7 +80,7 @@ class WallEchoes:
 
     @property
     def lost(self) -> FloatArray:
-        """(N,) share of the amplitude about each that it lacks."""
+        """(N,) missing share of the amplitude about each."""
         return 1 - self.amplitude / np.maximum(_quantile(self.amplitude[self.near]), _RINGING)
 
     @property
@@ -91,15 +90,15 @@ class WallEchoes:
 
     @property
     def scattered(self) -> BoolArray:
-        """(N,) whether the wall sends the beam elsewhere, or is the top of a bead.
+        """(N,) whether the wall reflects the beam elsewhere, or is the top of a bead.
 
-        A crack, which is narrower than the beam, does neither.
+        Neither is so at a crack, which is narrower than the beam.
         """
         return np.isnan(self.depth) | (self.depth < -_FLAT)
 
     @property
     def texture(self) -> FloatArray:
-        """(N,) depth of each less the median of those beside it."""
+        """(N,) depth of each less the median depth of its neighbours."""
         return self.depth - _quantile(self.depth[self.near[:, :BESIDE]])
 
 
@@ -120,9 +119,9 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
 
     Notes
     -----
-    The distance of the wall is less `pivot_wave`: a misplaced pivot is no depth. The waves of a
-    focused beam go down at angles t up to arctan(D / 2F), and delay by 2 d cos(t) / c; the mean
-    over the disc is 1 - t^2 / 4.
+    `pivot_wave` is subtracted from the distance of the wall: a misplaced pivot is no depth. The
+    waves of a focused beam travel at angles t up to arctan(D / 2F), with the delay 2 d cos(t) / c;
+    the mean over the disc is 1 - t^2 / 4.
     """
     spots = np.array([one.spot for one in swept]).reshape(-1, 3)
     heard = [_strongest(one, probe.speed) for one in swept]
@@ -189,11 +188,11 @@ def _amplitude_at(one: SweptBurst, loud: FloatArray | None, distance: float, spe
 
 _LEAST, _SLACK = 6.0, 1.5e-3
 """Least echo of the wall over the noise, and its largest distance from nominal, in metres. Noise
-alone has peaks of 4 to 5 within that distance, and one above the water puts its surface there."""
+alone has peaks of 4 to 5 within that distance; one above the water would set a wrong level."""
 _JITTER = 7e-9
 """Scatter of the time of an echo at a signal-to-noise ratio of 1, in seconds."""
 _AIM = 5e-6
-"""Error of the distance by the aim of the beam, in metres."""
+"""Error of the distance from the aim of the beam, in metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +215,8 @@ def wall_profile(bursts: Sequence[Burst], probe: CalibratedProbe) -> Profile:
     """Return the profile of the wall from the bursts of one sweep.
 
     ``bursts``: those with a verdict count as without an echo. ``probe``: the probe and its mount,
-    which contains the roll. For a sweep round the pipe, make one profile for each roll, and join
-    them with ``joined``.
+    which contains the roll. For a sweep round the pipe, make a profile for each roll, and join the
+    profiles with ``joined``.
 
     Notes
     -----

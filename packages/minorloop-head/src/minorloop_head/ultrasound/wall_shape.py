@@ -1,8 +1,8 @@
 """The shape of a bent wall about a pit, and the speed of sound, by distances measured beside it.
 
-Nothing is known of what bent the wall. How smooth it is, and how far it is from a plane, is as
-likely as possible for the distances; what is unknown under the mouth follows from both. The
-pipe and the calibrated probe give the distance of a plain wall; its echo gives a time.
+The cause of the bend is unknown. Smoothness and deviation from a plane have the maximum likelihood
+for the distances; they give the uncertainty of the wall under the mouth. The pipe and the
+calibrated probe give the distance of a plain wall; its echo gives a time.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from minorloop.arrays import FloatArray
 _PIVOT = 0.05e-3
 """Standard deviation of the known place of the pivot, in metres."""
 _THERMOMETER, _OTHER = 0.6e-3, 20e-3
-"""Standard deviations of the speed, as a share of it: of pure water by a thermometer that is off by
-0.3 degrees; and of any other water, such as brackish water or one that is 8 degrees warmer."""
+"""Relative standard deviations of the speed: of pure water by a thermometer with an error of 0.3
+degrees; and of any other water, such as brackish water or water 8 degrees warmer."""
 _OTHERS = 0.3
-"""Share of waters that are not as assumed, before any echo."""
+"""Prior share of waters that differ from the assumption."""
 FARTHEST = 0.35e-3
-"""Largest distance of a wall that is not bent from where it should be, in metres: that of water
-with a speed of 4 %, and more than that of a pivot in error."""
+"""Largest distance in metres of a wall that is not bent from its nominal place: that for an error
+of 4 % of the speed, and more than that for an error of the pivot."""
 _RAMPS = (0, 3, 6, 12, 24, 48)
-"""Bursts during which the water changes."""
+"""Numbers of bursts during which the water changes."""
 _CHANGES = (0.03e-3, 0.1e-3, 0.3e-3)
 """Standard deviations of the change of the distance, in metres: of 2 to 20 degrees."""
 _SURE = 10.0
-"""Difference of log-likelihoods from which on the water has changed and the wall is not bent."""
+"""Least difference of log-likelihoods that shows a change of the water instead of a bent wall."""
 _LENGTHS = (0.5e-3, 0.8e-3, 1.2e-3, 2e-3, 3e-3)
 """Distances in metres over which a wall may bend: from half a mouth to twice a raster."""
 _HEIGHTS = (0.01e-3, 0.03e-3, 0.1e-3, 0.3e-3, 1e-3)
-"""Standard deviations of the wall from a plane in metres: from what counts as bent to a pit."""
+"""Standard deviations of the wall from a plane in metres: from a slight bend to a pit."""
 _ERRORS = (2e-6, 4e-6, 8e-6, 16e-6)
 """Standard deviations of a distance in metres: texture of the wall, and places of the beam."""
 _OFFSET, _SLOPE = 1e-3, 0.3
 """Standard deviations of the distance of the plane in metres, and of its slopes: the pivot is known
 to 0.05 mm, and a steeper wall sends no echo back to the lens."""
 _RIM = 24
-"""Places on a rim that give its plane."""
+"""Number of places on a rim for its plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +51,16 @@ class WallShape:
     places: FloatArray
     """Shape (N, 2). Around and along the pipe from a centre, in metres."""
     inverse: FloatArray
-    """Shape (N, N). Of the covariance of the distances, in 1/m^2."""
+    """Shape (N, N). Inverse covariance of the distances, in 1/m^2."""
     weights: FloatArray
     """Shape (N,). The inverse times the distances, in 1/m."""
     length: float
     height: float
-    """Over which the wall bends, and standard deviation from a plane, in metres."""
+    """Length over which the wall bends, and standard deviation from a plane, in metres."""
     error: float
     """Standard deviation of a distance, in metres."""
     likelihood: float
-    """Logarithm of that of the distances, without a constant."""
+    """Logarithm of the likelihood of the distances, without a constant."""
 
     def depth(self, places: FloatArray) -> FloatArray:
         """Return distances (...) beyond the nominal wall at places (..., 2), in metres."""
@@ -139,7 +139,7 @@ def _covariance(one: FloatArray, other: FloatArray, length: float, height: float
 
 
 def speed_error(beyond: float, standoff: float, bent: float = 0.0) -> tuple[float, float]:
-    """Return by which share the true speed of sound is above the assumed one, and its deviation.
+    """Return the relative error of the assumed speed of sound, and its standard deviation.
 
     ``beyond``: distance of the wall behind the nominal one by the assumed speed, in metres;
     ``standoff``: nominal distance from the face of the probe to the wall, in metres; ``bent``:
@@ -147,9 +147,9 @@ def speed_error(beyond: float, standoff: float, bent: float = 0.0) -> tuple[floa
 
     Notes
     -----
-    A distance is off by an error of the pivot, or by one of the speed, which is small in pure water
-    and large in others: a mixture of two normal distributions. Near the nominal distance the water
-    is most likely pure, and the correction small.
+    A distance errs by the pivot, or by the speed, whose error is small in pure water and large in
+    other water: a mixture of two normal distributions. Near the nominal distance the water is most
+    likely pure, and the correction small.
     """
     place = np.hypot(_PIVOT, bent) / standoff
     seen, prior = -beyond / standoff, np.array([_THERMOMETER, _OTHER])
@@ -163,17 +163,17 @@ def speed_error(beyond: float, standoff: float, bent: float = 0.0) -> tuple[floa
 
 
 def changes_in_time(order: npt.NDArray[np.intp], places: FloatArray, depths: FloatArray) -> bool:
-    """Return whether distances are those of water that changes before a plane wall.
+    """Return whether a change of the water before a plane wall explains distances.
 
     ``order`` (N,): numbers of the bursts, in the order of their times; ``places`` (N, 2): around
     and along the pipe, in metres; ``depths`` (N,): beyond the nominal wall, in metres.
 
     Notes
     -----
-    Rows are fired one after the other, so that a bent wall could explain a change of the speed of
-    sound too. A plane and one ramp in time explain it with fewer numbers: their marginal likelihood
-    is compared with that of the smooth surface (Rasmussen and Williams, Gaussian Processes for
-    Machine Learning, 2006, section 5.2).
+    Rows are fired one after the other, so that a change of the speed of sound looks like a bent
+    wall. A plane and one ramp in time explain it with fewer numbers: their marginal likelihood is
+    compared with that of the smooth surface (Rasmussen and Williams, Gaussian Processes for Machine
+    Learning, 2006, section 5.2).
     """
     plane = _plane_covariance(places, places)
     ramps = [

@@ -8,14 +8,14 @@ from numba import njit
 from minorloop_head._geometry_kernels import distorted
 
 _FLAT = 1e-4
-"""Sum of squares of a patch's logarithms, per texel, below which it shows nothing: 1 % contrast."""
+"""Least sum of squares of a patch's logarithms, per texel, for it to have texture: 1 % contrast."""
 _FOLDED = 0.1
-"""Least share of an area that is left by the distortion of a lens."""
+"""Least factor by which the distortion of a lens may scale an area."""
 
 
 @njit(cache=True, nogil=True)
 def _without_plane(values, side):
-    """Subtract mean and slopes from (side * side,) values on a grid: light that changes evenly."""
+    """Subtract mean and slopes, those of the light, from (side * side,) values on a grid."""
     middle = 0.5 * (side - 1)
     mean, across, down, square = 0.0, 0.0, 0.0, 0.0
     for i in range(side):
@@ -34,10 +34,10 @@ def _without_plane(values, side):
 
 @njit(cache=True, nogil=True)
 def sample(image, point, lens, rotation, position, turns, moves, shift, values, slopes):
-    """Sample an image at points (N, 3) of the wall; return whether all of them are seen.
+    """Sample an image at points (N, 3) of the wall; return whether it shows all of them.
 
     ``turns`` (2, 3, 3) and ``moves`` (2, 3) are the derivatives of ``rotation`` and ``position``
-    by pan and tilt, ``shift`` (2,) how far both turn from a row to the next. Fills ``values`` (N,)
+    by pan and tilt, ``shift`` (2,) the turn of both from row to row. Fills ``values`` (N,)
     and their derivatives ``slopes`` (2, N).
     """
     fx, fy, u0, v0, k1, k2, k3, p1, p2 = lens
@@ -93,7 +93,7 @@ def sample(image, point, lens, rotation, position, turns, moves, shift, values, 
 
 @njit(cache=True, nogil=True)
 def normalise(values, side):
-    """Make (N,) values those of a patch: without plane, of length 1; return the length before."""
+    """Remove the plane of (N,) values and scale them to length 1; return their length before."""
     _without_plane(values, side)
     total = 0.0
     for n in range(values.size):
@@ -107,9 +107,9 @@ def normalise(values, side):
 
 @njit(cache=True, nogil=True)
 def _compared(image, points, side, lens, rotation, position, turns, moves, shift, values, slopes):
-    """Fill ``values`` with those of a patch, and ``slopes``, as `sample` does; return its length.
+    """Fill normalised ``values`` and ``slopes`` of a patch, as `sample` does; return the length.
 
-    It is 0 where the patch is not wholly seen, or shows nothing.
+    It is 0 if the patch is not wholly in view, or has no texture.
     """
     if not sample(image, points, lens, rotation, position, turns, moves, shift, values, slopes):
         return 0.0
@@ -124,9 +124,9 @@ def align(
 ):  # fmt: skip
     """Compare patches (P, N) at points (P, N, 3) with an image at a pose.
 
-    Fills for each patch ``scores`` (P,), the correlation, NaN where it is not wholly seen, and of
-    the squared difference of its normalised greys, by pan and tilt, ``normal`` (P, 2, 2) and
-    ``slope`` (P, 2): a Gauss-Newton step is the solution of sum(normal) step = sum(slope).
+    Fills for each patch ``scores`` (P,), the correlation, NaN if it is not wholly in view, and the
+    normal matrix ``normal`` (P, 2, 2) and ``slope`` (P, 2) of the squared difference of normalised
+    greys by pan and tilt: a Gauss-Newton step solves sum(normal) step = sum(slope).
     """
     texels = points.shape[1]
     values, slopes = np.empty(texels), np.empty((2, texels))
@@ -164,9 +164,9 @@ def align_each(
 ):  # fmt: skip
     """Align each patch (P, N) by itself with an image, from a pose, in a number of steps.
 
-    Noise makes the slopes of the image larger than those of the wall, so that one step of
-    Gauss-Newton goes less than half of the way. Fills ``scores`` (P,) and ``normal`` (P, 2, 2) as
-    `align` does, and ``turned`` (P, 2), the turn from the pose at which the patch agrees.
+    Noise makes the slopes of the image larger than those of the wall, so that one Gauss-Newton
+    step corrects less than half of the error. Fills ``scores`` (P,) and ``normal`` (P, 2, 2) as
+    `align` does, and ``turned`` (P, 2), the turn from the pose to the best match of the patch.
     """
     slope, still = np.empty((1, 2)), np.zeros(2)
     for p in range(points.shape[0]):
@@ -189,7 +189,7 @@ def align_each(
 
 @njit(cache=True, nogil=True)
 def search(image, points, templates, side, lens, rotations, positions, least, found):
-    """Fill found (M,) with the mean correlation at poses; with few patches seen it is less."""
+    """Fill found (M,) with the mean correlation at poses, reduced if few patches are in view."""
     texels = points.shape[1]
     values, slopes = np.empty(texels), np.empty((2, texels))
     turns, moves, still = np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros(2)

@@ -47,7 +47,7 @@ def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
             if not across * down - both * both > 0.0:
                 continue
             u, v = u0 + fx * right, v0 + fy * low
-            # Written so that NaN, of an unknown pose, counts as outside.
+            # Written so that NaN (unknown pose) counts as outside.
             if not (0.0 <= u < image.shape[1] - 1 and 0.0 <= v < image.shape[0] - 1):
                 continue
             p, q = int(u), int(v)

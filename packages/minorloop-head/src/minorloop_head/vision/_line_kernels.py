@@ -6,12 +6,12 @@ import numpy as np
 from numba import njit
 
 _SIDES, _TURN = 8, 0.09
-"""Headings that are tried to either side of the last one, and angle between two of them in radians:
+"""Number of headings tried to either side of the last one, and angle between them in radians:
 41 degrees to a side. A crack turns less within ``AHEAD``."""
 _KEPT = 0.6
-"""Share of the last heading in the next one: a dark texel beside a line does not turn it."""
+"""Weight of the last heading in the next one: a dark texel beside a line does not turn it."""
 _COST = 0.3
-"""Share of the least height that a turn by a radian costs: of two dark ways, the straight one."""
+"""Cost of a turn by a radian, as a share of the least height: it prefers the straight dark way."""
 AHEAD = 8
 """Texels whose mean height decides, twice the standard deviation of the filter along a line: with
 fewer, a spot of noise ends a line, with more, a turn does."""
@@ -59,7 +59,7 @@ def _height(heights, known, y, x, beyond):
 
 @njit(cache=True, nogil=True)
 def follow(heights, known, seen, owner, own, start, way, least, out):
-    """Fill out (N, 2) with rows and columns along a line from its end; return how many.
+    """Fill out (N, 2) with rows and columns along a line from its end; return their number.
 
     Each step goes where the mean height of the texels ahead is greatest. The line ends where the
     wall is not ``seen``, on texels of another ``owner`` (0 is none, ``own`` its own), and where
@@ -95,7 +95,7 @@ def follow(heights, known, seen, owner, own, start, way, least, out):
 
 @njit(cache=True, nogil=True)
 def sum_of_trees(rows, first, feature, threshold, branches, value):
-    """Return the sum (N,) of what each tree gives to each of the rows (N, F) of features.
+    """Return the sum (N,) over all trees of their values for each row (N, F) of features.
 
     ``first`` are the first nodes of the trees; a leaf has the ``feature`` -1.
     """

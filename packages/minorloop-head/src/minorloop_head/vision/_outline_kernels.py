@@ -1,8 +1,8 @@
 """Compiled loops that fit round outlines to unrolled images: arrays in, numbers out.
 
-The weights of ``hole_weights.json`` are fitted to the features that these numbers give: who changes
-one fits the weights anew. Where a comment compares values, it does so on 60 noisy discs with a
-radius of 8.5 to 11.5 texels (seeds 1000 to 1059).
+The weights of ``hole_weights.json`` are fitted to features that depend on these constants: fit them
+anew after a change. Comparisons of values in comments are on 60 noisy discs with a radius of 8.5 to
+11.5 texels (seeds 1000 to 1059).
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 RAYS = 48
-"""Rays of a polar profile: about one for each texel of the outline of the smallest hole. With 24
-the radius scatters by 0.42 %, with 48 and with 96 by 0.40 %."""
+"""Number of rays of a polar profile: about one per texel of the outline of the smallest hole. With
+24 the radius scatters by 0.42 %, with 48 and with 96 by 0.40 %."""
 FIRST = 2.0
 """Radius of the first sample in texels; nearer to the middle all rays see the same texels."""
 SPACING = 0.5
@@ -31,22 +31,22 @@ _RINGS = (1.0, 0.7, 1.35)
 """Radii at which rises are compared, relative to the outline: on it, inside and outside of the
 search for its edge in the last iteration."""
 _FAINT, _STEEP = 0.03, 0.25
-"""Slopes below the first are noise and do not vote; those above the second count as that, so that
-glints do not outweigh a hole."""
+"""Slopes below the first are noise and do not vote; slopes above the second are clipped to it, so
+that glints do not outweigh a hole."""
 _WALL, _LEAST_WALL = (1.45, 2.1), 30
-"""Ring about an outline in which the wall is known, in radii, and its least number of texels."""
+"""Radii of the ring of wall about an outline, in radii of the outline, and its fewest texels."""
 _TURNS, _FIRST_SCALE, _EVEN = 6, 0.3, 0.02
-"""Iterations of the fit of the wall, and scales of its residuals: at first, and at least."""
+"""Iterations of the fit of the wall, and scale of its residuals: the first, and the least."""
 _DEPARTED = 1.0
-"""Largest departure from the wall that counts: that of light 2.7 times as bright or as dark."""
+"""Limit to which departures from the wall are clipped: light 2.7 times as bright or as dark."""
 OUT = 17
-"""Numbers that `describe` returns."""
+"""Number of values that `describe` returns."""
 _ANGLES = 2.0 * np.pi * np.arange(RAYS) / RAYS
 _BASIS = np.stack(
     [np.ones(RAYS), *(part(n * _ANGLES) for n in (1, 2) for part in (np.cos, np.sin))], axis=1
 )
-"""1, cos, sin, cos 2, sin 2 (RAYS, _HARMONICS) of the angle of each ray: computed once, since they
-took half of the time of a fit."""
+"""1, cos, sin, cos 2, sin 2 (RAYS, _HARMONICS) of the angle of each ray, computed once: they would
+take half of the time of a fit."""
 
 
 @njit(cache=True, nogil=True)
@@ -76,7 +76,7 @@ def vote(level, near, far, out):
 
 @njit(cache=True, nogil=True)
 def _samples(radius):
-    """Return how many samples of a ray reach a radius, with two to spare."""
+    """Return the number of samples of a ray up to a radius, and two more."""
     return min(max(int(np.ceil((radius - FIRST) / SPACING)) + 4, 8), SAMPLES)
 
 
@@ -289,8 +289,7 @@ def _half_level(profiles, n, edge, inside, outside):
 def _wall_plane(image, x, y, radius, plane):
     """Fit level, slope along columns and along rows of the wall about (x, y), robustly.
 
-    The wall is a ring of ``_WALL`` radii, without what is beyond the image. Return whether it has
-    enough texels.
+    The wall is a ring of ``_WALL`` radii, within the image. Return whether it has enough texels.
     """
     plane[:] = 0.0
     rows, columns = image.shape
@@ -321,7 +320,7 @@ def _wall_plane(image, x, y, radius, plane):
                         normal[a, b] += weight * basis[a] * basis[b]
         if count < _LEAST_WALL:
             return False
-        # The first fit weighs all alike: its residuals say nothing yet.
+        # The first fit weighs all texels alike: there are no residuals yet.
         first = scale == np.inf
         scale = _FIRST_SCALE if first else 1.48 * np.median(off[:count]) + _EVEN
         for a in range(3):
@@ -332,10 +331,10 @@ def _wall_plane(image, x, y, radius, plane):
 
 @njit(cache=True, nogil=True)
 def depart(images, x, y, radius, out):
-    """Fill out (rows, columns) with how far the images depart from the wall about a place.
+    """Fill out (rows, columns) with the departure of images from the wall about a place.
 
-    It is the most of all images, and at most ``_DEPARTED``; 0 where the wall is not known. Return
-    whether the wall about the place is seen.
+    It is the maximum over all images, clipped to ``_DEPARTED``; 0 where the wall is not known.
+    Return whether the wall about the place is in view.
     """
     out[:] = 0.0
     plane = np.empty(3)
@@ -364,7 +363,7 @@ def outline(images, x, y, sign, least, most, out):
     edges, form = np.empty(RAYS), np.empty(RAYS)
     fit = np.zeros(_HARMONICS)
     for turn in range(4):
-        # The harmonics may reach out further than the mean radius.
+        # With its harmonics the outline may extend beyond the mean radius.
         reach = most if turn < 2 else fit[0] + np.sqrt(2.0) * (abs(fit[3]) + abs(fit[4]))
         samples = _samples(reach * (1.0 + _BANDS[turn]))
         _profiles(images, x, y, samples, profiles)
@@ -391,8 +390,8 @@ def outline(images, x, y, sign, least, most, out):
 def _rim(profiles, sign, fit, out):
     """Describe the rises at an outline, into out (12 to 15).
 
-    These are the share of rays on which half of the images have a rise, on which all have one, on
-    which half have one of the other sign, and the rise at the outline less that inside and outside.
+    They are the shares of rays with a rise in half of the images, with a rise in all, and with a
+    rise of the other sign in half; and the rise at the outline less that inside and outside.
     """
     count = profiles.shape[0]
     values, sums = np.empty(count), np.zeros(3)

@@ -23,13 +23,13 @@ class CalibratedCamera:
     """A calibrated camera in a pipe of known radius."""
 
     lens: Pinhole
-    """The lens, as calibrated."""
+    """The calibrated lens."""
     mount: Mount
     """Estimated place of the head in the pipe."""
     leds: FloatArray
     """Shape (N, 3). Places of the LEDs in the camera, in metres."""
     radius: float = 10e-3
-    """Of the pipe, in metres."""
+    """Radius of the pipe, in metres."""
 
     def place(self, pixels: npt.ArrayLike, pan: float, tilt: float) -> FloatArray:
         """Return phi and z (..., 2) on the wall of pixels (..., 2), at pan and tilt in radians."""
@@ -44,10 +44,10 @@ class CalibratedCamera:
         return self.lens.project(self.mount.pose(pan, tilt).to_camera(points))
 
     def shifted(self, places: npt.ArrayLike, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return phi and z (..., 2) where places (..., 2) seem to be after an unknown turn.
+        """Return phi and z (..., 2) where places (..., 2) appear to be after an unknown turn.
 
-        They are seen by a head at angles ``after`` (2,), of which only those ``before`` (2,) are
-        known; NaN behind the camera. It is the place of their pixel, without lens distortion and
+        The head is at angles ``after`` (2,), but the places are computed for the angles ``before``
+        (2,); NaN behind the camera. They are the places of the pixels, without lens distortion and
         its inverse.
         """
         where = np.asarray(places, dtype=np.float64)
@@ -91,7 +91,7 @@ class Window:
 
     phi: float
     z: float
-    """Of the centre of the first texel."""
+    """Centre of the first texel."""
     step: float
     """Size of a texel, in metres."""
     rows: int
@@ -129,9 +129,9 @@ class Window:
 def window_in_view(
     camera: CalibratedCamera, pan: float, tilt: float, *, step: float = 0.05e-3, least: float = 14e3
 ) -> Window | None:
-    """Return the smallest window that contains all wall seen with enough resolution.
+    """Return the smallest window that contains all wall in view with enough resolution.
 
-    It is None if no wall is seen with this resolution.
+    It is None if no wall in view has this resolution.
 
     ``camera``: the camera; ``pan``, ``tilt``: of the head, in radians; ``step``: size of a texel,
     in metres; ``least``: least resolution, in pixels per metre of wall, in the direction of the

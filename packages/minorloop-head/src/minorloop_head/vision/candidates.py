@@ -15,7 +15,7 @@ from minorloop_head.vision.reflectance_map import STEP, ReflectanceMap, median
 
 _DARK, _BRIGHT, _EITHER, _LIT = "dark", "bright", "either", "lit"
 KINDS = (_DARK, _BRIGHT, _EITHER, _LIT)
-"""How a candidate was found: by a dark inside, a bright one, an edge of either sign under every
+"""Kinds of candidates: with a dark inside, a bright inside, an edge of either sign under every
 light, or light from behind."""
 
 _SIGNS = {_DARK: 1.0, _BRIGHT: -1.0, _EITHER: 0.0, _LIT: -1.0}
@@ -37,8 +37,8 @@ _RING_CLIP = (-2.5, 0.8)
 _CLIP = {_DARK: (-2.5, 1.2), _BRIGHT: (-1.5, 2.0), _EITHER: (-2.5, 1.5)}
 
 _RIM_TURNS, _RIM_SEEN = 2, 0.5
-"""Turns of the search for a rim, each about the outline of the one before, and least share of the
-rim where something ends."""
+"""Iterations of the search for a rim, each about the last outline, and least share of the rim with
+an edge."""
 
 FEATURES = (
     "size",
@@ -115,7 +115,7 @@ def candidates(wall: ReflectanceMap) -> list[Candidate]:
 
 
 def _rings(wall: ReflectanceMap) -> Image32:
-    """Return how much edge lies on a circle of the size of a hole about each place, at half size.
+    """Return the strength of edges on a circle as large as a hole about each place, at half size.
 
     Edges of either sign count, under each light and under all (Loy and Zelinsky, IEEE PAMI 25,
     2003). A hole is darker than a lit wall and brighter than a wall in the shadow of a dent; if a
@@ -208,9 +208,9 @@ def _outlined(
 def at_rim(candidate: Candidate, wall: ReflectanceMap) -> Candidate:
     """Return a candidate with place and size of its rim.
 
-    Within the rim of a hole are its far lining, shadows, its floor or what fills it, brighter and
-    darker than the wall and with edges of their own. The rim is the end of all that departs from
-    the wall under some light. Where no such end is found, the candidate is returned as it is.
+    Within the rim of a hole are its far lining, shadows, its floor or its filling, which are
+    brighter or darker than the wall and have edges. The rim encloses all texels that depart from
+    the wall under some light. If there is no such rim, the candidate is returned unchanged.
     """
     x, y, radius = candidate.x, candidate.y, 0.5 * candidate.diameter / wall.window.step
     away, fit = np.empty(wall.ground.shape, np.float32), np.empty(kernels.OUT)

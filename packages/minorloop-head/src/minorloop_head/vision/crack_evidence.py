@@ -1,8 +1,8 @@
 """Evidence that a line on the wall is a crack, from profiles across its course.
 
-A crack is a thin line that wanders. Under each light it is darker or brighter than the wall on both
-of its sides, and its flanks answer differently to lights from different sides. A scratch is
-straight, the rim of a bead or a stain has another brightness on its other side.
+A crack is a thin line with bends. Under each light it is darker or brighter than the wall on both
+of its sides, and its flanks reflect lights from different sides differently. A scratch is straight;
+the wall inside the rim of a bead or a stain has another brightness than outside.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from minorloop_head.vision.crack_widths import measured_widths
 from minorloop_head.vision.imaging import Image32
 
 LEAST_EVIDENCE = 1.0
-"""Evidence above which a line counts as a crack: with 0, one line in fifteen acquisitions
-of a wall without a crack counts too."""
+"""Evidence above which a line counts as a crack: with 0, fifteen acquisitions of a wall without a
+crack give one false crack."""
 WEIGHTS = Path(__file__).with_name("crack_weights.npz")
 """Trees for places and weights for whole lines, written by ``python -m benchmarks.cracks fit``."""
 PLATE_WEIGHTS = Path(__file__).with_name("plate_weights.npz")
 """The same for rough plates in unknown light, written by ``python -m benchmarks.plates fit``."""
 _SIDE, _CORE = 24, 9
-"""Half texels to either side of a course, and those of them that may belong to the line; beyond
-them is the wall: 0.23 mm contain half a crack of 0.3 mm with its blur, and 0.6 mm show the inside
-of a stain at whose edge a line is."""
+"""Half texels of a profile to either side of a course, and of the line; the rest is wall: 0.23 mm
+contain half of a crack of 0.3 mm with its blur, and 0.6 mm show the inside of a stain whose edge is
+the line."""
 _SMOOTH = 2.0
 """Standard deviation in texels by which a course of whole texels is smoothed, by trial."""
 _EVEN = 4.0
@@ -53,7 +53,7 @@ class Profiles:
     """In texels."""
 
     def widths(self) -> tuple[FloatArray, FloatArray]:
-        """Return widths (N,) in texels along the course, and their standard deviations."""
+        """Return the widths (N,) along the course and their standard deviations, in texels."""
         return measured_widths(self.taken, _SIDE, _CORE, _EVEN)
 
 
@@ -86,13 +86,13 @@ def profiles_of(course: FloatArray, levels: Image32) -> Profiles:
 def smoothed(course: FloatArray, sd: float) -> FloatArray:
     """Return a course (N, 2) smoothed along itself, with its ends where they are."""
     beyond = round(4 * sd)
-    # An end that is repeated would draw the smooth course back from it.
+    # Repeated end points would shorten the smooth course.
     padded = np.pad(course, ((beyond, beyond), (0, 0)), mode="reflect", reflect_type="odd")
     return np.asarray(ndimage.gaussian_filter1d(padded, sd, axis=0)[beyond:-beyond])
 
 
 def _off(taken: FloatArray, off: FloatArray) -> FloatArray:
-    """Return how far (N,) in texels the middle of the line is from its course."""
+    """Return the distances (N,) of the middle of the line from its course, in texels."""
     share = np.abs(ndimage.gaussian_filter1d(taken, 1.5, axis=1)).mean(axis=0)
     share = share * np.exp(-0.5 * (off / 1.5) ** 2)  # the neighbour of the line is not part of it
     middle = (share * off).sum(axis=1) / np.maximum(share.sum(axis=1), 1e-6)
@@ -122,29 +122,29 @@ FEATURES = (
     "closed",
 )
 _NEARBY = (10, 20, 30)
-"""Texels over which a course is compared with its smooth self, and to either side over which it is
-called straight."""
+"""Texels over which a course is compared with its smoothed course, and to either side over which
+its straightness is computed."""
 _LIKELY, _POSSIBLE, _FEWEST = -0.5, -2.0, 8
-"""Evidence of a texel that may be of a crack, that of a part which goes on from such texels, and
-fewest of them in a part; by trial. With less evidence scratches are joined to cracks, with more
-faint parts are lost."""
+"""Evidence that starts a part of a crack, evidence that continues it, and fewest starting texels in
+a part; by trial. With less evidence scratches are joined to cracks, with more faint parts are
+lost."""
 _BRIDGED = 8
-"""Texels of little evidence that are bridged within a course, by trial."""
+"""Longest gap of little evidence in texels that is bridged within a course, by trial."""
 _LEAST, _MOST, _FINEST = -1.0, 3.0, 0.2
-"""Evidence of a place above which it counts for its line, and most of it, so that no short part
-decides alone; and texels of a course below which its bends are noise; by trial."""
+"""Evidence above which a place counts for its line, and its limit, so that no short part decides
+alone; and length of a course in texels below which its bends are noise; by trial."""
 
 
 def features_of(found: Profiles, texture: float) -> FloatArray:
     """Return the features (N, F) of a line along its course; names are those of ``FEATURES``.
 
-    ``texture`` is the median height of lines on the wall. ``height`` is the largest share taken,
-    ``amount`` the sum of shares across; ``wall`` and ``noise`` what varies beside the line, along
-    and between texels; ``alike`` the part that all lights have in common, ``change`` what differs
-    between them; ``beyond`` how far the line leaves the brightness of both sides, ``breadth``
-    amount over height, ``odd`` the part that has two signs across, ``sign`` 1 for dark and -1 for
-    bright; ``uneven`` the change of height along; ``step`` the difference of both sides and
-    ``beside`` their level farther off, over the height; ``closed`` small where the ends meet.
+    ``texture`` is the median height of lines on the wall. ``height`` is the largest share of light
+    that the line takes, ``amount`` the sum of shares across; ``wall`` and ``noise`` the variation
+    beside the line, along it and between texels; ``alike`` the part common to all lights,
+    ``change`` the differences between them; ``beyond`` the difference from the brightness of both
+    sides, ``breadth`` amount over height, ``odd`` the part with two signs across, ``sign`` 1 for
+    dark and -1 for bright; ``uneven`` the change of height along; ``step`` the difference of both
+    sides and ``beside`` their level farther off, over the height; ``closed`` small if ends meet.
     """
     even = _smoothed(found.taken, _EVEN, 1)
     off = np.abs(np.arange(-_SIDE, _SIDE + 1))
@@ -205,17 +205,17 @@ class CrackOdds:
     """Logarithms of odds: of places by boosted trees, of whole lines linear in their features."""
 
     base: float
-    """Of a place before any tree."""
+    """Evidence of a place before any tree."""
     first: npt.NDArray[np.int32]
     """Shape (T,). First node of each tree."""
     feature: npt.NDArray[np.int8]
     """Shape (nodes,). Feature that is compared; -1 at a leaf."""
     threshold: FloatArray
-    """Shape (nodes,). Up to it the lower branch is taken."""
+    """Shape (nodes,). Threshold, up to which the lower branch is taken."""
     branches: npt.NDArray[np.int16]
     """Shape (nodes, 2). Lower and upper branch, counted from the first node of the tree."""
     value: FloatArray
-    """Shape (nodes,). What a leaf adds."""
+    """Shape (nodes,). Value that a leaf adds."""
     whole: FloatArray
     """Constant and weights of `whole_features`."""
 
@@ -236,7 +236,7 @@ class CrackOdds:
 
 
 def likely_parts(found: Profiles, along: FloatArray) -> list[FloatArray]:
-    """Return the parts (N, 2) of a course that may be those of a crack."""
+    """Return the parts (N, 2) of a course that may belong to a crack."""
     possible = np.pad(along > _POSSIBLE, _BRIDGED)
     possible = ndimage.binary_closing(possible, np.ones(_BRIDGED + 1, dtype=bool))
     labels, _ = ndimage.label(possible[_BRIDGED:-_BRIDGED])
@@ -247,10 +247,10 @@ def likely_parts(found: Profiles, along: FloatArray) -> list[FloatArray]:
 def whole_features(found: Profiles, along: FloatArray) -> FloatArray:
     """Return the features (5,) of a whole line from the evidence (N,) along it.
 
-    How it is bent, its evidence where it is likely, its mean evidence, its length, and how near its
-    ends are. A scratch is drawn by one motion, so that a parabola fits its course; grains turn a
-    crack. Places count by their evidence: what crosses a crack does not count against it, and what
-    noise bends does not count for it.
+    They are its bend, its evidence where it is likely, its mean evidence, its length, and the
+    distance of its ends. One motion makes a scratch, so that a parabola fits its course; grains
+    turn a crack. Places are weighted by their evidence: lines that cross a crack do not count
+    against it, and bends by noise do not count for it.
     """
     counted = np.clip(along, _LEAST, _MOST) - _LEAST
     share = (counted + 1e-6) / (counted + 1e-6).sum()

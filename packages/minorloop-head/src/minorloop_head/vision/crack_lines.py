@@ -14,15 +14,15 @@ from minorloop_head.vision._line_kernels import keep_highest
 from minorloop_head.vision.imaging import Image32
 
 _HEADINGS = 16
-"""Headings of the filter: a line between two of them leaves it by 0.2 texels in its length."""
+"""Number of headings of the filter: a line between two of them deviates by 0.2 texels in length."""
 _ALONG = 4.0
 """Standard deviation of the filter along a line in texels, 0.2 mm: cracks turn in about twice
 that."""
 _ACROSS = ((0.8, 4.0), (1.6, 6.0))
-"""Standard deviation across a line and distance of the wall beside it, in texels: for lines of up
-to about 0.15 and 0.3 mm."""
+"""Pairs of standard deviation across a line and distance of the wall beside it, in texels: for
+lines of up to about 0.15 and 0.3 mm."""
 _GROUND = 12.0
-"""Standard deviation in texels of what is taken for the brightness of the wall around: by trial."""
+"""Standard deviation in texels of the filter for the brightness of the wall around: by trial."""
 _MARGIN = 24
 """Texels of padding, so that one edge of the map does not act on the other."""
 
@@ -30,7 +30,7 @@ _MARGIN = 24
 def line_heights(
     stack: Image32, seen: npt.NDArray[np.bool_]
 ) -> tuple[Image32, npt.NDArray[np.bool_]]:
-    """Return how much a line through each texel differs from both sides, and where it is.
+    """Return the height of a line through each texel over both sides, and the middles of lines.
 
     ``stack`` (K, rows, columns): logarithm of the reflectance under each of K lights; ``seen``
     (rows, columns): where all of them are known.
@@ -65,7 +65,7 @@ def line_heights(
 
 
 def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
-    """Return where neither texel at the given step to the sides is higher."""
+    """Return whether both texels at the step to either side are not higher."""
     i, j = np.indices(heights.shape)
     last = np.array(heights.shape)[:, None, None] - 1
     middle = np.ones(heights.shape, dtype=bool)
@@ -78,7 +78,7 @@ def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.boo
 def _levelled(level: Image32, seen: npt.NDArray[np.bool_], share: Image32) -> Image32:
     """Return a map less the brightness around; 0 where it is not seen.
 
-    ``share`` (rows, columns) is how much of what is around is seen.
+    ``share`` (rows, columns) is the weight of known texels around.
     """
     around = _around(np.where(seen, level, 0).astype(np.float32))
     flat: Image32 = np.where(seen, level - around / np.maximum(share, 1e-3), 0).astype(np.float32)
@@ -86,6 +86,6 @@ def _levelled(level: Image32, seen: npt.NDArray[np.bool_], share: Image32) -> Im
 
 
 def _around(level: Image32) -> Image32:
-    """Return a map averaged over what counts as its surroundings."""
+    """Return a map averaged over the surroundings of each texel."""
     averaged: Image32 = ndimage.gaussian_filter(level, _GROUND, mode="constant", truncate=3)
     return averaged

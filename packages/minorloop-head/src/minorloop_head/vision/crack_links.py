@@ -18,18 +18,18 @@ _REACH = 28.0
 _AHEAD = 0.5
 """Least cosine between the heading of a part and the way to the next: a crack turns less."""
 _CROSSING, _CUT = 8.0, 4.0
-"""Distance in texels below which two courses cross or branch, more than that within which a line
-belongs to a course; and texels to either side that are left out: a path turns there."""
+"""Distance in texels below which two courses cross or branch, more than the distance of a line from
+its course; and texels that are cut to either side: a path turns there."""
 FEWEST = 8
-"""Texels of a course."""
+"""Fewest texels of a course."""
 _TOUCHING = 4.0
 """Gap in texels below which the way between two ends has no direction."""
 _HEADING = 8
 """Texels whose chord is the heading of an end."""
 _CORNER = 3
-"""Texels at an end that are left out, since a path ends at a corner of a line."""
+"""Texels cut at an end, since a path ends at a corner of a line."""
 _FARTHEST = 60
-"""Most texels by which a line is followed from an end, 3 mm: by then another part of it begins."""
+"""Most texels for which a line is followed from an end, 3 mm: another part begins before."""
 _NEAR, _FAINT = 16, 0.4
 """Texels at an end whose median height is that of the line there, and the share of it above which
 the line goes on: half of the filter is beyond an end, and a crack is narrower at its tip."""
@@ -40,7 +40,7 @@ _BESIDE = 3
 def cut_at_crossings(courses: Sequence[FloatArray]) -> list[FloatArray]:
     """Return courses (N, 2) in texels, cut where lines cross or branch, and at sharp corners.
 
-    The cheapest path may go on along another line there.
+    There the cheapest path may continue along another line.
     """
     parts = []
     for n, course in enumerate(courses):
@@ -82,9 +82,9 @@ def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
         first, second = owner[one[0]], owner[other[0]]
         # The first chain must end at the link, and the second begin there.
         if chains[first][-1] != (one[0], not one[1]):
-            chains[first] = _turned(chains[first])
+            chains[first] = _reversed(chains[first])
         if chains[second][0] != (other[0], other[1]):
-            chains[second] = _turned(chains[second])
+            chains[second] = _reversed(chains[second])
         chains[first] += chains[second]
         for number, _turn in chains[second]:
             owner[number] = first
@@ -101,7 +101,7 @@ def followed(
 ) -> list[FloatArray]:
     """Return courses (N, 2) followed from both ends along the line, to its tips or to another.
 
-    Parts that are too faint or too disturbed to be judged belong to a line that goes on in them.
+    Parts that are too faint or too disturbed to be judged belong to the line that they continue.
     The height of a line halves where it ends, since half of the filter is beyond its end.
 
     Parameters
@@ -115,7 +115,7 @@ def followed(
     seen : (rows, columns) array of bool
         Where the wall is seen.
     margin : (rows, columns) array of bool
-        Where it is, but heights are not known; a line that reaches it goes on.
+        Where it is seen without a known height; a line that reaches it continues.
     """
     known = seen & ~margin
     heights = ndimage.maximum_filter(heights, 3)  # a line is between texels
@@ -195,7 +195,7 @@ def _links(
     return links
 
 
-def _turned(chain: list[tuple[int, bool]]) -> list[tuple[int, bool]]:
+def _reversed(chain: list[tuple[int, bool]]) -> list[tuple[int, bool]]:
     return [(n, not turn) for n, turn in reversed(chain)]
 
 

@@ -1,8 +1,8 @@
 """Width of a line on the wall, from the profiles across its course.
 
-A line is two flanks side by side, each of one brightness under a light, blurred by lens and map. A
-line as narrow as the blur shows how much light it takes, but not how wide it is: it may be narrow
-and black, or wider and grey. Both are compared by their probability, and widths are averaged.
+A line is modelled as two flanks side by side, each of one brightness under a light, blurred by lens
+and map. If it is as narrow as the blur, the amount of light that it takes is known, but not its
+width: it may be narrow and black, or wider and grey. Widths are averaged by their probability.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from minorloop.arrays import FloatArray
 
 KINDS = (*((0.93, 0.08, blur) for blur in (0.6, 0.85, 1.2, 1.7)), (0.0, 2.0, 1.0))
 """Mean and standard deviation of the share of light that a flank takes, and standard deviation in
-texels of the blur of an edge on the map: of a black crack, seen from nearer or farther, and of a
-groove that returns light, which may be brighter than the wall. By trial on 28 dark and lit grooves
+texels of the blur of an edge on the map: of a black crack, in a near and a far view, and of a
+groove that reflects light, which may be brighter than the wall. By trial on 28 dark and lit grooves
 of our own walls and nine of a path tracer."""
 _WIDTHS = np.geomspace(0.4, 8.0, 25)
 """In texels, 20 to 400 um."""
 _SHIFTS = (-1.0, 0.0, 1.0)
-"""Of the middle from the course, in texels: the course is drawn to the flank that shines."""
+"""Offset of the middle from the course, in texels: the course lies nearer to a bright flank."""
 _FINE = 0.05
 """Step in texels in which flanks are drawn."""
 _CORRELATED, _LEAST = 2.0, 1e-4
-"""Neighbours in a profile that have one error, and least variance of that error."""
+"""Number of neighbours in a profile with a common error, and least variance of that error."""
 
 
 def measured_widths(
@@ -39,7 +39,7 @@ def measured_widths(
     taken : (K, N, M) array
         Share of the light that is taken under each light, every half texel across.
     side, core : int
-        Half texels to either side, and those that may belong to the line.
+        Half texels of the profile to either side, and those that may belong to the line.
     even : float
         Standard deviation in texels over which widths are averaged along the course.
     """
@@ -53,7 +53,7 @@ def measured_widths(
             normal = square / noise + np.eye(2) / sd**2
             share = (product / noise + mean / sd**2) @ np.linalg.inv(normal)
             share = np.minimum(share, 1.0)
-            # The squares of the profile are the same for all, and are left out.
+            # The squares of the profile are the same for all widths: left out.
             left = (share * (share @ square - 2 * product)).sum(axis=-1) / noise
             far = ((share - mean) ** 2).sum(axis=-1) / sd**2
             each = 0.5 * (left + far + np.linalg.slogdet(normal)[1]) + 2 * np.log(sd)
@@ -69,7 +69,7 @@ def measured_widths(
 
 @cache
 def _flanks(side: int, blur: float) -> FloatArray:
-    """Return how much of each half texel both flanks cover, (shifts x widths, M, 2), blurred."""
+    """Return blurred shares of half texels that flanks cover, (shifts x widths, M, 2)."""
     fine = np.arange(-side, side + _FINE, _FINE)
     texels = np.arange(-side, side + 1) / 2
     tried = []

@@ -2,7 +2,7 @@
 
 Heights of lines, averaged over all lights, mark the pieces. A threshold with hysteresis keeps
 pieces that contain a strong part, and short gaps are bridged. The course of a piece is the cheapest
-path between its ends, where the cost is low on a line; what the path leaves out is a branch.
+path between its ends, where the cost is low on a line; a part beside the path is a branch.
 The profiles across a course decide whether it is a crack.
 """
 
@@ -37,22 +37,22 @@ from minorloop_head.vision.crack_links import FEWEST, cut_at_crossings, followed
 from minorloop_head.vision.imaging import Image32, shrunk
 
 _HIGH, _LOW, _LEAST = 3.5, 2.2, 0.02
-"""Heights that a piece reaches and stays above, as multiples of the median height of the map, and
-the least value of that: walls differ by a factor of five in their texture. By trial."""
+"""Height that a piece reaches, and height above which it stays, in multiples of the median height
+of the map; and its least value: walls differ by a factor of five in their texture. By trial."""
 _EDGE = 4
-"""Texels at the edge of what is seen, where a line has no second side."""
+"""Width in texels of the edge of the known wall, where a line has no second side."""
 _SHORTEST = 0.8e-3
 """Least length of a branch in metres: shorter ones are also corners of a wide crack."""
 _BRANCHES = 3
-"""Times that branches are searched for."""
+"""Number of searches for branches."""
 _APART = 5
 """Texels from a course within which lines belong to it."""
 _SLENDER = 6.0
 """Least length over width."""
 _GROUND, _TAKEN = 6e-6, 0.1
-"""Standard deviations of a width: by the brightness of the wall beside the line, in metres, an
-eighth of a texel; and as a share of the width, by what a crack returns of the light, by errors of
-the pose, and by blur beyond the profile. By trial on 160 scenes with a crack."""
+"""Standard deviations of a width: from the brightness of the wall beside the line, in metres, an
+eighth of a texel; and as a share of the width, from light that a crack reflects, errors of the
+pose, and blur beyond the profile. By trial on 160 scenes with a crack."""
 _PART = 0.4e-3
 """Length in metres of parts of a course whose widths are independent."""
 
@@ -72,7 +72,7 @@ class TracedCrack:
     evidence: float = np.inf
     """Logarithm of the odds that it is a crack, among lines on the wall."""
     unsure: float = 0.0
-    """Standard deviation in metres of its widths in common, by the unknown light of its flanks."""
+    """Standard deviation in metres common to all widths, from the unknown light of its flanks."""
 
     @property
     def middle(self) -> FloatArray:
@@ -212,10 +212,10 @@ class LinedWall:
     """Lines of a wall before they are judged."""
 
     levels: Image32
-    """Shape (K, rows, columns). Logarithm of the reflectance; what is not seen has the value of the
-    nearest texel that is."""
+    """Shape (K, rows, columns). Logarithm of the reflectance; an unknown texel has the value of the
+    nearest known one."""
     heights: Image32
-    """Shape (rows, columns). Of the lines."""
+    """Shape (rows, columns). Heights of the lines."""
     seen: BoolArray
     """Shape (rows, columns). Texels that are seen."""
     margin: BoolArray
@@ -233,7 +233,7 @@ def lined_wall(
     seen = np.asarray(np.isfinite(levels).all(axis=0))
     if seen.sum() < 100:
         return None
-    # A profile that leaves the map goes on with the last brightness of the wall.
+    # A profile beyond the map continues with the last brightness of the wall.
     _, near = ndimage.distance_transform_edt(~seen, return_indices=True)
     heights, middle = line_heights(levels, seen)
     margin = seen & ~ndimage.binary_erosion(seen, iterations=_EDGE)
@@ -330,7 +330,7 @@ def _course(
 
 
 def _reached(graph: Any, start: int) -> FloatArray:
-    """Return the distance of each texel from one of them; -1 where there is no path."""
+    """Return the distance of each texel from the start; -1 where there is no path."""
     far: FloatArray = csgraph.dijkstra(graph, directed=False, indices=[start])[0]
     return np.where(np.isfinite(far), far, -1.0)
 

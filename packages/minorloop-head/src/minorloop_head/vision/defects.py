@@ -45,7 +45,7 @@ SEQUENCE = (
 """Lights of the frames of an acquisition."""
 
 _FITTED = json.loads(Path(__file__).with_name("hole_weights.json").read_text(encoding="utf-8"))
-"""What ``python -m benchmarks.detector fit`` prints; its ``about`` says what it was fitted on."""
+"""Weights as printed by ``python -m benchmarks.detector fit``; ``about`` describes their data."""
 LEAST_EVIDENCE: dict[str, float] = _FITTED["least"]
 """Least evidence of a hole for each mode, and of several sizes."""
 WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = _FITTED["weights"]
@@ -53,16 +53,16 @@ WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = _FITTED["weights
 
 NOT_IN_VIEW = "no wall in view"
 SIZES = (0.85e-3, 1.15e-3)
-"""Diameters that are searched where no others are given, in metres: those of one map."""
+"""Default range of diameters, in metres: that of one map."""
 LIMITS = (0.3, 4.0)
-"""Diameters in millimetres that can be searched: a hole of the least has 12 pixels only where the
-lens is nearer than 13 mm; one of the largest is seen whole only by a part of the views."""
+"""Range of diameters in millimetres: the smallest hole has 12 pixels only if the lens is nearer
+than 13 mm; only a part of the views shows the largest hole whole."""
 _OCTAVE = math.sqrt(2.0)
-"""Largest ratio of the scales of two maps next to each other: where the holes of one end, those of
-the next begin, but for 4 %."""
+"""Largest ratio of the scales of neighbouring maps: the diameters of the next begin where those of
+the first end, except for 4 %."""
 _APART = 0.94
-"""Least distance of two holes over the mean of their diameters: they would overlap, but for an
-error of their sizes of 6 %."""
+"""Least distance of two holes over the mean of their diameters: nearer ones overlap, allowing for
+an error of 6 % of their sizes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class Hole:
     evidence: float
     """Logarithm of the odds that it is a hole, among round objects on the wall."""
     kind: str
-    """How it was found: ``dark``, ``bright``, ``either`` or ``lit`` from behind."""
+    """Kind of the candidate: ``dark``, ``bright``, ``either`` or ``lit`` from behind."""
     rim: FloatArray
     """Shape (N, 2). Phi and z of points of its outline."""
 
@@ -96,7 +96,7 @@ class Findings:
     holes: tuple[Hole, ...]
     """Strongest first."""
     verdict: str
-    """``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``, ``no
+    """``good``, ``no wall in view``, or the fault of a frame: ``black``, ``saturated``, ``no
     picture``, ``frozen``, ``torn``, ``wrong size``, ``angle unknown``. An acquisition is ``torn``
     too if some rows of a frame repeat another one that had other lights, and ``frozen`` if all
     do."""
@@ -193,8 +193,7 @@ def strongest(
 ) -> tuple[Hole, ...]:
     """Return holes with enough evidence and not beside a stronger one, strongest first.
 
-    Outlines less than ``smallest`` across, in metres, keep others as far away as a hole of that
-    size.
+    An outline smaller than ``smallest``, in metres, excludes neighbours like a hole of that size.
     """
     kept: list[Hole] = []
     for hole in sorted(holes, key=lambda hole: -hole.evidence):

@@ -25,16 +25,16 @@ CLEAR, BLURRED, VEILED = "clear", "blurred", "veiled"
 _FINE, _COARSE = 1, 4
 """Half widths in pixels over which slopes are taken."""
 _LEAST_RATIO = 1.8
-"""Least mean squared slope over few pixels over that over many, of a picture that is not blurred.
+"""Least ratio of mean squared slopes over few and many pixels in a picture that is not blurred.
 In pictures of five simulated pipes it is 2.2 to 5.0, and 0.5 to 1.6 with a blur of 2.5 pixels."""
 _MOST_VEIL = 0.25
-"""Largest grey of the darkest hundredth of a picture over its mean: the pipe ahead is dark."""
+"""Largest grey of the darkest 1 % of a picture, over its mean: the pipe ahead is dark."""
 _LIT = 40.0
 """Least grey level of wall whose texture is above the noise."""
 _AREA, _SHARE, _FEWEST = 48, 0.8, 8
-"""Side of a block in pixels, the least share of it that is lit, and fewest such blocks."""
+"""Side of a block in pixels, least lit share of a block, and fewest such blocks."""
 _SECOND = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-"""Mask without an answer to edges, of which noise of variance 1 has the variance 36."""
+"""Mask that cancels edges; noise of variance 1 has the variance 36 after it."""
 _DARK = 2.0
 """Grey level that is added before the logarithm, so that noise in the dark counts little."""
 GOOD, WRONG_SIZE, BLACK, SATURATED, NO_PICTURE, FROZEN, TORN = (
@@ -59,19 +59,18 @@ _TEAR_FACTOR, _TEAR_LEAST = 3.0, 3.0
 _EVEN, _ROUGH = 0.5, 1.5
 _CELL, _BLOCK, _LEAST_GREY, _DIM = 16, 4, 10.0, 0.25
 _ALIKE, _NOISE = 0.01, 0.3
-"""Two blocks whose greys differ by less than the first as a share and the second in grey levels had
-the same light: under the same light the share was 0.006 at most, under different ones 0.039 at
-least in 30 views of the twin, and 0.030 in 39 of path-traced walls, where light from other walls
-makes the LEDs more alike."""
+"""Largest difference of two blocks under the same light, as a share and in grey levels: under the
+same light the share was 0.006 at most, under different ones 0.039 at least in 30 views of the twin,
+and 0.030 in 39 of path-traced walls, where light from other walls makes the LEDs more alike."""
 _SUDDEN = 5.0
-"""A strip of the wrong light ends suddenly: next to it is a block that differs by so many times
-what counts as alike. In 150 path-traced scenes two LEDs were alike about the middle of bare metal,
-and the blocks about it differed by at most 4 times that."""
+"""Least difference of the block next to a strip of the wrong light, which ends suddenly, in
+multiples of the difference under the same light. In 150 path-traced scenes two LEDs were alike
+about the middle of bare metal, and the blocks about it differed by at most 4 times that."""
 _MOST = 0.9
-"""Percentile of a row: neither a dark part of it nor glints in a tenth of it matter."""
+"""Percentile of a row that ignores a dark part of it, and glints in a tenth of it."""
 _EQUAL_ROWS, _ROW_GREY = 2, 4
-"""Equal rows, and their least grey level, by which two frames share rows: noise of a grey level
-never repeats 160 pixels of a row, but near black it is cut off at 0. A strip has several rows."""
+"""Fewest equal rows of frames that share rows, and their least grey level: noise of a grey level
+never repeats 160 pixels of a row, but near black it is clipped at 0. A strip has several rows."""
 
 _KEPT = 16
 """Number of frames among which a repeated one counts as frozen."""
@@ -80,7 +79,7 @@ _KEPT = 16
 def repeated(
     image: npt.NDArray[np.uint8], earlier: tuple[int, ...]
 ) -> tuple[bool, tuple[int, ...]]:
-    """Return whether a frame is one of the last, and the check sums of the last ones with its own.
+    """Return whether a frame repeats one of the last ones, and their check sums with its own.
 
     ``image`` (height, width); ``earlier``: check sums of the frames before, the oldest first.
     """
@@ -91,10 +90,10 @@ def repeated(
 def check_frame(
     image: Any, lens: Pinhole, before: npt.NDArray[np.uint8] | None = None, *, lit: bool = True
 ) -> str:
-    """Return ``good``, or what is wrong with a frame.
+    """Return ``good``, or the fault of a frame.
 
-    That is ``wrong size``, ``black``, ``saturated``, ``no picture``, ``frozen`` or ``torn``. ``no
-    picture`` is an even grey, or noise without correlation of neighbours. A frame is torn if one
+    Faults are ``wrong size``, ``black``, ``saturated``, ``no picture``, ``frozen`` and ``torn``.
+    ``no picture`` is an even grey, or noise without correlation of neighbours. A frame is torn if a
     row differs from the next, over most of its length, far more than its neighbours do; a tear in a
     still or dark picture is not detected.
 
@@ -158,8 +157,8 @@ class Brightness:
 def same_light(one: Brightness, other: Brightness) -> str:
     """Check that two frames taken under different lights differ.
 
-    Returns ``good`` if they differ from top to bottom, ``torn`` if some block of rows does not and
-    one next to it does, ``frozen`` if none does. Blocks that are too dark are ignored.
+    Returns ``good`` if they differ from top to bottom, ``torn`` if they are alike in some block of
+    rows and differ in one next to it, ``frozen`` if they are alike in all. Dark blocks are ignored.
     """
     grey = np.minimum(one.blocks, other.blocks)
     known = (grey >= _LEAST_GREY) & (grey < _WHITE)
@@ -218,9 +217,9 @@ def clarity(image: Image) -> str:
     Notes
     -----
     The wall has texture of all sizes, so that its slopes over few pixels are steeper than over
-    many, which a blur ends; the median over blocks counts. Noise is subtracted as estimated by
-    Immerkaer, Fast noise variance estimation, 1996. A veil, which is light that the lens scatters,
-    brightens the dark.
+    many, unless it is blurred; the median over blocks counts. Noise is estimated by Immerkaer, Fast
+    noise variance estimation, 1996, and subtracted. A veil is light that the lens scatters: it
+    brightens dark parts.
     """
     grey = np.asarray(image, dtype=np.float64)
     if np.percentile(grey, 1) > _MOST_VEIL * grey.mean():
@@ -252,7 +251,7 @@ def _squared_slope(values: FloatArray, half: int) -> FloatArray:
 
 
 def _area_means(values: npt.NDArray[np.generic]) -> FloatArray:
-    """Return means over blocks, those at the far edges left out."""
+    """Return means over whole blocks; a rest at the far edges is left out."""
     rows, columns = (size // _AREA for size in values.shape)
     part = values[: rows * _AREA, : columns * _AREA].astype(np.float64)
     return np.asarray(part.reshape(rows, _AREA, columns, _AREA).mean(axis=(1, 3)))

@@ -22,19 +22,19 @@ from minorloop_head.vision.measured import Measured
 _LEAST_POSES = 4
 """Fewest poses: three determine the 12 unknowns, and one more shows whether they agree."""
 _LEAST_TURN = 10.0
-"""Least turn about a second axis, in degrees: along a single axis the place is free."""
+"""Least turn about a second axis, in degrees: one axis leaves the place along it free."""
 _LARGEST_MISFIT = 2.0
 """Largest rms difference between turns of camera and flange, in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandEyeFit:
-    """How a camera is mounted on the flange of a robot.
+    """Mount of a camera on the flange of a robot.
 
     ``measured``: position in mm, and rotation vector in degrees, of the camera on the flange;
     ``rotation`` (3, 3): from the camera to the flange; ``position`` (3,): of the lens on the
-    flange, in metres; ``residuals`` (N, 2): of each picture: by how much the target seems turned,
-    in degrees, and moved, in mm.
+    flange, in metres; ``residuals`` (N, 2): apparent turn in degrees and displacement in mm of the
+    target in each picture.
     """
 
     measured: tuple[Measured, ...]

@@ -1,4 +1,4 @@
-"""OpenCV, imported when it is first needed, and what it does to images."""
+"""OpenCV, imported when it is first needed, and filters of images."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 Image32 = npt.NDArray[np.float32]
 _SILENT = {"OPENCV_LOG_LEVEL": "SILENT", "OPENCV_FFMPEG_LOGLEVEL": "-8"}
-"""What keeps OpenCV from printing: its errors are reported here, in sentences."""
+"""Level that keeps OpenCV from printing: this package reports its errors in sentences."""
 
 
 def opencv() -> Any:
@@ -25,8 +25,8 @@ def opencv() -> Any:
 def gaussian(image: Image32, sd: float, truncate: float, *, zero: bool = False) -> Image32:
     """Return an image smoothed by a Gaussian.
 
-    ``sd``: in pixels; ``truncate``: standard deviations at which it is cut off; ``zero``: whether
-    nothing is assumed beyond the image, and not its mirror image.
+    ``sd``: in pixels; ``truncate``: cut-off of the filter in standard deviations; ``zero``: whether
+    the image continues with zeros instead of its mirror image.
     """
     cv2, side = opencv(), 2 * int(truncate * sd + 0.5) + 1
     beyond = cv2.BORDER_CONSTANT if zero else cv2.BORDER_REFLECT
@@ -35,7 +35,7 @@ def gaussian(image: Image32, sd: float, truncate: float, *, zero: bool = False) 
 
 
 def shrunk(image: npt.NDArray[Any], side: int = 2) -> Image32:
-    """Return means of ``side`` by ``side`` pixels; NaN where one of them is."""
+    """Return means of ``side`` by ``side`` pixels; NaN where one of the pixels is NaN."""
     rows, columns = (size // side for size in image.shape)
     if not rows * columns:
         return np.empty((rows, columns), dtype=np.float32)

@@ -23,24 +23,24 @@ from minorloop_head.vision.measured import Measured
 from minorloop_head.vision.targets import SeenTarget
 
 _LEAST_REFLECTIONS = 4
-"""Fewest reflections: two determine the place of an LED, and more are needed to see that they are
-those of one. In 20 sets of each count (seeds 1000 to 1019) the rms error is 0.24 mm with 2, 0.18
+"""Fewest reflections: two determine the place of an LED, more show whether they belong to one LED.
+In 20 sets of each count (seeds 1000 to 1019) the rms error is 0.24 mm with 2, 0.18
 with 3, 0.10 with 4 and 0.08 with 8."""
 _SATURATED, _LEAST_PIXELS = 250, 4
-"""Grey level of a saturated pixel, which coding as JPEG may lower from 255; and pixels of a spot,
-as a single one may be hot."""
+"""Grey level of a saturated pixel, since JPEG may lower it from 255; and fewest pixels of a spot,
+since a single pixel may be hot."""
 _SECOND = 0.3
-"""Largest share that the second largest saturated spot may have of the largest."""
+"""Largest size of the second saturated spot, as a share of the largest."""
 FARTHEST = 0.05
-"""Metres from the lens to an LED: more than the radius of any pipe that such a head enters by."""
+"""Largest distance in metres from the lens to an LED: more than the radius of any such pipe."""
 _SPOT = 0.3
 """Standard deviation of the centre of a reflection, in pixels."""
 _LARGEST_LED_SD, _LARGEST_CONDITION = 3e-3, 1e4
-"""Of a position, in metres; and ratio of the best to the worst determined direction."""
+"""Largest standard deviation of a position, in metres, and largest condition number of its fit."""
 _LARGEST_SPREAD = 5.0
 """Largest rms distance of reflections from the fit, in standard deviations."""
 _LEAST_PICTURES = 3
-"""Fewest pictures: two determine a focal length, and one has to be left out to check them."""
+"""Fewest pictures: two determine a focal length, and a third one checks them."""
 _LEAST_CORNERS = 8
 """Fewest corners in each ninth of the image, without a warning."""
 _TILTED = 12.0
@@ -48,22 +48,22 @@ _TILTED = 12.0
 _LEAST_SPREAD = 0.2
 """Least share of the rarer direction of tilt, without a warning."""
 _VAGUE, _UNKNOWN = 0.01, 0.1
-"""Relative deviations of a focal length from which there is a warning, and a refusal."""
+"""Relative standard deviations of a focal length above which it gives a warning, and an error."""
 _OUTLIER = (4.0, 0.5)
-"""Rms residual of a picture that moved: in medians of all, and at least so many pixels."""
+"""Least rms residual of a picture that moved: in medians of all pictures, and in pixels."""
 _TWO = 0.6
-"""Share of the residual that is left where two lenses are fitted to the pictures of two cameras."""
+"""Largest share of the residual that remains after fitting two lenses, if there are two cameras."""
 _EQUAL = 1.01
-"""Residual of pictures that are left out, in least ones, up to which a lens with more free numbers
-is taken: one too few shifts the focal length more than one too many."""
+"""Largest residual of left-out pictures, relative to the smallest, with which a lens with more free
+numbers is chosen: a missing number shifts the focal length more than a superfluous one."""
 _SCALES = np.exp(np.linspace(-0.5, 0.5, 11))
-"""Focal lengths, in that of all pictures, by which those of two cameras are first told apart."""
+"""Initial focal lengths of two cameras, relative to that of all pictures."""
 _STARTS = np.array([0.5, 0.8, 1.3, 2.0, 3.2])
-"""Focal lengths, in widths of the image, from which lenses are fitted: one may end elsewhere."""
+"""Initial focal lengths of fits, in widths of the image: a fit may end in a local minimum."""
 _SOME = 12
-"""Pictures that are enough for a start."""
+"""Largest number of pictures for initial values."""
 _ROUNDS = 5
-"""Assignments of pictures to two lenses; after two or three they stay."""
+"""Largest number of assignments of pictures to two lenses; they converge after two or three."""
 _DOWN, _ACROSS = ("upper", "middle", "lower"), ("left", "centre", "right")
 _NUMBERS = ("fx", "fy", "u", "v", "k1", "k2", "p1", "p2", "k3")
 """Numbers of a lens, in the order of OpenCV."""
@@ -86,16 +86,16 @@ class TargetPose:
     """Pose of a target before the camera."""
 
     name: str
-    """Of the picture."""
+    """Name of the picture."""
     rotation: FloatArray
-    """Shape (3, 3). From the target (x right, y down, z away from the camera) to the camera."""
+    """Shape (3, 3). Rotation from target (x right, y down, z away from the camera) to camera."""
     position: FloatArray
-    """Shape (3,). Of the target's upper left corner in the camera, in metres."""
+    """Shape (3,). Upper left corner of the target in the camera, in metres."""
     information: FloatArray
     """Shape (6, 6). Inverse covariance of a small rotation in radians, about axes of the camera,
     and of the position in metres."""
     residuals: FloatArray
-    """Shape (N, 2). Seen less projected corners, in pixels."""
+    """Shape (N, 2). Observed less projected corners, in pixels."""
 
     @property
     def tilt(self) -> float:
@@ -110,29 +110,28 @@ class LensFit:
     lens: Pinhole
     measured: tuple[Measured, ...]
     """Focal lengths, principal point, and the coefficients of distortion that the pictures support;
-    the others are 0. The deviations contain what the lens does not explain."""
+    the others are 0. The deviations contain residuals that the lens does not explain."""
     poses: tuple[TargetPose, ...]
-    """Of the pictures that were used."""
+    """Poses of the used pictures."""
     seen: tuple[SeenTarget, ...]
     """Their corners."""
     left_out: dict[str, str]
     """Names of pictures that do not fit the others, and why."""
     rms: float
-    """Of the distances between seen and projected corners, in pixels."""
+    """Rms of the distances between observed and projected corners, in pixels."""
     rms_left_out: float
-    """Of those of pictures that are left out of the fit, each in turn."""
+    """The same for pictures that are left out of the fit, each in turn."""
     model: str
-    """What is free in the lens: names as in `Pinhole`, f where pixels are square."""
+    """Free parameters of the lens: names as in `Pinhole`, f where pixels are square."""
     warnings: tuple[str, ...] = ()
-    """What the pictures hardly determine, and what to photograph."""
+    """Parameters that the pictures hardly determine, and advice on further pictures."""
 
 
 def fit_lens(seen: Sequence[SeenTarget], size: tuple[int, int]) -> LensFit:
     """Fit focal lengths, principal point and distortion.
 
-    Pictures in which the target moved are left out. Free are those coefficients of
-    distortion, and focal lengths, that predict best pictures that are left out of the fit; more
-    rather than fewer.
+    Pictures in which the target moved are left out. The free coefficients of distortion and focal
+    lengths are those that best predict pictures left out of the fit; if in doubt, more are free.
 
     ``seen``: pictures with a target; ``size``: width and height of the pictures, in pixels. Raises
     a `RecordError` if there are fewer than `_LEAST_PICTURES`, or they do not determine the lens;
@@ -166,11 +165,11 @@ def fit_lens(seen: Sequence[SeenTarget], size: tuple[int, int]) -> LensFit:
     vague = max(each.sd / each.value for each in fit.measured[:2])
     if not vague < _UNKNOWN:
         raise _undetermined(kept, fit.lens, f"their focal length is known to {100 * vague:.2g} %")
-    return replace(fit, warnings=tuple(_what_is_missing(fit)))
+    return replace(fit, warnings=tuple(_further_pictures(fit)))
 
 
 def corners_in_ninths(seen: Sequence[SeenTarget], lens: Pinhole) -> npt.NDArray[np.int64]:
-    """Return how many corners are in each ninth of the image, (3, 3)."""
+    """Return the number of corners in each ninth of the image, (3, 3)."""
     pixels = np.concatenate([each.pixels for each in seen])
     counts, _, _ = np.histogram2d(
         pixels[:, 1],
@@ -181,8 +180,8 @@ def corners_in_ninths(seen: Sequence[SeenTarget], lens: Pinhole) -> npt.NDArray[
     return ninths
 
 
-def _what_is_missing(fit: LensFit) -> list[str]:
-    """Return what to photograph, in addition, for the lens to be determined well."""
+def _further_pictures(fit: LensFit) -> list[str]:
+    """Return advice on further pictures that determine the lens well."""
     said = []
     vague = max(each.sd / each.value for each in fit.measured[:2])
     if vague > _VAGUE:
@@ -240,7 +239,7 @@ class _Solution:
     residuals: list[FloatArray]
     lens: Pinhole
     left_out: float
-    """Rms residual of pictures that are left out, in pixels."""
+    """Rms residual of left-out pictures, in pixels."""
     sds: FloatArray
     """Shape (9,). Standard deviations of the numbers."""
 
@@ -284,7 +283,7 @@ def _best(seen: Sequence[SeenTarget], size: tuple[int, int]) -> _Solution:
 
 
 def _undetermined(seen: Sequence[SeenTarget], lens: Pinhole, why: str) -> RecordError:
-    """Return the error for pictures of which the target is frontal in all, or else the cause."""
+    """Return the error for undetermined pictures: all frontal, or else another cause."""
     tilt = max(target_pose(lens, each, 1.0).tilt for each in seen)
     if tilt < _TILTED:
         why = f"the target is nowhere tilted by more than {tilt:.2g} degrees"
@@ -402,7 +401,7 @@ def _left_out(
 
 
 def _shift(normal: FloatArray) -> FloatArray:
-    """Return how far the numbers (9,) move if all of them and the bending are free."""
+    """Return the shift of the numbers (9,) if all of them and the bending are free."""
     scale = 1 / np.sqrt(np.maximum(np.diag(normal)[:-1], np.finfo(float).tiny))
     inner = normal[:-1, :-1] * scale[:, None] * scale
     step: FloatArray = scale * np.linalg.lstsq(inner, scale * normal[:-1, -1], rcond=1e-10)[0]
@@ -412,10 +411,7 @@ def _shift(normal: FloatArray) -> FloatArray:
 def _refuse_two_lenses(
     seen: Sequence[SeenTarget], size: tuple[int, int], solution: _Solution
 ) -> None:
-    """Refuse pictures of two cameras, each of which fits a lens of its own much better.
-
-    Raises a `RecordError` if they are so.
-    """
+    """Raise a `RecordError` if pictures are of two cameras: two lenses fit them much better."""
     if len(seen) < 2 * _LEAST_PICTURES:
         return
     lenses = []
@@ -491,7 +487,7 @@ def _lens(size: tuple[int, int], matrix: FloatArray, distortion: FloatArray) -> 
     ends = np.array([(u, v) for v in (0, size[1] - 1) for u in (0, size[0] - 1)], dtype=np.float64)
     if not (np.abs(lens.pixels(lens.normalised(ends)) - ends).max() < 0.1 and
             0 <= u < size[0] and 0 <= v < size[1]):  # fmt: skip
-        raise ParameterError("the lens folds the image, or looks past it")
+        raise ParameterError("the lens folds the image, or its principal point is outside of it")
     return lens
 
 
@@ -501,7 +497,7 @@ def _flat(seen: SeenTarget) -> FloatArray:
 
 
 def _extent(seen: Sequence[SeenTarget]) -> tuple[FloatArray, float]:
-    """Return middle (2,) and half of the longer side of what is seen of the target."""
+    """Return middle (2,) and half of the longer side of the visible part of the target."""
     points = np.concatenate([each.points for each in seen])
     low, high = points.min(axis=0), points.max(axis=0)
     return (low + high) / 2, float((high - low).max() / 2)
@@ -570,8 +566,8 @@ def fit_led(
 
     Raises a `RecordError` if there are too few, or they are not of one LED.
 
-    ``poses``: of the glossy target; ``pixels`` (N, 2): where the reflection was; ``name``: of the
-    LED, for messages.
+    ``poses``: of the glossy target; ``pixels`` (N, 2): of the reflections; ``name``: of the LED,
+    for messages.
 
     Notes
     -----

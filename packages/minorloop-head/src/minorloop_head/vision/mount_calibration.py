@@ -22,38 +22,38 @@ from minorloop_head.vision.lens_calibration import TargetPose
 from minorloop_head.vision.measured import Measured
 
 _LEAST_POSES = 6
-"""Fewest poses: each has six numbers, so that three determine the 13 unknowns, and as many again
-show whether they agree."""
+"""Fewest poses: each has six numbers, so that three determine the 13 unknowns, and three more show
+whether they agree."""
 _LEAST_RANGE = 10.0
 """Least range of each joint, in degrees."""
 _LARGEST_MISFIT = 2.0
 """Largest rms difference between turns of camera and joints, in degrees."""
 _LARGEST_SD = {"deg": 1.0, "mm": 1.0}
-"""Largest uncertainties of results."""
+"""Largest standard deviations of results."""
 _MOST_STEPS = 50
-"""Steps of the fit; it needs some ten."""
+"""Largest number of steps of the fit; it needs about ten."""
 _LEVER = slice(9, 12)
-"""Where the vector from the pivot to the lens is among the unknowns of the fit."""
+"""Positions of the vector from the pivot to the lens among the unknowns of the fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class MountFit:
-    """How a camera is mounted on its joints."""
+    """Mount of a camera on its joints."""
 
     measured: tuple[Measured, ...]
     lever: float
-    """From the pivot to the lens along the optical axis, in metres."""
+    """Distance from the pivot to the lens along the optical axis, in metres."""
     straight: tuple[float | None, float]
-    """Pan and tilt that are read where the joints point along the pipe, in radians; no pan if the
+    """Readings of pan and tilt if the joints point along the pipe, in radians; pan is None if the
     target was not square to the pipe."""
     squint: float
     camera_roll: float
-    """Of the camera on the joints, in radians."""
+    """Rotation of the camera on the joints, in radians."""
     roll: float | None
     """Of the base about the axis of the pipe, in radians; None if the target was not square to the
     pipe."""
     offset: tuple[float, float] | None
-    """Of the pivot from the middle of the target, in metres; None likewise."""
+    """Offset of the pivot from the middle of the target, in metres; None likewise."""
     joints: FloatArray
     """Shape (N, 2). Read less fitted pan and tilt of each picture, in degrees."""
     residuals: FloatArray
@@ -77,7 +77,7 @@ def fit_mount(
     Raises a `RecordError` if there are too few pictures, the joints did not move enough, or camera
     and joints turned by different angles.
 
-    ``poses``: of a target that stands still; ``joints`` (N, 2): pan and tilt as read, in degrees;
+    ``poses``: of a target at rest; ``joints`` (N, 2): readings of pan and tilt, in degrees;
     ``sd``: standard deviation of a reading, in degrees; ``middle`` (2,): place on the target, in
     metres, that is on the axis of the pipe, if the target is square to the pipe with its rows
     horizontal.
@@ -112,7 +112,7 @@ def fit_mount(
 
 
 def _predicted(x: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rotation and position of the target in the camera at joint angles (2,) in radians."""
+    """Return rotation and position of the target in the camera for joint angles (2,) in radians."""
     target = Rotation.from_rotvec(x[:3]).as_matrix()
     zero, squint, roll = x[6:9]
     link = pan_tilt(at[0], at[1])
@@ -122,7 +122,7 @@ def _predicted(x: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _in_link(zero: float, squint: float, roll: float) -> FloatArray:
-    """Return the rotation from the camera to what the tilt turns."""
+    """Return the rotation from the camera to the link that the tilt turns."""
     return rotation_x(zero) @ rotation_y(squint) @ rotation_z(roll)
 
 
@@ -154,7 +154,7 @@ def _check(poses: Sequence[TargetPose], joints: FloatArray) -> None:
         )
     camera, misfit = Rotation.align_vectors(said, turned)
     misfit /= np.sqrt(len(poses))
-    # With one sign wrong, a camera that looks backwards would fit.
+    # If one sign is wrong, a camera that looks backwards fits.
     if np.degrees(misfit) > _LARGEST_MISFIT or camera.as_matrix()[2, 2] < 0:
         raise RecordError(
             f"camera and joints turned differently (by {np.degrees(misfit):.2g} degrees rms, or in "
@@ -194,7 +194,7 @@ def _result(
     residuals: FloatArray,
     middle: FloatArray | None,
 ) -> MountFit:
-    """Return what parameters mean, with uncertainties by linear propagation."""
+    """Return the mount by parameters of the fit, with deviations by linear propagation."""
 
     def derived(x: FloatArray) -> FloatArray:
         zero, squint, roll = x[6:9]

@@ -1,4 +1,4 @@
-"""A mark that the tool has left on the wall: a dark dot that an earlier picture does not show."""
+"""Detection of a mark by the tool: a dark dot on the wall that an earlier picture does not show."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Win
 from minorloop_head.vision.imaging import Image32
 
 _TEXEL = 0.03e-3
-"""Side of a texel in metres: a tenth of a mark, and as large as a pixel from near."""
+"""Side of a texel in metres: a tenth of a mark, and a pixel in a near view."""
 _RADIUS = 0.15e-3
 """Radius of a mark in metres."""
 _REACH = 0.8e-3
-"""Distance in metres from where it is expected within which a mark is looked for: more than twice
-what counts as a failed touch."""
+"""Largest distance in metres of a mark from its expected place: more than twice the error of a
+failed touch."""
 _AROUND = 1.2e-3
-"""Half of the side of the wall that is compared, in metres: a light that changed is seen there."""
+"""Half of the side of the compared square of wall, in metres: it shows changes of the light."""
 _DARKER = math.log(0.8)
-"""Logarithm of the grey level, over that before, below which a dot is a mark: noise is a quarter of
-it."""
+"""Largest change of the logarithm of the grey level of a mark: noise is a quarter of it."""
 
 
 def new_mark(

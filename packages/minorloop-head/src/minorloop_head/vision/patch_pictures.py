@@ -1,7 +1,7 @@
 """Patches of the wall in the pictures of a calibrated camera: found, compared and aligned.
 
-A patch is remembered as texels on the cylinder of the wall. At given angles of the head it has a
-place in a picture, where it is sampled and compared with how it was seen first.
+A patch is stored as texels on the cylinder of the wall. For known angles of the head it has a place
+in a picture, where it is sampled and compared with its first view.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ LEVELS = 3
 _SMALLEST = 6.0
 """Least width of a patch in the picture, in pixels: fewer show no detail of it."""
 _CELL = 20
-"""Pixels between points of the picture about which new patches are looked for."""
+"""Distance in pixels of the points of the picture about which new patches are searched."""
 _MOST, _MOST_KEPT = 28, 1000
-"""Patches that are compared with a picture, the best known of each part of it first: more do not
-make the angles better, but take time. Patches that are kept: ten for each that the wall within
-reach has."""
+"""Most patches that are compared with a picture, the best known of each part of it first: more take
+time without improving the angles. Most stored patches: ten for each place on the wall within
+reach."""
 _PARTS = 4
-"""Parts of the picture each way: a fouled half leaves patches in eight of sixteen."""
+"""Parts of the picture in each direction: dirt on one half leaves patches in eight of sixteen."""
 _POOR = 25
-"""Pictures in a row in which a patch disagrees, after which another may take its place: 1 s."""
+"""Consecutive pictures in which a patch disagrees, after which another may replace it: 1 s."""
 _OWN_STEPS = 8
-"""Steps of a patch by itself: each leaves about half of what it is off."""
+"""Steps of the alignment of a single patch: each leaves about half of the error."""
 _COARSE = 2
-"""Texels in one of `PatchPictures.searched`, along a side."""
+"""Texels of a patch that `PatchPictures.searched` takes as one, along a side."""
 _STEPS = 3
 """Steps of Gauss-Newton in each size of the picture, by trial."""
 _CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
-"""Length of a step after which no other is made, and of the longest step, in radians."""
+"""Length of a step that ends the fit, and of the longest step, in radians."""
 _ALIKE = 4.0
 """Texels whose noise is alike, since they share pixels."""
 _LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + 4)
-"""Of grey levels, so that light becomes a sum."""
+"""Logarithms of grey levels, so that light becomes a sum."""
 _ALL = 6
-"""Patches in view from which on their mean correlation counts in full in a search."""
+"""Fewest patches in view whose mean correlation has full weight in a search."""
 _DERIVATIVE = 1e-4
-"""Difference in radians for derivatives of the pose: errors of 1e-8."""
+"""Step in radians of numerical derivatives of the pose: errors are 1e-8."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +62,12 @@ class Agreement:
     sd: FloatArray | None
     """Shape (2,). Their standard deviations in radians; None if they are not determined."""
     scores: FloatArray
-    """Shape (P,). Correlation of each patch there; NaN where it is not wholly seen."""
+    """Shape (P,). Correlation of each patch there; NaN if it is not wholly in view."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchPictures:
-    """How patches of the wall look in pictures of a camera.
+    """Comparison of patches of the wall with pictures of a camera.
 
     Notes
     -----
@@ -94,7 +94,7 @@ class PatchPictures:
     side: int = 16
     """Texels along a side of a patch."""
     width: float = 160.0
-    """Columns of the largest picture that is compared: in more, noise hides the wall."""
+    """Most columns of a compared picture: in larger ones noise hides the wall."""
     detail: float = 0.013
     """Least contrast of a patch, as a share; noise of a grey picture has 1 %."""
 
@@ -134,9 +134,9 @@ class PatchPictures:
     ) -> FloatArray | None:
         """Return the standard deviations (2,) of the angles, None if they are not determined.
 
-        The greater of two variances counts: that of the noise of the picture, and that of how much
-        the patches disagree (Huber, 1967). Two parts are added: the last step, by which the angles
-        have not settled, and the error of the angles at which the patches were first seen.
+        The greater of two variances counts: that of the noise of the picture, and that of the
+        disagreement of patches (Huber, 1967). Two parts are added: the last step of the fit, as it
+        has not fully converged, and the error of the angles of the first views of the patches.
         """
         total = np.tensordot(weights, normal, 1)
         if not np.linalg.eigvalsh(total)[0] > 0:
@@ -153,7 +153,7 @@ class PatchPictures:
     def _weights(
         self, scores: FloatArray, normal: FloatArray, noise: FloatArray, sd: FloatArray
     ) -> FloatArray:
-        """Return the weights (P,) of patches: by agreement, and by how well each is known."""
+        """Return the weights (P,) of patches by agreement and by variance of their places."""
         good = np.clip((np.nan_to_num(scores, nan=0.0) - 0.5 * self.least) / 0.5, 0.0, 1.0)
         own = 2.0 * noise / np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
         return np.asarray(good / (1.0 + (sd**2).mean(axis=1) / own))
@@ -211,7 +211,7 @@ class PatchPictures:
     def aligned(
         self, image: Image32, patches: Patches, angles: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return scores (P,), normal matrices (P, 2, 2), and by how much each is off (P, 2)."""
+        """Return scores (P,), normal matrices (P, 2, 2) and turns (P, 2) that align patches."""
         count = len(patches.sd)
         scores, normal, off = np.empty(count), np.empty((count, 2, 2)), np.empty((count, 2))
         kernels.align_each(
@@ -234,7 +234,7 @@ class PatchPictures:
         return np.ascontiguousarray(now.rotation), now.position, turns, moves
 
     def in_view(self, patches: Patches, angles: FloatArray) -> npt.NDArray[np.int64]:
-        """Return which patches to compare: in view, not poor, and the best known of each part."""
+        """Return which patches to compare: the best known of each part, in view and not poor."""
         if not self.camera.inside(*angles.tolist()):
             return np.empty(0, dtype=np.int64)
         pixels = self.camera.pixel(patches.places, *angles.tolist())
@@ -256,7 +256,7 @@ class PatchPictures:
         sd: FloatArray,
         rates: FloatArray,
     ) -> Patches:
-        """Return new patches where the picture shows detail without a known one."""
+        """Return new patches where the picture shows detail and has no known patch."""
         pan, tilt = angles.tolist()
         if not self.camera.inside(pan, tilt) or len(known.sd) >= _MOST_KEPT:
             return self.none
@@ -308,7 +308,7 @@ class PatchPictures:
     def tried(
         self, pyramid: list[Image32], trial: Patches, angles: FloatArray, rates: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the scores (P,) of patches as wall, and as dirt that stays where it first was."""
+        """Return the scores (P,) of patches as wall, and as dirt in the same place on the lens."""
         scores, stays = self.compared(pyramid, 0, trial, angles, rates)[0], np.empty(len(trial.sd))
         for origin in np.unique(trial.origins, axis=0):
             same = np.flatnonzero((trial.origins == origin).all(axis=1))
@@ -316,7 +316,7 @@ class PatchPictures:
         return scores, stays
 
     def _beside(self, places: FloatArray, others: FloatArray) -> BoolArray:
-        """Return (n, m) which places are beside which others."""
+        """Return for each pair (n, m) whether a place is beside another one."""
         x = self.camera.radius * np.abs(wrapped(places[:, None, 0] - others[:, 0]))
         apart = np.maximum(x, np.abs(places[:, None, 1] - others[:, 1]))
         return np.asarray(apart < 0.8 * self.size)
@@ -336,18 +336,18 @@ class PatchPictures:
     def pyramid(self, image: Image, levels: int = LEVELS) -> list[Image32]:
         """Return the logarithm of a picture in several sizes, so that light is a sum."""
         found = [_LOGARITHMS[image]]
-        while len(found) < self._skipped + levels:
+        while len(found) < self._halvings + levels:
             found.append(shrunk(found[-1]))
-        return found[self._skipped :]
+        return found[self._halvings :]
 
     @property
     def lenses(self) -> list[Pinhole]:
         """The lens at each size of the picture."""
-        return _scaled(self.camera.lens, self._skipped)
+        return _scaled(self.camera.lens, self._halvings)
 
     @cached_property
-    def _skipped(self) -> int:
-        """How often the largest picture that is compared is halved."""
+    def _halvings(self) -> int:
+        """Number of halvings of the largest compared picture."""
         return max(round(math.log2(self.camera.lens.width / self.width)), 0)
 
     @cached_property
@@ -365,7 +365,7 @@ class PatchPictures:
 
     @cached_property
     def _cells(self) -> FloatArray:
-        """Pixels (n, 2) about which new patches are looked for."""
+        """Pixels (n, 2) about which new patches are searched."""
         lens = self.camera.lens
         step = _CELL * lens.width / 320
         u, v = np.arange(step / 2, lens.width, step), np.arange(step / 2, lens.height, step)

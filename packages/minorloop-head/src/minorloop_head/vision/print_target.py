@@ -26,7 +26,7 @@ def print_target(target: Target, path: Path, *, force: bool = False) -> None:
     Raises an `OutputError` for another format, and for a file that exists without ``force``.
     """
     if path.suffix.lower() not in _FORMATS:
-        raise OutputError(f"{path} is of no known format; let it end in {', '.join(_FORMATS)}")
+        raise OutputError(f"{path} has an unknown format; end its name in {', '.join(_FORMATS)}")
     check_writable(path, force=force)
     rim = max(1e3 * target.square, 8.0)
     wide, high = 1e3 * target.size
@@ -36,7 +36,7 @@ def print_target(target: Target, path: Path, *, force: bool = False) -> None:
     axes.set(xlim=(-rim, page_wide - rim), ylim=(page_high - rim, -rim))
     axes.set_axis_off()
     for left, top, width in _runs(target):
-        # A little overlap downwards keeps renderers from leaving gaps between rows.
+        # A small overlap downwards prevents gaps between rows in renderers.
         axes.add_patch(_rectangle(left, top, width, _cell(target) * 1.01))
     below = high + 0.35 * rim
     axes.add_patch(_rectangle(0.0, below, _BAR, 0.5))

@@ -1,4 +1,4 @@
-"""The round outline about a pixel, for a point that was picked by hand and is some pixels off."""
+"""Search for the round outline about a pixel that was picked by hand and is some pixels off."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from minorloop_head.vision.reflectance_map import LitFrame, aligned
 
 _TEXEL = 0.05e-3
 _AROUND = 1.7e-3
-"""Metres of wall beyond the reach that the fit needs: 1.9 times the largest radius, and margin."""
+"""Metres of wall that a fit needs beyond the reach: 1.9 times the largest radius, and a margin."""
 _RADII = (0.35e-3, 0.65e-3)
-"""Radii in metres at which an outline begins, as in ``candidates``."""
+"""Initial radii of an outline in metres, as in ``candidates``."""
 _STARTS = 0.15e-3
-"""Distance of the places where an outline begins: it finds an edge from three texels off."""
+"""Distance of the initial places of an outline: it finds an edge from three texels off."""
 _LEAST_SHARE, _LEAST_CONTRAST = 0.6, 0.06
-"""Share of the rays that must have their edge on the outline, and contrast (natural logarithm) that
-a quarter of them may fall short of. By trial on walls without a hole."""
+"""Least share of rays with their edge on the outline, and contrast (natural logarithm) that all but
+a quarter of them must have. By trial on walls without a hole."""
 CLICKED, FOUND = 1.6e-3, 0.6e-3
-"""Largest distance in metres of the middle of an outline from a pixel that was clicked, and from a
-place that was found. A click is off by 5 pixels of 10 per millimetre of oblique wall, a third of
-it; in missions 1000 to 1019 what was found in another view is off by up to 0.10 mm, and on walls of
-a path tracer by up to 0.21 mm."""
+"""Largest distance in metres of the middle of an outline from a clicked pixel, and from a place
+that another view gave. A click is off by 5 pixels of 10 per millimetre of oblique wall, a third of
+it; in missions 1000 to 1019 a place of another view is off by up to 0.10 mm, and on walls of a path
+tracer by up to 0.21 mm."""
 _FAR = 0.3
-"""What an outline at the end of the reach must be better by than one at the picked point."""
+"""Extra quality that an outline at the end of the reach needs over one at the picked point."""
 _DIM = 4.0
 
 
@@ -40,11 +40,11 @@ class Outline:
     place: FloatArray
     """Shape (2,). Phi and z of its middle."""
     pixel: FloatArray
-    """Shape (2,). Of its middle, in the last frame."""
+    """Shape (2,). Pixel of its middle, in the last frame."""
     diameter: float
     """In metres."""
     quality: float
-    """Share of its rays that have their edge there, less their scatter, plus the steepness."""
+    """Quality: share of rays with their edge there, less the scatter, plus the steepness."""
 
 
 def outline_about(
@@ -100,7 +100,7 @@ def outline_about(
 
 
 def _round(fit: FloatArray) -> bool:
-    """Return whether an outline has its edge all round."""
+    """Return whether an outline has an edge all round."""
     low, high = (radius / _TEXEL for radius in _RADII)
     return bool(
         np.isfinite(fit).all()

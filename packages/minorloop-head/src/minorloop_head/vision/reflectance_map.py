@@ -1,9 +1,9 @@
 """Reflectance maps of the wall, from frames under different lights.
 
-The logarithm of a frame, less that of the light that falls on the wall, is the reflectance. Marks
-of the wall stay on the map under every light; reflections and shadows move. A sensor of the joints
-has an error in each frame, and maps of frames that do not lie on each other have their edges twice,
-so that a hole looks larger than it is: the marks say by how much frames are off from each other.
+The logarithm of a frame, less that of the light on the wall, is the reflectance. Marks of the wall
+stay on the map under every light; reflections and shadows move. Readings of the joints have an
+error in each frame. Without a correction the merged map shows edges twice, and a hole looks larger
+than it is. The marks give the displacement between frames.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ LEAST_SEEN = 14e3
 """Least resolution of the wall in pixels per metre: 12 pixels across a hole of 0.85 mm."""
 
 _FLOOR, _GLOW_FLOOR = 2.0, 4.0
-"""Grey levels added before the logarithm, so that noise in the dark stays small. Fainter light from
-behind than the second is left in the other frames."""
+"""Grey levels: added before the logarithm, so that noise in the dark stays small; and least light
+from behind that is subtracted from the other frames."""
 STEP = 0.05e-3
 """Texel of the map for holes of about 1 mm, in metres: an outline of 17 to 23 texels across
 scatters by 0.4 % (``_outline_kernels``). It grows with the holes that are searched."""
 _AVERAGED = 1.5
-"""Scale from which a texel is the mean of four finer ones: it is then wider than two pixels of the
-nearest wall, of which interpolation would use some and leave out others."""
+"""Least scale at which a texel is the mean of four finer ones: it is then wider than two pixels of
+the nearest wall, and interpolation would skip some of them."""
 _BLOCK = 16
 """Side of a block in texels, 0.8 mm: a hole of 1.15 mm fills more than half of at most two of the
 nine blocks whose median is the ground."""
 _LEAST_LIGHT = 1e-3
-"""Irradiance that is assumed at least, so that a wall that faces away from an LED has a logarithm.
-A lit wall has less only 0.1 m along the pipe, where it is too small to be searched."""
+"""Least assumed irradiance, so that a wall that faces away from an LED has a logarithm. A lit wall
+has less only 0.1 m along the pipe, where its picture is too small to be searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class LitFrame:
     tilt: float
     """Measured angles of the head, in radians."""
     lights: tuple[bool, ...] = (True, True, True)
-    """Which LEDs were on."""
+    """Whether each LED was on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class ReflectanceMap:
 
 
 def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
-    """Return ``good``, or what is wrong with the first bad frame.
+    """Return ``good``, or the fault of the first bad frame.
 
     Raises a `ParameterError` if a frame does not have one flag for each light of the camera.
     """
@@ -124,7 +124,7 @@ def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
 
 
 def _check_pairs(frames: Sequence[LitFrame]) -> str:
-    """Return what is wrong with a frame that repeats another, or lacks its light."""
+    """Return the fault of a frame that repeats another, or lacks its light."""
     brightness = [frame_checks.Brightness.of(frame.image) for frame in frames]
     for (one, first), (other, second) in combinations(zip(frames, brightness, strict=True), 2):
         verdict = _check_pair(one, other, first, second)
@@ -171,10 +171,10 @@ def lay_flat(
 ) -> ReflectanceMap | None:
     """Unroll good frames onto one map of the wall.
 
-    It is None if no part of the wall is seen by all of them with enough resolution.
+    It is None if no part of the wall is in all of them with enough resolution.
 
-    ``frames``: at least one with light; ``camera``: the camera; ``scale``: of the holes that are
-    searched, over 1 mm: of the texels, and of the least resolution.
+    ``frames``: at least one with light; ``camera``: the camera; ``scale``: size of the searched
+    holes over 1 mm, to which texels and least resolution are adapted.
     """
     middle = frames[len(frames) // 2]
     step, least = scale * STEP, LEAST_SEEN / scale
@@ -197,7 +197,7 @@ def lay_flat(
         flat[~seen] = np.nan
     dark = [flat for frame, flat in zip(frames, flats, strict=True) if not any(frame.lights)]
     behind = np.mean(dark, axis=0) if dark else np.zeros_like(flats[0])
-    own = np.where(behind > _GLOW_FLOOR, behind, 0)  # else noise would be added to the dark
+    own = np.where(behind > _GLOW_FLOOR, behind, 0)  # subtracting less adds noise in the dark
     for frame, flat in zip(frames, flats, strict=True):
         if not any(frame.lights):
             continue
@@ -223,7 +223,7 @@ def median(stack: Image32) -> Image32:
 
 def _ground(level: Image32, seen: np.ndarray[Any, np.dtype[np.bool_]]) -> Image32:
     """Return the local median, of blocks and then of their neighbours."""
-    from scipy import ndimage  # not for who only tracks
+    from scipy import ndimage  # tracking does not need it
 
     filled = np.where(seen, level, np.float32(np.median(level[seen])))
     rows, columns = (-(-n // _BLOCK) for n in filled.shape)
@@ -250,22 +250,22 @@ def _between(nodes: FloatArray, i: FloatArray, j: FloatArray) -> Image32:
 
 
 _SIZE, _LEAST, _COLUMNS = 1.2e-3, 0.5, 320.0
-"""Side of a patch in metres, its least correlation, and columns of the largest picture compared. In
-acquisitions of twelve views (seeds 1000 to 1011) with errors of 0.15 degrees, 0.003 degrees are
-left in the median view and 0.012 in the worst."""
+"""Side of a patch in metres, its least correlation, and most columns of a compared picture. In
+acquisitions of twelve views (seeds 1000 to 1011) with errors of 0.15 degrees, 0.003 degrees remain
+in the median view and 0.012 in the worst."""
 _LEVELS = (2, 2, 1, 1, 0)
 _FEWEST = 4
 """Least number of patches that agree."""
 _WIDEST, _FARTHEST = math.radians(0.1), math.radians(1.0)
-"""Largest standard deviation of a turn, and largest turn, that counts: that of a poor sensor is
+"""Largest standard deviation of a turn, and largest turn, that are accepted: a poor sensor has
 0.15 degrees."""
 
 
 def aligned(frames: Sequence[LitFrame], camera: CalibratedCamera) -> tuple[LitFrame, ...]:
     """Return frames whose angles agree with each other; their mean stays.
 
-    ``frames``: good frames of an acquisition. Those without light keep their angles, and so do
-    those in which too few patches of the frame with most light are found.
+    ``frames``: good frames of an acquisition. A frame without light keeps its angles, and so does a
+    frame with too few patches of the frame with most light.
     """
     lit = [n for n, frame in enumerate(frames) if any(frame.lights)]
     if len(lit) < 2:

@@ -9,12 +9,12 @@ A servo is frozen configuration; each step takes a state and returns the next on
         head.aim(step.angles)
 
 `PointHold` keeps it there while flow sways the head: each frame gives the joint angles at which the
-point would be in the middle. They move as the sway does, and are predicted by the delay of the
-wires. An integral of the error removes what is left.
+point would be in the middle. They follow the sway, and are predicted by the delay of the wires. An
+integral of the error removes the remaining error.
 
-A head without joint sensors still has its camera: a fixed patch of the wall shows, frame by frame,
-how it has turned since the patch was picked (`sighted_angles`). In the interaction matrix of pan
-and tilt (Chaumette and Hutchinson, Visual servo control I, 2006, equation 11), points are in
+Without joint sensors, the camera measures the angles: a fixed patch of the wall shows in each frame
+how the head has turned since the patch was picked (`sighted_angles`). In the interaction matrix of
+pan and tilt (Chaumette and Hutchinson, Visual servo control I, 2006, equation 11), points are in
 normalised coordinates (X, Y), without distortion, x right, y down, z ahead, and velocities are
 those of the camera in its own frame. A head that pans about an axis of the base also turns about
 its own optical axis, and its lens moves with it, so that all six columns are needed.
@@ -93,21 +93,21 @@ class Servo:
     Notes
     -----
     e is the angular error of the head; the law is that of Chaumette and Hutchinson, Visual servo
-    control I, 2006, equation (5). The wanted angles are an integral of the rates already, so that
-    an integral of the error would overshoot on the way to a point; `PointHold` has one.
+    control I, 2006, equation (5). The wanted angles already integrate the rates: an integral of the
+    error would overshoot on the way to a point; `PointHold` has one.
     """
 
     camera: CalibratedCamera
-    """Gives the depth of the wall and the lever of the lens."""
+    """Source of the depth of the wall and the lever of the lens."""
     gain: float = 0.5
     """Rate at which the error decays, in 1/s."""
     interval: float = 0.04
     """Time between steps, in seconds."""
     delay: float = 0.0
-    """From a change of the wanted angles to its effect in the image, in seconds. A gain that is too
-    high for it is refused."""
+    """Delay from a change of the wanted angles to its effect in the image, in seconds. It limits
+    the gain."""
     cone: Cone = Cone()
-    """Where the head may look."""
+    """Directions in which the head may look."""
     rate_limit: float = math.radians(20)
     """Fastest change of the wanted direction, in radians per second."""
     soft: float = 0.0
@@ -123,7 +123,7 @@ class Servo:
         if not self.gain * (self.delay + self.interval) < 0.5:
             raise ParameterError(
                 f"gain {self.gain} 1/s times a delay of {self.delay + self.interval:g} s is not "
-                "below 0.5 and the loop would ring; lower the gain"
+                "below 0.5 and the loop would oscillate; lower the gain"
             )
 
     def begin(self, angles: npt.ArrayLike) -> _ServoState:
@@ -159,9 +159,9 @@ class Servo:
         return self._turn(state, error, pixels)
 
     def angular_error(self, point: FloatArray, angles: FloatArray) -> FloatArray | None:
-        """Return where a point is as pan and tilt; None where the Jacobian is singular.
+        """Return the pan and tilt from the middle to a point; None if the Jacobian is singular.
 
-        It is (2,) in normalised coordinates, at angles (2,) in radians.
+        The point is (2,) in normalised coordinates, at angles (2,) in radians.
         """
         pan, tilt = float(angles[0]), float(angles[1])
         try:
@@ -206,15 +206,15 @@ def shortened(vector: FloatArray, most: float) -> FloatArray:
 
 
 _STEPS, _CLOSE, _WIDEST = 8, 1e-6, math.pi / 2
-"""Newton steps at most, length of the last one, and largest length of any, in radians."""
+"""Most Newton steps, length below which they have converged, and largest length, in radians."""
 
 
 def sighted_angles(
     camera: CalibratedCamera, place: npt.ArrayLike, pixel: npt.ArrayLike, guess: npt.ArrayLike
 ) -> FloatArray | None:
-    """Return (2,) pan and tilt in radians at which a place of the wall is seen at a pixel.
+    """Return (2,) pan and tilt in radians at which a pixel shows a place of the wall.
 
-    It is None if no angles near the guess show it there, or a number is not finite.
+    It is None if the pixel shows it at no angles near the guess, or a number is not finite.
 
     ``camera``: the camera; ``place`` (2,): phi and z; ``pixel`` (2,): column and row; ``guess``
     (2,): pan and tilt to begin from, in radians, such as those of the frame before.
@@ -286,8 +286,8 @@ def pan_tilt_jacobian(
 
     ``point`` (2,): normalised coordinates. ``tilt``: of the head, in radians. ``lever``: from the
     pivot to the lens along the optical axis, in metres. ``depth``: of the point along the optical
-    axis, in metres; without it, the lever does not matter. ``camera`` (3, 3): rotation from the
-    camera to the joints, see `Mount.camera`; none without it.
+    axis, in metres; without it, the lever is ignored. ``camera`` (3, 3): rotation from the camera
+    to the joints, see `Mount.camera`; no rotation without it.
     """
     # The velocity of the lens is the angular velocity crossed with the lever along z.
     carried = lever * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -298,7 +298,7 @@ def pan_tilt_jacobian(
 
 
 def rates_for(jacobian: npt.ArrayLike, motion: npt.ArrayLike) -> FloatArray | None:
-    """Return (2,) rates of pan and tilt that move a point by a (2,) motion; None if none do.
+    """Return (2,) rates of pan and tilt that move a point by a (2,) motion; None if impossible.
 
     With a tilt of a quarter turn, pan turns about the optical axis; a point in the middle of the
     image can then move in one direction only.
@@ -330,8 +330,8 @@ class _HoldState:
 
     ``angles`` (2,) are the joint angles that would centre the point, in radians, ``rates`` (2,)
     their rates, ``integral`` (2,) that of the angular error, in radian seconds; ``followed`` (2,)
-    are the angles at which joints are that follow, ``wanted`` (2,) the last ones asked for. The
-    point has not been seen for ``missed`` seconds.
+    are the expected angles of joints that follow, ``wanted`` (2,) the last requested ones. The
+    point has been lost for ``missed`` seconds.
     """
 
     angles: FloatArray
@@ -361,28 +361,28 @@ class PointHold:
     """
 
     servo: Servo
-    """Gives camera, interval, cone and rate limit; its gains are not used."""
+    """Source of camera, interval, cone and rate limit; its gains are not used."""
     lead: float = 0.35
     """Delay of the wires, in seconds."""
     integral_gain: float = 2.0
-    """In 1/s; 0 is without the integral."""
+    """Gain of the integral in 1/s; 0 switches it off."""
     near: float = math.radians(2.0)
     """Angular error in radians above which nothing is integrated: the head is on its way."""
     slip: float = math.radians(0.5)
-    """Distance in radians of a joint from where it should be by now, above which its error is not
+    """Distance in radians of a joint from its expected angle, above which its error is not
     integrated: its wire is at a limit, or cools as fast as it can."""
     share: float = 0.5
     slope_share: float = 0.15
     """Weight of a new frame in the angles and in their rates, above 0 and up to 1."""
     patience: float = 0.4
-    """Time in seconds for which the motion continues while the point is not seen."""
+    """Time in seconds for which the motion continues while the point is lost."""
 
     def __post_init__(self) -> None:
         most = _STABLE / (self.lead + self.servo.interval)
         if not 0 <= as_finite("integral_gain", self.integral_gain) < most:
             raise ParameterError(
                 f"integral_gain is {self.integral_gain} 1/s; give 0 to below {most:.3g} 1/s, or "
-                "the loop would ring with its delay"
+                "the loop would oscillate with its delay"
             )
 
     def begin(self, angles: npt.ArrayLike) -> _HoldState:
@@ -396,7 +396,7 @@ class PointHold:
         """Return the next joint angles and state; a lost point gives a verdict, not an error.
 
         ``pixel`` (2,): place of the point in the image; None or NaN while it is lost. ``angles``
-        (2,): pan and tilt as measured when the image was taken, in radians.
+        (2,): pan and tilt measured at the time of the image, in radians.
         """
         seen = np.full(2, np.nan) if pixel is None else np.asarray(pixel, dtype=np.float64)
         measured = np.asarray(angles, dtype=np.float64)
@@ -423,7 +423,7 @@ class PointHold:
         return ServoStep(inside, new.rates, pixels, verdict), new
 
     def correction(self, integral: FloatArray, error: FloatArray | None) -> FloatArray:
-        """Return what the integral adds to the angles (2,), with its lead if there is an error."""
+        """Return the integral part of the angles (2,), with its lead if there is an error."""
         ahead = np.zeros(2) if error is None else self.lead * shortened(error, self.near)
         return np.asarray(-self.integral_gain * (integral + ahead))
 

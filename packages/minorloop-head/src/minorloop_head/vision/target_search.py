@@ -1,4 +1,4 @@
-"""Which target pictures show: kind, dictionary and pattern of markers, columns and rows."""
+"""Detection of targets in pictures: kind, dictionary and pattern of markers, columns and rows."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _DICTIONARIES = {
     6: ("6X6_1000", "APRILTAG_36h10", "APRILTAG_36h11", "ARUCO_MIP_36h12"),
     7: ("7X7_1000",),
 }
-"""Dictionaries of OpenCV by the bits along the side of a marker; smaller ones begin the same."""
+"""Dictionaries of OpenCV by the bits along the side of a marker; smaller ones are beginnings."""
 _FEWEST, _AGREE = 4, 0.8
-"""Pairs of neighbours that show a ChArUco target, and share of pairs, or of steps of grey between
-squares of a chessboard less those of the wrong sign, that has to agree."""
+"""Fewest pairs of neighbours in a ChArUco target, and least share of pairs that agree, or of steps
+of grey between squares of a chessboard, less steps of the wrong sign."""
 _CELL, _CONTRAST = 4, 20.0
-"""Pixels along a cell of a marker that is read, and least contrast of its grey levels."""
+"""Pixels along a cell of a rectified marker, and least contrast of its grey levels."""
 _SHRUNK = 1000
-"""Width in pixels to which pictures are shrunk before chessboards and circles are looked for."""
+"""Width in pixels to which pictures are shrunk before chessboards and circles are searched."""
 _CORNERS = 12
-"""Fewest corners of a chessboard, or circles: there are less in pictures of anything."""
+"""Fewest corners of a chessboard, or circles: any picture may have less."""
 _ALIKE = 1.4
-"""Largest logarithm of areas of the circles of a grid, in medians: they differ by perspective."""
+"""Largest logarithm of the area of a circle of a grid over the median: perspective changes it."""
 _PLANE = 0.15
 """Largest rms distance of the circles from a plane grid, in distances."""
 
@@ -45,11 +45,11 @@ class _Markers:
     numbers: npt.NDArray[np.int64]
     """Shape (N,)."""
     corners: FloatArray
-    """Shape (N, 4, 2). From the upper left one of the marker, clockwise, in pixels."""
+    """Shape (N, 4, 2). Corners of the marker from the upper left one, clockwise, in pixels."""
 
 
 def search_target(images: Sequence[Image], square: float) -> Target | None:
-    """Return the target that pictures show; None if they show none that is known.
+    """Return the target in pictures; None if there is no known one.
 
     ``images`` (H, W); ``square``: side of a square or distance of circles, in metres.
     """
@@ -65,7 +65,7 @@ def markers_in(images: Sequence[Image]) -> str:
 
 
 def _markers(images: Sequence[Image]) -> tuple[str, list[_Markers]]:
-    """Return the family of markers that is seen most, and its markers in each picture."""
+    """Return the most frequent family of markers, and its markers in each picture."""
     seen = [_decoded(image) for image in images]
     totals = Counter[str]()
     for each in seen:
@@ -77,7 +77,7 @@ def _markers(images: Sequence[Image]) -> tuple[str, list[_Markers]]:
 
 
 def _decoded(image: Image) -> dict[str, _Markers]:
-    """Return the markers of each family whose bits are read without an error."""
+    """Return the markers of each family whose bits have no error."""
     cv2 = opencv()
     # Quadrangles do not depend on the dictionary, and the smallest takes least time.
     smallest = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_16h5)
@@ -127,7 +127,7 @@ def _codes(bits: int) -> dict[bytes, list[tuple[str, int, int]]]:
 
 
 def _charuco(family: str, markers: Sequence[_Markers], square: float) -> Target | None:
-    """Return the ChArUco target in whose places markers are; None if they are in those of none."""
+    """Return the ChArUco target that fits the places of markers; None if no target fits."""
     best, least = None, _FEWEST - 1
     for columns in range(3, LARGEST + 1):
         for legacy in (False, True):
@@ -157,10 +157,10 @@ def _places(numbers: npt.NDArray[np.int64], columns: int, legacy: bool) -> npt.N
 def _neighbours(
     markers: Sequence[_Markers], columns: int, legacy: bool
 ) -> tuple[int, int, list[float], int]:
-    """Return how many diagonal neighbours are where a target has them, and how many are not.
+    """Return the counts of diagonal neighbours at the places of a target, and at other places.
 
-    Further the sides of markers in squares, and the largest number of those that are. A pair is
-    judged by the sides of its own marker, which distortion and perspective leave.
+    Further the sides of markers in squares, and the largest number of a neighbour in its place. A
+    pair is judged by the sides of its own marker, which makes distortion and perspective harmless.
     """
     good, bad, last = 0, 0, 0
     ratios: list[float] = []
@@ -193,7 +193,7 @@ def _shrunk(image: Image) -> Image:
 def _agreed(
     images: Sequence[Image], square: float, search: Callable[[Image, float], Target | None]
 ) -> Target | None:
-    """Return the target that two pictures show alike, or the largest if most show one."""
+    """Return the target that two pictures agree on, or the largest if most pictures have one."""
     seen = Counter[Target]()
     for image in images:
         found = search(image, square)
@@ -255,6 +255,6 @@ def _nearest(places: FloatArray) -> FloatArray:
 
 
 def _even(places: FloatArray) -> bool:
-    """Return whether places are as far apart as on a grid, and not as by chance."""
+    """Return whether the distances of places are those of a grid."""
     apart = _nearest(places)
     return bool((np.abs(np.log(apart / np.median(apart))) < 0.5).mean() > _AGREE)

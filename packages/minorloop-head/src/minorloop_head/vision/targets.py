@@ -17,19 +17,19 @@ from minorloop_head.vision.imaging import opencv
 
 KINDS = ("charuco", "chessboard", "circles", "asymmetric-circles")
 CELLS = 8
-"""Cells along the side of a square of a target that is printed."""
+"""Cells along the side of a square of a printed target."""
 MARKER = 0.75
-"""Side of a marker with its border, in squares, of a ChArUco target that is printed."""
+"""Side of a marker with its border, in squares, of a printed ChArUco target."""
 COUNTS = (50, 100, 250, 1000)
 """Numbers of markers in the dictionaries of OpenCV that have several sizes."""
 SMALLEST, LARGEST = 3, 60
 """Columns and rows that a target can have."""
 _FEWEST = 6
-"""Corners of a target that are enough for its pose and distortion to be checked."""
+"""Fewest corners of a target that determine its pose and check the distortion."""
 _DISTURBED = 0.4
-"""Distance in squares within which a reflection may shift a corner."""
+"""Distance in squares within which a reflection shifts a corner."""
 _DOT = (20.0, 0.02)
-"""Area of a circle: at least so many pixels, and at most so much of the picture."""
+"""Area of a circle: least number of pixels, and largest share of the picture."""
 
 Corners = tuple[npt.NDArray[np.int64], FloatArray]
 """Numbers (N,) of corners, counted by rows, and their pixels (N, 2)."""
@@ -42,7 +42,7 @@ class SeenTarget:
     """Corners of a target in a picture."""
 
     name: str
-    """Of the picture."""
+    """Name of the picture."""
     points: FloatArray
     """Shape (N, 2). Places on the target, from its upper left corner to the right and down, in
     metres."""
@@ -132,9 +132,7 @@ class Target:
         return np.kron(squares, np.ones((CELLS, CELLS), dtype=bool))
 
     def find(self, image: Image, name: str) -> SeenTarget | str:
-        """Return the corners in a picture, or why it cannot be used.
-
-        That is `NONE` without a target.
+        """Return the corners in a picture, or why it cannot be used: `NONE` without a target.
 
         ``image`` (H, W); ``name``: of the picture.
         """

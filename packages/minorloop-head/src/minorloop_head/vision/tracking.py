@@ -1,11 +1,11 @@
 """Follow a patch of the wall from frame to frame.
 
-The patch is kept together with those of the wall around it, at their places on the cylinder, so
-that neither turns nor a smaller distance change them. The angles of the head give its expected
-place in a frame; the turn from there at which all of them agree with the frame corrects for errors
-of the angles. A patch that does not go with its surroundings is lost, not tracked. When the head
-sees the wall from elsewhere, a further view of it is kept; the first one stays, so that the place
-does not drift. After a loss the search widens until the patch is found again::
+The patch and those around it are stored at their places on the cylinder of the wall, where turns
+and smaller distances do not change them. The angles of the head give the expected place in a frame;
+a further turn, at which all patches agree with the frame, corrects errors of the angles. A patch
+that moves against its surroundings is lost, not tracked. When the head sees the wall from
+elsewhere, a further view is stored; the first one stays, so that the place does not drift. After a
+loss the search widens until the patch is found again::
 
     tracker = PatchTracker(camera)
     track, state = tracker.begin(frame.image, pixel, pan, tilt)
@@ -38,50 +38,49 @@ AMBIGUOUS, APART, _JUMPED = "several alike", "apart from its surroundings", "jum
 """Verdicts of a step; others are those of ``frame_checks``."""
 
 SURELY = 0.6
-"""Least correlation of the patch itself from which its place is its own. With less, the place is
-that of the surroundings."""
+"""Least correlation at which the patch itself gives its place; its surroundings give it below."""
 _FRESH = 0.2
-"""Turn from all views from which a new one is kept, in radians. By trial: with 0.07 a patch drifts
-by twice as much, since a view repeats the error of the match that it is taken from."""
+"""Least turn in radians from all views for a new one. By trial: with 0.07 a patch drifts by twice
+as much, since a view repeats the error of its match."""
 _SIZE, _AROUND = 1.6e-3, 2
-"""Side of a patch in metres, and patches to each side of the one that is followed."""
+"""Side of a patch in metres, and number of patches to each side of the tracked one."""
 _SHOWN = 0.45
-"""Distance of the edge of a frame from a point that can be picked, in sides of a patch."""
+"""Least distance of a picked point from the edge of a frame, in sides of a patch."""
 _REACH, _WIDEST = 0.8e-3, 8e-3
-"""Largest distances in the search for a lost patch, in metres: at first, and at last."""
+"""First and last range of the search for a lost patch, in metres."""
 _LEAST, _AGAIN = 0.55, 0.4
 """Least correlation of a patch that agrees, and of one in two halves of a picture."""
 _SHARE = 0.4
 """Least share of the patches in view that agree."""
 _ALONE = 0.75
-"""Largest correlation elsewhere, as a share of the best, with which a lost patch is found."""
+"""Largest correlation elsewhere, as a share of the best, for a lost patch to be found."""
 _APART, _VAGUE = 0.1e-3, 0.05e-3
-"""Largest distance of the patch from where its surroundings put it, and largest standard deviation
+"""Largest distance of the patch from its place by the surroundings, and largest standard deviation
 of its place, in metres."""
 _JUMP = 0.7e-3
-"""Largest distance in metres from the expected place that is believed at once; a farther one is
-believed when the next frame confirms it."""
+"""Largest distance in metres from the expected place that is accepted at once; a larger one is
+accepted if the next frame confirms it."""
 _MOST_VIEWS = 24
-"""Views that are kept."""
+"""Largest number of stored views."""
 _FEWEST = 4
-"""Patches of the wall with this contrast that tell a place without detail of its own."""
+"""Least contrast of surrounding patches that locate a patch without detail of its own."""
 _DETAIL = 0.025
 """Least contrast of a patch that is not dirt on the lens. On four walls with hardly any texture
 (seeds 1000 to 1003), spots on the lens gave up to 0.022; on drawn walls the least was 0.03."""
 _BORDER, _EDGE = 4.0, 45.0
-"""Distances from the edge of a frame in pixels within which a patch is out of view, and within
-which a lost one is not searched."""
+"""Distances from the edge of a frame in pixels within which a patch is out of view, and a lost one
+is not searched."""
 _FADE = 0.5  # damping of the drift
 _WHOLE = 0.7
-"""Share of the patches that agree, from which a view of them is kept."""
+"""Least share of agreeing patches for a new view to be stored."""
 _HIDDEN = 0.5
-"""Share of its usual correlation below which a patch is hidden, though its surroundings are not."""
+"""Share of its usual correlation below which a patch is hidden while its surroundings agree."""
 _USUAL = 0.1
 """Weight of a new frame in the usual correlation: light changes it over some frames."""
 _GRID = 0.4e-3
-"""Distance on the wall, in metres, between angles that are tried for a lost patch."""
+"""Distance on the wall, in metres, between tried angles in the search for a lost patch."""
 _NEAR = 2.1
-"""Steps of these that belong to one peak."""
+"""Number of these steps that belong to one peak."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +88,15 @@ class Track:
     """Place of the patch."""
 
     pixel: FloatArray
-    """Shape (2,). Column and row in the frame; if the patch is not seen, those expected by the
+    """Shape (2,). Column and row in the frame; if the patch is not tracked, those expected by the
     angles."""
     place: FloatArray
-    """Shape (2,). Phi and z on the wall, for the given angles."""
+    """Shape (2,). Phi and z on the wall, for the measured angles."""
     score: float
     """Correlation with the patch, up to 1; NaN without a search."""
     verdict: str
     """``tracked``, ``lost``, ``out of view``, ``several alike``, ``apart from its surroundings``,
-    ``jumped``, ``angle unknown``, or what is wrong with the frame."""
+    ``jumped``, ``angle unknown``, or the fault of the frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,33 +104,32 @@ class TrackState:
     """State of a tracker."""
 
     views: tuple[Patches, ...]
-    """The patch and those around it, first as they were picked."""
+    """Views of the patch and those around it, first the picked view."""
     own: Patches
-    """The patch itself in detail, as it was picked; none if it shows too little."""
+    """The picked view of the patch itself in detail; no patches if it has too little texture."""
     home: FloatArray
     """Shape (2,). Phi and z of the patch when it was picked."""
     place: FloatArray
-    """Shape (2,). Its last phi and z, for the given angles."""
+    """Shape (2,). Its last phi and z, for the measured angles."""
     turn: FloatArray
-    """Shape (2,). Error of the given angles, in radians: with angles plus turn the patch is at its
-    home."""
+    """Shape (2,). Correction of the measured angles, in radians: it puts the patch at its home."""
     drift: FloatArray
     """Shape (2,). Change of the turn from frame to frame."""
     missed: int
-    """Frames since it was seen."""
+    """Number of frames since it was tracked."""
     before: Image
     """Shape (height, width). The last frame."""
     earlier: tuple[int, ...] = ()
     """Check sums of the last frames, to detect repeated ones."""
     usual: float = 0.0
-    """Correlation with the patch itself while it was seen, averaged; 0 before the second frame."""
+    """Average correlation with the patch itself while it was tracked; 0 before the second frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """A match: angles at which the head sees the patch there, and how good it is.
+    """A match: angles of the head at which the frame shows the patch, and its quality.
 
-    ``whole`` says whether most of the patches around are seen and agree.
+    ``whole`` says whether most of the patches around are in view and agree.
     """
 
     angles: FloatArray
@@ -142,19 +140,19 @@ class _Found:
 
 @dataclass(frozen=True, eq=False)
 class PatchTracker:
-    """Alignment of a patch of the wall and of those around it, see `PatchPictures`."""
+    """Tracker that aligns a patch of the wall and its neighbours, see `PatchPictures`."""
 
     camera: CalibratedCamera
     """The camera."""
 
     @cached_property
     def pictures(self) -> PatchPictures:
-        """How patches look in pictures of this camera."""
+        """Comparison of patches with pictures of this camera."""
         return PatchPictures(self.camera, _SIZE, _LEAST, width=320.0)
 
     @cached_property
     def details(self) -> PatchPictures:
-        """How the patch that is followed looks in them."""
+        """Comparison of the tracked patch in detail with pictures."""
         return PatchPictures(self.camera, _SIZE, _LEAST, side=32, width=640.0, detail=_DETAIL)
 
     def begin(
@@ -177,13 +175,13 @@ class PatchTracker:
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
             )
         view = self._view(self.pictures, image, place, angles)
-        own = _shown(self.details, image, place[None], angles, _AGAIN)
+        own = _patches_shown(self.details, image, place[None], angles, _AGAIN)
         clear = self._view(replace(self.pictures, detail=_DETAIL), image, place, angles)
         if not len(view.sd) or (not len(own.sd) and len(clear.sd) < _FEWEST):
             raise SignalError(
-                f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey or lost in noise, two "
-                f"halves of the frame agree by less than {_AGAIN}; pick one with detail, or "
-                "set focus, lights and gain"
+                f"the wall about pixel ({u:.0f}, {v:.0f}) has too little texture for its noise, "
+                f"two halves of the frame correlate by less than {_AGAIN}; pick a point with "
+                "texture, or set focus, lights and gain"
             )
         still, (_, sums) = np.zeros(2), frame_checks.repeated(image, ())
         state = TrackState((view,), own, place, place, still, still, 0, image, sums)
@@ -209,7 +207,7 @@ class PatchTracker:
             verdict = NO_ANGLE
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             kept = state if verdict == frame_checks.WRONG_SIZE else replace(state, before=image)
-            return self._not_seen(kept, given, verdict)
+            return self._track_of_lost(kept, given, verdict)
         track, state = self._search(replace(state, before=image), image, given)
         if verdict == frame_checks.SATURATED and track.verdict != TRACKED:
             track = replace(track, verdict=verdict)
@@ -223,32 +221,32 @@ class PatchTracker:
         if not self.camera.inside(*expected.tolist()):
             expected = given
         if not self.camera.inside(*expected.tolist()):
-            return self._not_seen(state, np.full(2, np.nan), LOST)
+            return self._track_of_lost(state, np.full(2, np.nan), LOST)
         if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _BORDER):
-            return self._not_seen(state, given, _OUT_OF_VIEW)
+            return self._track_of_lost(state, given, _OUT_OF_VIEW)
         found, pyramid = _Found(expected, math.nan, LOST, False), self.pictures.pyramid(image)
         if not state.missed:
-            found = self._found(state, image, pyramid, expected)
+            found = self._match(state, image, pyramid, expected)
         if found.verdict in (LOST, AMBIGUOUS):
-            found = self._found_again(state, image, pyramid, expected)
+            found = self._search_again(state, image, pyramid, expected)
         far = float(np.hypot(*(found.angles - expected))) * self._distance(state)
         if found.verdict == TRACKED and not state.missed and far > _JUMP:
             found = replace(found, verdict=_JUMPED)
         if found.verdict != TRACKED:
-            return self._not_seen(state, given, found.verdict, found.score)
-        return self._seen(state, image, given, found)
+            return self._track_of_lost(state, given, found.verdict, found.score)
+        return self._track_of(state, image, given, found)
 
     def _distance(self, state: TrackState) -> float:
         """Return the distance of the patch from the pivot of the head, in metres."""
         wall = wall_point(float(state.home[0]), float(state.home[1]), self.camera.radius)
         return float(np.linalg.norm(self.camera.mount.way_to(wall)))
 
-    def _seen(
+    def _track_of(
         self, state: TrackState, image: Image, given: FloatArray, found: _Found
     ) -> tuple[Track, TrackState]:
-        """Return the track of a match, and the state, with a new view where none is alike."""
+        """Return the track of a match, and the state, with a new view if no view is similar."""
         turn, drift, views = found.angles - given, np.zeros(2), state.views
-        if not state.missed:  # a patch that was lost has no known drift
+        if not state.missed:  # after a loss the drift is unknown
             drift = state.drift + _FADE * (turn - state.turn - state.drift)
         off = self._nearest(state, found.angles).origins[0] - found.angles
         new = found.whole and not state.missed and len(views) < _MOST_VIEWS
@@ -270,7 +268,7 @@ class PatchTracker:
         return Track(pixel, place, found.score, TRACKED), after
 
     def _places(self, place: FloatArray, around: int) -> FloatArray:
-        """Return the middles (P, 2) of a patch, and of so many to each side of it."""
+        """Return the middles (P, 2) of a patch, and of ``around`` patches to each side of it."""
         steps = _SIZE * np.arange(-around, around + 1)
         off = np.stack(np.meshgrid(steps / self.camera.radius, steps), axis=-1).reshape(-1, 2)
         return np.asarray(place + off)
@@ -278,13 +276,13 @@ class PatchTracker:
     def _view(
         self, pictures: PatchPictures, image: Image, place: FloatArray, angles: FloatArray
     ) -> Patches:
-        return _shown(pictures, image, self._places(place, _AROUND), angles, _AGAIN)
+        return _patches_shown(pictures, image, self._places(place, _AROUND), angles, _AGAIN)
 
     def _nearest(self, state: TrackState, angles: FloatArray) -> Patches:
         """Return the view from angles nearest to others."""
         return min(state.views, key=lambda view: float(np.hypot(*(view.origins[0] - angles))))
 
-    def _found(
+    def _match(
         self, state: TrackState, image: Image, pyramid: list[Image32], start: FloatArray
     ) -> _Found:
         """Return the match nearest to angles."""
@@ -309,13 +307,13 @@ class PatchTracker:
         verdict = TRACKED if self._inside(pixel, _BORDER) else _OUT_OF_VIEW
         return _Found(angles, score, verdict, agree > _WHOLE * len(view.sd))
 
-    def _found_again(
+    def _search_again(
         self, state: TrackState, image: Image, pyramid: list[Image32], expected: FloatArray
     ) -> _Found:
         """Search for a lost patch; the search widens with every frame.
 
-        It has to be unlike everything else that is seen. Where it is expected at the edge of the
-        frame, it may be beyond, and what is alike is not it.
+        It has to differ from everything else in view. If it is expected at the edge of the frame,
+        it may be out of view, and a similar place is not accepted.
         """
         if not self._inside(self.camera.pixel(state.home, *expected.tolist()), _EDGE):
             return _Found(expected, math.nan, _OUT_OF_VIEW, False)
@@ -328,7 +326,7 @@ class PatchTracker:
         far = np.abs(tried - tried[best]).max(axis=1) > _NEAR * float(steps[1] - steps[0])
         if found[far].max(initial=-1.0) > _ALONE * found[best]:
             return _Found(expected, math.nan, AMBIGUOUS, False)
-        return self._found(state, image, pyramid, tried[best])
+        return self._match(state, image, pyramid, tried[best])
 
     def _loss(self, state: TrackState, angles: FloatArray) -> str:
         pixel = self.camera.pixel(state.home, *angles.tolist())
@@ -338,10 +336,10 @@ class PatchTracker:
         edge = np.array([self.camera.lens.width, self.camera.lens.height]) - border
         return bool((pixel > border).all() and (pixel < edge).all())
 
-    def _not_seen(
+    def _track_of_lost(
         self, state: TrackState, given: FloatArray, verdict: str, score: float = math.nan
     ) -> tuple[Track, TrackState]:
-        """Return the track of a patch that stays where angles and their last error put it."""
+        """Return the track of a lost patch at its place by the angles and their last error."""
         turned, place, pixel = given + state.turn, state.place, np.full(2, np.nan)
         if self.camera.inside(*turned.tolist()):
             pixel = np.asarray(self.camera.pixel(state.home, *turned.tolist()))
@@ -354,7 +352,7 @@ class PatchTracker:
 def halves(image: Image) -> tuple[Image, Image]:
     """Return two pictures, each of every other pixel and the means of their neighbours between.
 
-    Their noise is independent, and they show the same wall.
+    They show the same wall with independent noise.
     """
     padded = np.pad(image, 1, mode="edge").astype(np.uint16)
     beside = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
@@ -363,10 +361,10 @@ def halves(image: Image) -> tuple[Image, Image]:
     return np.where(odd, between, image), np.where(odd, image, between)
 
 
-def _shown(
+def _patches_shown(
     pictures: PatchPictures, image: Image, places: FloatArray, angles: FloatArray, least: float
 ) -> Patches:
-    """Return the patches about places (P, 2) that two halves of a picture show alike."""
+    """Return the patches about places (P, 2) on which two halves of a picture agree."""
     one, other, whole = (pictures.pyramid(each) for each in (*halves(image), image))
     still = np.zeros(2)
     half = pictures.at(places, one, angles, still, still)

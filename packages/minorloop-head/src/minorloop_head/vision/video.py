@@ -31,26 +31,26 @@ from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.imaging import opencv
 
 NO_NEW_PICTURE = "gives no new picture"
-"""What is said of a camera that has given pictures, and gives none in time."""
+"""Message on a camera that gave pictures before, and gives none in time."""
 SCHEME, _CAMERAS = "camera:", "minorloop.cameras"
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 """Endings of the images in a folder."""
 _Target: TypeAlias = int | str | Path | Callable[[], FrameSource]
 _STREAMS = ("rtsp://", "http://", "https://")
 _RATE = 25.0
-"""Images of a folder in a second, and of a video that does not say."""
+"""Images per second of a folder, and of a video without a rate."""
 _OPENING, _READING = 3000, 1000
 """Longest time in ms until a stream opens, and until it gives a picture."""
 _RENEWAL = 5.0
-"""Least time in seconds for which a stream stays open whose size is not the wanted one."""
+"""Least time in seconds for which a stream of the wrong size stays open."""
 _END_OF_JPEG, _PADDING = b"\xff\xd9", 64
-"""Last bytes of a JPEG, and how many others a camera may append."""
+"""Last bytes of a JPEG, and most bytes that a camera may append."""
 _CLOSING = 5.0
-"""Longest time in seconds until a camera is closed: it may be opening."""
+"""Longest time in seconds to close a camera, since it may still be opening."""
 _AGAIN = 0.5
-"""Seconds until a camera that was lost is opened again."""
+"""Seconds until a lost camera is opened again."""
 _LATEST = 5.0
-"""Longest time in seconds from a picture to its arrival; a longer one is of another clock."""
+"""Longest time in seconds from a picture to its arrival; a longer one means another clock."""
 _EXPOSURE_UNITS = 1e4
 """Units of exposure of cameras under Linux in a second: they are 100 microseconds long."""
 _BY_HAND = 1
@@ -71,7 +71,7 @@ def _is_live(address: str) -> bool:
 
 
 def open_module(name: str) -> FrameSource:
-    """Return the camera that a function of a Python module makes, by ``package.function``.
+    """Return the camera that ``package.function`` of a Python module creates.
 
     The module is installed or in the current folder.
     """
@@ -108,9 +108,9 @@ def names(address: str) -> list[str]:
 class LiveCamera:
     """Newest picture of a camera, which a thread receives.
 
-    A camera that is lost is opened again, and again. A folder or a video is shown at its own pace.
+    A lost camera is opened until it answers. A folder or a video runs at its own rate.
 
-    ``patience``: seconds that `frame` waits at most. Raises a `ParameterError` if the address is
+    ``patience``: longest seconds that `frame` waits. Raises a `ParameterError` if the address is
     not one of a camera, a video or a folder of images.
     """
 
@@ -128,11 +128,11 @@ class LiveCamera:
         self._thread.start()
 
     def frame(self) -> Frame:
-        """Return the newest picture; none is returned twice.
+        """Return the newest picture; each picture is returned once.
 
         Its time is in seconds on the machine's monotonic clock: that of the camera, if
-        ``timed_by_camera``, and otherwise when it arrived. Cameras of this machine that run under
-        Video4Linux give times; in the network none does.
+        ``timed_by_camera``, and otherwise that of its arrival. Cameras of this machine under
+        Video4Linux give times; network cameras do not.
 
         Raises an `InstrumentError` if no picture comes within the patience.
         """
@@ -149,14 +149,14 @@ class LiveCamera:
     def expose(self, exposure: float, gain: float = 1.0) -> None:
         """Set the exposure time in seconds, and the gain, from one of the next pictures on.
 
-        A camera that offers neither ignores this.
+        A camera without these settings ignores them.
         """
         self._wanted = (exposure, gain)
 
     def renew(self) -> None:
-        """Open a stream again that may have changed its size, if it was not opened just now.
+        """Reopen a stream that may have changed its size, unless it was opened just now.
 
-        OpenCV goes on with the size at the opening, except where each picture is a JPEG.
+        OpenCV keeps the size at the opening, unless each picture is a JPEG.
         """
         self._renewing = True
 
@@ -166,9 +166,9 @@ class LiveCamera:
         return not isinstance(self._target, str | Path)
 
     def close(self) -> None:
-        """Close the camera, and wait until it is; a read that is under way may take a second.
+        """Close the camera, and wait until it is closed; a current read may take a second.
 
-        A program that ends while OpenCV still reads in a thread is aborted.
+        If the program ended while OpenCV reads in a thread, it would be aborted.
         """
         self._over.set()
         self._thread.join(_CLOSING)
@@ -221,7 +221,7 @@ class LiveCamera:
             camera.release()
 
     def _set_exposure(self, camera: Any) -> None:
-        """Set what was asked for since the last picture."""
+        """Set the exposure that was requested since the last picture."""
         wanted, self._wanted = self._wanted, None
         if wanted is not None and isinstance(camera, _SourceCapture):
             camera.expose(*wanted)
@@ -247,7 +247,7 @@ class LiveCamera:
 
 
 class _SourceCapture:
-    """A `FrameSource` as OpenCV has cameras."""
+    """A `FrameSource` with the interface of a camera of OpenCV."""
 
     def __init__(self, open_source: Callable[[], FrameSource], address: str) -> None:
         self._address = address
@@ -277,7 +277,7 @@ class _SourceCapture:
 
 
 def _target(address: str) -> _Target:
-    """Return the number of a camera, its address in the network, a path, or what opens it."""
+    """Return the number of a camera, its network address, a path, or a function that opens it."""
     scheme, _, name = address.partition(":")
     if scheme in registered(_CAMERAS):
         open_source = loaded(registered(_CAMERAS)[scheme], address)
@@ -312,7 +312,7 @@ def _opened(target: _Target, address: str = "") -> Any:
 
 
 def _images(target: Path) -> list[Path]:
-    """Return the images of a folder in the order of their names, or the one that is given."""
+    """Return the images of a folder in the order of their names, or a single image."""
     if target.is_dir():
         found = sorted(path for path in target.iterdir() if path.suffix.lower() in IMAGES)
         if not found:
@@ -356,9 +356,9 @@ def _video(path: Path) -> Iterator[Frame]:
 
 
 def _undecoded(cv2: Any, camera: Any) -> bool:
-    """Ask for the pictures of a stream as they come; return whether they are JPEGs.
+    """Request undecoded pictures of a stream; return whether they are JPEGs.
 
-    OpenCV scales those that it decodes to the size at the opening.
+    OpenCV scales pictures that it decodes to the size at the opening.
     """
     jpegs = int(camera.get(cv2.CAP_PROP_FOURCC)) == cv2.VideoWriter.fourcc(*"MJPG")
     return jpegs and bool(camera.set(cv2.CAP_PROP_FORMAT, -1))

@@ -1,8 +1,8 @@
-"""Pan and tilt of a head from its pictures alone: what the wall of the pipe shows.
+"""Pan and tilt of a head, estimated from its pictures of the wall of the pipe alone.
 
 A head without joint sensors turns its camera past a wall that stands still. Patches of the wall are
-remembered at the places that the angles of their first picture give, and every further picture is
-turned until the patches agree with it::
+stored at their places by the angles of their first picture. The angles of every further picture are
+those at which the patches agree with it::
 
     estimator = WallAngles(camera)
     sight, state = estimator.begin(frame.image, at_rest, frame.t)
@@ -11,7 +11,7 @@ turned until the patches agree with it::
         sight.angles  # (2,) radians; NaN where the picture does not tell
 
 New patches are added as the view moves, once a further turn has shown that they are not dirt on the
-lens. None is forgotten as long as it agrees, so that a return to an old view removes the drift.
+lens. A patch is kept as long as it agrees, so that a return to an old view removes the drift.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from minorloop_head.vision.wall_patches import (
 )
 
 NOTHING_SEEN = "check lights, lens and cable"
-"""What to do where a picture shows nothing."""
+"""Advice on a picture that shows nothing."""
 _SIZE, LEAST = 1.6e-3, 0.55
 """Side of a patch in metres, and least correlation of one that agrees."""
 _FEWEST = 4
@@ -52,43 +52,42 @@ _FEWEST = 4
 _WIDEST = math.radians(0.25)
 """Largest standard deviation of an angle, in radians."""
 _ONE_IN = 3
-"""A picture is used if one in three of the patches in view agree. Far down the pipe their looks
-change fast, and half of them may not; at wrong angles one in seven agrees on average."""
+"""A picture is used if one in three patches in view agree. Far down the pipe their looks change
+fast, and half of them may disagree; at wrong angles one in seven agrees on average."""
 _HIDDEN = 5
-"""Pictures in a row in which a patch disagrees, after which it does not count: something is before
+"""Consecutive pictures in which a patch disagrees, after which it does not count: something hides
 it, such as dirt on the lens."""
 _SEARCHED = 2
-"""After a search one in two must agree, and twice as many as else: among many angles, dirt on the
-lens matches at some. Of 160 fine textures of dirt, 21 reached one in three, and none one in two;
-of 40 coarse ones, six did."""
+"""After a search one in two patches must agree, and twice as many as otherwise: among many angles,
+dirt on the lens matches at some. Of 160 fine textures of dirt, 21 reached one in three, and none
+one in two; of 40 coarse ones, six did."""
 _SURE, _MOST = 0.85, 0.75
-"""Median correlation of the patches that agree, and their share of those in view, from which a view
-that a search found is the wall: where dirt matched it was 0.77 at most."""
+"""Least median correlation of agreeing patches, and least share of those in view, with which a
+found view is the wall: where dirt matched it was 0.77 at most."""
 _NEARLY, _MANY = 0.9, 3.5
-"""The same where noise makes correlations lower: share of the patches in view, and times the fewest
-that must agree. Where dirt matched, 0.6 did at most, or 10 of 10 where it hid the others. A view
-with less is on trial."""
+"""The same if noise lowers correlations: least share of the patches in view, and multiple of the
+fewest that must agree. Where dirt matched, 0.6 did at most, or 10 of 10 where it hid the others. A
+view with less is on trial."""
 _ALL = 6
-"""Where fewer patches are in view than must agree after a search, all do, and are as many as this:
-a head that stopped beside what it remembers."""
+"""Fewest patches in view if they are less than must agree after a search; all must agree then. It
+lets a head be found that stopped beside its stored view."""
 _HUNT = math.radians(2.0)
-"""Distance between angles that are tried for a lost view: those between lead to the same peak."""
+"""Distance between tried angles in the search for a lost view: those between lead to a peak too."""
 _AROUND = math.radians(5.0)
-"""Distance from old patches of angles that are tried again within few pictures: axes that cool do
-not go back the way on which they were heated."""
+"""Distance from old patches within which angles are tried again after few pictures: axes that cool
+do not return on the way on which they were heated."""
 _BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
-"""Distance about the last angles, and between those that are tried there: a head that is not seen
-stops near, and with few patches in view the steps lead to the peak from less than a degree."""
+"""Range of tried angles about the last ones, and their distance: a lost head stops near, and with
+few patches in view the steps lead to the peak from less than a degree."""
 _GOING = 5
-"""Pictures for which the head is taken to go on turning while it is not seen."""
+"""Number of pictures for which a lost head is assumed to continue its turn."""
 _SETTLES = 5.0
-"""Time constant in seconds with which it is taken to settle: that of a wire in still air."""
+"""Assumed time constant of its settling in seconds: that of a wire in still air."""
 _FASTEST = math.radians(60.0)
-"""Most radians a second at which a head that a search found is taken to turn: twice as fast as one
-turns. If it were taken to stand, a fast one would be searched for in picture after picture, and
-nothing would be learned on the way."""
+"""Highest assumed rate of a found head in rad/s, twice that of a real one. If the head were assumed
+at rest, a fast one would need a search in every picture, and new patches would not be learned."""
 _TURNED = math.radians(0.4)
-"""Turn after which new patches are looked for: what is seen then is new by a tenth of a patch."""
+"""Turn after which new patches are searched: it brings a tenth of a patch into view."""
 _TRIAL = math.radians(3.0)
 """Turn after which a new patch must agree: dirt whose grains are 2 % of the width of the picture
 does not."""
@@ -98,23 +97,23 @@ _UNEVEN = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class WallAngles:
-    """Angles at which all remembered patches of the wall agree best with a picture.
+    """Estimator of the angles at which all stored patches of the wall agree best with a picture.
 
     Raises a `ParameterError` if a least angle is not below the largest.
     """
 
     camera: CalibratedCamera
-    """As calibrated."""
+    """Calibrated camera."""
     low: tuple[float, float] = (math.radians(-36.0), math.radians(-36.0))
     high: tuple[float, float] = (math.radians(36.0), math.radians(36.0))
-    """Least and largest pan and tilt of the line of sight, in radians; a lost view is looked for
+    """Least and largest pan and tilt of the line of sight, in radians; a lost view is searched
     between them."""
     readout: float = 8e-3
-    """Time in seconds from the first row of a picture to the last, 0 if they are taken at once.
-    What it is wrong by is not part of the standard deviations."""
+    """Time in seconds from the first row of a picture to the last, 0 if they are taken at once. The
+    standard deviations do not contain its error."""
     tries: int = 64
-    """Angles that are tried in each picture while the view is lost, and half as many beside the
-    last."""
+    """Number of angles tried in each picture while the view is lost; half as many are tried beside
+    the last ones."""
 
     def __post_init__(self) -> None:
         if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
@@ -122,11 +121,11 @@ class WallAngles:
 
     @cached_property
     def pictures(self) -> PatchPictures:
-        """How patches look in pictures of this camera."""
+        """Comparison of patches with pictures of this camera."""
         return PatchPictures(self.camera, _SIZE, LEAST, self.readout)
 
     def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
-        """Take a picture as that of known angles, such as the head at rest.
+        """Return the state for a first picture at known angles, such as of the head at rest.
 
         Raises a `SignalError` if the picture is not from this camera, or shows too little of the
         wall.
@@ -157,9 +156,9 @@ class WallAngles:
         return Sight(at, np.zeros(2), count, count, SEEN), state
 
     def step(self, state: WallState, image: Any, t: float) -> tuple[Sight, WallState]:
-        """Return what the next picture says; a bad one gives a verdict, not an error.
+        """Return the angles by the next picture; a bad picture gives a verdict, not an error.
 
-        ``image`` (height, width); ``t``: when it was taken, in seconds.
+        ``image`` (height, width); ``t``: its time, in seconds.
         """
         verdict = frame_checks.check_frame(image, self.camera.lens)
         if verdict == frame_checks.WRONG_SIZE:
@@ -173,25 +172,25 @@ class WallAngles:
             return self._missed(state, verdict)
         state = replace(state, newest=t)
         pyramid = self.pictures.pyramid(image)
-        sight, patches = self._found(pyramid, state, self._expected(state, t))
+        sight, patches = self._find(pyramid, state, self._expected(state, t))
         if sight.verdict != SEEN:
-            again, state = self._hunted(pyramid, state)
+            again, state = self._search_lost(pyramid, state)
             if again is None:
-                # Where some patches agree, not all of it is white, and there is another reason.
+                # If some patches agree, not all of the picture is white: there is another reason.
                 white = verdict == frame_checks.SATURATED and not sight.agreeing
                 return self._missed(state, verdict, None if white else sight)
             sight, patches = again
-        doubt = self._doubt(pyramid, state, sight)
-        moved = self._moved_on(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
+        doubt = self._trial_of(pyramid, state, sight)
+        moved = self._next_state(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
         return replace(sight, trial=doubt is not None), moved
 
     def rolled(self, state: WallState, image: Image, sd: FloatArray) -> WallState:
         """Return the state after a roll of the camera: new patches that agree after it are wall.
 
-        Others are on trial until the next roll. A turn of the head does this by itself.
+        Others are on trial until the next roll. After a turn of the head, `step` does this.
 
-        ``state``: after the step of this picture, which was seen; ``sd`` (2,): standard deviations
-        of its angles, in radians.
+        ``state``: after the step of this picture, which gave angles; ``sd`` (2,): their standard
+        deviations, in radians.
         """
         pyramid, still = self.pictures.pyramid(image), np.zeros(2)
         scores = self.pictures.compared(pyramid, 0, state.trial, state.angles, still)[0]
@@ -199,12 +198,12 @@ class WallAngles:
         trial = self.pictures.new(pyramid, state.angles, patches, sd, still)
         return replace(state, patches=patches, trial=trial)
 
-    def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Doubt | None:
-        """Return the trial of a view, None if it is known to be the wall.
+    def _trial_of(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Doubt | None:
+        """Return the trial of a view; None if it is known to be the wall.
 
-        It is if the patches look as they did, or if they agree after a turn with what was not there
-        in the picture before the turn. Dirt stays where it is: what matches at other angles was
-        there.
+        It is the wall if the patches look as before, or if they match after a turn at places in the
+        picture where they did not match before it. Dirt stays in place: it matches there before and
+        after.
         """
         alike = sight.likeness >= _SURE and sight.agreeing >= _MOST * sight.seen
         sure = alike or sight.agreeing >= max(_MANY * _FEWEST, _NEARLY * sight.seen)
@@ -223,7 +222,7 @@ class WallAngles:
         return None if turned.sum() >= _FEWEST else state.doubt
 
     def _expected(self, state: WallState, t: float) -> FloatArray:
-        """Return the angles at a time if the head goes on turning for a while."""
+        """Return the angles at a time if the head continues its turn for a while."""
         if state.missed > _GOING:
             return state.angles
         passed = -_SETTLES * math.expm1(-(t - state.t) / _SETTLES)
@@ -235,7 +234,7 @@ class WallAngles:
         found = nothing(verdict) if sight is None else sight
         return found, replace(state, missed=state.missed + 1)
 
-    def _moved_on(
+    def _next_state(
         self, pyramid: list[Image32], state: WallState, sight: Sight, t: float
     ) -> WallState:
         """Return the state after a picture that showed the angles."""
@@ -243,7 +242,7 @@ class WallAngles:
         rates = (sight.angles - state.angles) / passed
         if state.missed > _GOING or (state.hunted and np.abs(rates).max() > _FASTEST):
             rates = np.zeros(2)
-        patches, trial = self._tried(pyramid, state, sight.angles, rates)
+        patches, trial = self._try_new(pyramid, state, sight.angles, rates)
         origins = np.concatenate([patches.origins, trial.origins])
         if not (np.abs(origins - sight.angles).max(axis=1) < _TURNED).any():
             smear, every = np.hypot(sight.sd, _UNEVEN * rates), patches.with_more(trial)
@@ -259,14 +258,14 @@ class WallAngles:
             hunted=0,
         )
 
-    def _tried(
+    def _try_new(
         self, pyramid: list[Image32], state: WallState, angles: FloatArray, rates: FloatArray
     ) -> tuple[Patches, Patches]:
-        """Return the patches with the new ones that turn out to be wall, and those still on trial.
+        """Return the patches with new ones that proved to be wall, and those still on trial.
 
-        A new patch is wall if it still agrees after a turn, and more so than with what is then
-        where it was in the picture: dirt on the lens, and reflections, stay there. After a search
-        none is left: the view may have been lost because of them.
+        A new patch is wall if it still agrees after a turn, and agrees better than at its old place
+        in the picture: dirt on the lens and reflections stay there. After a search all new patches
+        are dropped: they may have caused the loss of the view.
         """
         trial = self.pictures.none if state.hunted else state.trial
         turned = np.abs(trial.origins - angles).max(axis=1) >= _TRIAL
@@ -277,18 +276,18 @@ class WallAngles:
         wall = ripe.of(np.flatnonzero((scores >= LEAST) & ~(stays >= scores)))
         return state.patches.with_more(wall), trial.of(np.flatnonzero(~turned))
 
-    def _found(
+    def _find(
         self, pyramid: list[Image32], state: WallState, start: FloatArray
     ) -> tuple[Sight, Patches]:
-        """Return the angles near others at which the patches agree, and mark those that do not."""
+        """Return the angles near others at which patches agree, and mark patches that disagree."""
         patches, chosen = state.patches, self.pictures.in_view(state.patches, start)
         if chosen.size < _FEWEST:
             return nothing(NO_PATCH, 0, int(chosen.size)), patches
         levels = (2, 1, 0, 0) if state.missed or state.hunted else (1, 0)
         agreement = self.pictures.agreed(pyramid, patches.of(chosen), start, state.rates, levels)
-        return self._judged(state, chosen, agreement)
+        return self._judge(state, chosen, agreement)
 
-    def _judged(
+    def _judge(
         self, state: WallState, chosen: npt.NDArray[np.int64], agreement: Agreement
     ) -> tuple[Sight, Patches]:
         """Return the angles if enough patches agree on them."""
@@ -313,12 +312,12 @@ class WallAngles:
         likeness = float(np.median(scores[agree]))
         return Sight(angles, sd, *counts, SEEN, likeness), replace(patches, poor=poor)
 
-    def _hunted(
+    def _search_lost(
         self, pyramid: list[Image32], state: WallState
     ) -> tuple[tuple[Sight, Patches] | None, WallState]:
-        """Try further angles for a lost view: beside the last, at old patches, and all others.
+        """Try further angles for a lost view: beside the last ones, near old patches, and others.
 
-        Those near old patches come first: a head on its way back is beside its way there.
+        Angles near old patches come first: a head on its way back is beside its way there.
         """
         grid = self._grid
         pan, tilt = (np.abs(grid[:, n, None] - state.patches.origins[:, n]) for n in range(2))
@@ -335,21 +334,21 @@ class WallAngles:
         best = int(np.argmin(ranks[: len(parts[0])]))
         others = len(parts[0]) + np.argsort(ranks[len(parts[0]) :])[:2]
         for index in (best, *others.tolist()):
-            found_again = self._found(pyramid, state, tried[index])
+            found_again = self._find(pyramid, state, tried[index])
             if found_again[0].verdict == SEEN:
                 return found_again, state
         return None, state
 
     @cached_property
     def _beside(self) -> FloatArray:
-        """Turns (n, 2) from the last angles that are tried first, the smallest first."""
+        """Turns (n, 2) from the last angles, which are tried first, the smallest first."""
         axis = np.arange(-_BESIDE, _BESIDE + _FINE, _FINE)
         turns = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
         return np.asarray(turns[np.argsort(np.hypot(*turns.T), kind="stable")])
 
     @cached_property
     def _grid(self) -> FloatArray:
-        """Angles (n, 2) at which a lost view is looked for."""
+        """Angles (n, 2) at which a lost view is searched."""
         axes = [
             np.arange(low, high + _HUNT, _HUNT)
             for low, high in zip(self.low, self.high, strict=True)

@@ -1,4 +1,4 @@
-"""What is remembered of the wall of the pipe, and what a picture of it says about the angles."""
+"""Stored patches of the wall of the pipe, and the angles that a picture of it gives."""
 
 from __future__ import annotations
 
@@ -12,54 +12,54 @@ from minorloop.arrays import FloatArray
 from minorloop_head.vision.imaging import Image32
 
 SEEN = "seen"
-"""Verdict of a picture that shows the angles; others say why it does not."""
+"""Verdict of a picture that shows the angles; other verdicts say why it does not."""
 LATE, FEW, NO_PATCH, UNSURE = (
     "late",
     "too few patches agree",
     "no patch in view",
-    "the patches in view do not tell the angles",
+    "the patches in view do not determine the angles",
 )
 
 
-UNTURNED = "the view that was found again has not turned with the head yet"
-"""Why angles are on trial."""
+UNTURNED = "the view found in a search has not turned with the head yet"
+"""Reason why angles are on trial."""
 _HIDDEN_OR_NEW = (
     "something is before the wall, the light changed, this wall was not seen before, or the camera "
     "is not as it was calibrated"
 )
-"""Why too few patches agree."""
+"""Reasons why too few patches agree."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What a picture says about the angles."""
+    """Angles that a picture gives."""
 
     angles: FloatArray
-    """Shape (2,). Pan and tilt of the line of sight in radians; NaN where it does not tell."""
+    """Shape (2,). Pan and tilt of the line of sight in radians; NaN if they are unknown."""
     sd: FloatArray
-    """Shape (2,). Their standard deviations in radians: by the noise of the picture, by how much
-    the patches disagree, and by how well their places are known."""
+    """Shape (2,). Their standard deviations in radians: from the noise of the picture, from the
+    disagreement of patches, and from the errors of their places."""
     agreeing: int
     seen: int
-    """Number of patches that agree, and of those in view."""
+    """Number of patches that agree, and of patches in view."""
     verdict: str
     """``seen``, or why there are no angles."""
     likeness: float = math.nan
     """Median correlation of the patches that agree."""
     trial: bool = False
-    """Whether the angles may be those of dirt on the lens: a search found them, the patches do not
-    look as they did or a part disagrees, and no turn of the head has confirmed them yet."""
+    """Whether the angles may be those of dirt on the lens: a search found them, the patches look
+    different or a part disagrees, and no turn of the head has confirmed them yet."""
     needed: int = 0
-    """Number of patches that must agree; 0 where too few are not the reason."""
+    """Number of patches that must agree; 0 if the verdict has another reason."""
 
     @property
     def searched(self) -> bool:
-        """Whether the angles were looked for: not in a picture that shows nothing."""
+        """Whether the picture was searched for the view: not if it shows nothing."""
         return self.verdict in (SEEN, FEW, NO_PATCH, UNSURE)
 
     @property
     def reason(self) -> str:
-        """Why there are no angles, or they are on trial, in words; empty if neither is so."""
+        """Reason why angles are missing or on trial, in words; empty without one."""
         counts = f"{self.agreeing} of {self.seen} patches of wall in view agree"
         if self.trial:
             return f"{UNTURNED}, and {counts}"
@@ -74,7 +74,7 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Remembered patches of the wall."""
+    """Stored patches of the wall."""
 
     places: FloatArray
     """Shape (P, 2). Phi and z of their middles."""
@@ -88,10 +88,10 @@ class Patches:
     sd: FloatArray
     """Shape (P, 2). Standard deviations of those angles, in radians."""
     poor: npt.NDArray[np.int64]
-    """Shape (P,). Pictures in a row in which each was in view and did not agree."""
+    """Shape (P,). Consecutive pictures in which each was in view and disagreed."""
 
     def of(self, chosen: npt.NDArray[np.int64]) -> Patches:
-        """Return some of them."""
+        """Return the chosen patches."""
         return Patches(
             self.places[chosen],
             self.points[chosen],
@@ -102,7 +102,7 @@ class Patches:
         )
 
     def with_more(self, other: Patches) -> Patches:
-        """Return these and others."""
+        """Return these patches and others."""
         return Patches(
             np.concatenate([self.places, other.places]),
             np.concatenate([self.points, other.points]),
@@ -115,13 +115,13 @@ class Patches:
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
-    """A view that a search found and that may be dirt on the lens."""
+    """A found view that may be dirt on the lens."""
 
     image: Image32
-    """Shape (height, width). Logarithm of the picture in which it was found, in the largest size
-    that is compared."""
+    """Shape (height, width). Logarithm of the picture in which it was found, in the largest
+    compared size."""
     angles: FloatArray
-    """Shape (2,). Those found in it, in radians."""
+    """Shape (2,). Angles found in it, in radians."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,27 +129,27 @@ class WallState:
     """State of the estimator."""
 
     patches: Patches
-    """Those that are known to be wall."""
+    """Patches that are known to be wall."""
     trial: Patches
-    """New ones, which may be dirt on the lens."""
+    """New patches, which may be dirt on the lens."""
     angles: FloatArray
     rates: FloatArray
-    """Shape (2,). Of the last picture that showed them, in radians and radians per second."""
+    """Shape (2,). Values of the last picture that showed them, in rad and rad/s."""
     t: float
-    """When that was, in seconds."""
+    """Time of that picture, in seconds."""
     missed: int
-    """Pictures since."""
+    """Number of pictures since."""
     hunted: int
-    """Angles that were tried in the search for a lost view."""
+    """Number of angles tried in the search for a lost view."""
     earlier: tuple[int, ...]
     """Check sums of the last pictures, to detect repeated ones."""
     newest: float
     """Time of the newest picture."""
     doubt: Doubt | None = None
-    """Of the view, None if it is known to be the wall."""
+    """Doubt about the view; None if it is known to be the wall."""
 
 
 def nothing(verdict: str, agreeing: int = 0, seen: int = 0, needed: int = 0) -> Sight:
-    """Return the sight of a picture that does not show the angles."""
+    """Return the result for a picture that does not show the angles."""
     none = np.full(2, np.nan)
     return Sight(none, none, agreeing, seen, verdict, needed=needed)

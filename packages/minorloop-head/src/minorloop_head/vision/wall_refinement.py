@@ -1,9 +1,9 @@
-"""Correct the calibration of a camera by pictures of the wall that it took while the head turned.
+"""Correction of the calibration of a camera by its pictures of the wall while the head turns.
 
 An error of the lever or of the pivot's place makes near and far patches of the wall turn by
-different angles. All pictures of a sweep are brought to agree by small changes of the calibration,
-of the angles of each picture, and of nothing else: the wall is a cylinder. This is a bundle
-adjustment whose points are known by their first picture.
+different angles. Small changes of the calibration and of the angles of each picture make all
+pictures of a sweep agree; the wall is a known cylinder. This is a bundle adjustment whose points
+are known by their first picture.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from minorloop_head.vision.wall_patches import SEEN, WallState
 _ROUNDS = 3
 """Rounds of evaluation and adjustment: the third one changes the result by a fifth."""
 _EVERY, _FLOOR = 3, math.radians(0.15)
-"""Pictures of which one is adjusted, and standard deviation that a patch has at least in each, in
-radians: its look changes as the lights turn with the head, so that it is off by several hundredths
-of a degree, and alike in pictures beside each other. By trial on seeds 1000 to 1008: with all
-pictures and 0.04 degrees the result leaves a true calibration by three standard deviations."""
+"""Interval of adjusted pictures, and least standard deviation of a patch in each, in radians: as
+the lights turn with the head, the look of a patch changes and shifts it by several hundredths of a
+degree, equally in neighbouring pictures. By trial on seeds 1000 to 1008: with all pictures and 0.04
+degrees the result departs from a true calibration by three standard deviations."""
 _STEP = 0.01
-"""Differences for derivatives, in standard deviations of what is known before."""
+"""Steps of numerical derivatives, in standard deviations before the correction."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraDoubt:
     """Standard deviations of a calibration, before its correction.
 
-    The defaults are those of errors that are even within the bounds of ``head calibrate``: 0.3 % of
-    the focal length, 1 pixel, 0.3 degrees and 0.1 mm.
+    The defaults are those of errors uniform within the bounds of ``head calibrate``: 0.3 % of the
+    focal length, 1 pixel, 0.3 degrees and 0.1 mm.
     """
 
     focal: float = 0.0017
-    """Of the focal length, as a share."""
+    """Relative standard deviation of the focal length."""
     centre: float = 0.6
-    """Of the principal point, in pixels of a picture 640 wide."""
+    """Standard deviation of the principal point, in pixels of a picture 640 wide."""
     angle: float = math.radians(0.17)
-    """Of the angles of the mount and of the head at rest, in radians."""
+    """Standard deviation of the angles of the mount and of the head at rest, in radians."""
     length: float = 0.06e-3
-    """Of the lever and of the pivot's place, in metres."""
+    """Standard deviation of the lever and of the pivot's place, in metres."""
 
 
 def refined(
@@ -56,13 +56,13 @@ def refined(
     rest: FloatArray,
     doubt: CameraDoubt | None = None,
 ) -> tuple[CalibratedCamera, FloatArray]:
-    """Return the camera and the angles (2,) at rest with which the pictures of a sweep agree best.
+    """Return the camera and the rest angles (2,) with which the pictures of a sweep agree best.
 
     Raises a `SignalError` if the pictures cannot be used, as `WallAngles.begin`, or fewer than ten
     show the angles.
 
-    ``estimator``: with the camera as calibrated; ``frames``: pictures while the head turns, the
-    first at rest; ``rest`` (2,): pan and tilt of the line of sight at rest, in radians.
+    ``estimator``: with the calibrated camera; ``frames``: pictures while the head turns, the first
+    at rest; ``rest`` (2,): pan and tilt of the line of sight at rest, in radians.
     """
     doubt = doubt or CameraDoubt()
     known = estimator.camera
@@ -81,7 +81,7 @@ def refined(
 def _tracked(
     estimator: WallAngles, frames: Sequence[Frame], rest: FloatArray
 ) -> tuple[FloatArray, list[Frame], WallState]:
-    """Return the angles (K, 2) of the pictures that show them, these pictures, and the patches."""
+    """Return the pictures with known angles, these angles (K, 2), and the patches."""
     sight, state = estimator.begin(frames[0].image, rest, frames[0].t)
     angles, seen = [sight.angles], [frames[0]]
     for frame in frames[1:]:
@@ -108,7 +108,7 @@ def _adjusted(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the changes that make patches agree.
 
-    The first is of the calibration, in standard deviations, the second of the angles at rest, in
+    The first changes the calibration, in standard deviations, the second the angles at rest, in
     radians.
     """
     patches, camera = state.patches, estimator.camera
@@ -174,7 +174,7 @@ def _seen_again(
     other: CalibratedCamera,
     turn: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the places (P, 2) at which another camera puts what one saw at angles (P, 2)."""
+    """Return the places (P, 2) by another camera of patches that one saw at angles (P, 2)."""
     found = np.empty_like(places)
     off = np.zeros(2) if turn is None else turn
     for angles in np.unique(origins, axis=0):
