@@ -210,7 +210,7 @@ def score(first: int, count: int) -> None:
     ):
         low, high = wilson(counts[hits], max(counts[of], 1))
         share = counts[hits] / max(counts[of], 1)
-        print(f"{name}: {share:.3f} of {counts[of]} ({low:.2f} to {high:.2f})")
+        print(f"{name}: {share:.3f} of {counts[of]} ({max(low, 0.0):.2f} to {high:.2f})")
 
 
 def main() -> None:

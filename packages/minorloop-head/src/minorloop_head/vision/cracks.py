@@ -23,6 +23,7 @@ from minorloop.arrays import BoolArray, FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.vision.calibrated_camera import Image, Window
 from minorloop_head.vision.crack_evidence import (
+    FEATURES,
     LEAST_EVIDENCE,
     PLATE_WEIGHTS,
     CrackOdds,
@@ -145,9 +146,10 @@ def trace_cracks(
 PLATE_RADIUS = 1.0
 """Radius of the pipe as which a plate is searched, in metres: a picture of 0.05 mm a pixel is flat
 on it."""
-_PLATE_LEAST, _PLATE_SHORTEST, _PLATE_FINEST = 2.0, 30, 300
+_PLATE_LEAST, _PLATE_SHORTEST, _PLATE_FINEST = 1.5, 30, 300
 """Least evidence and length in pixels of a crack in a plate, and fewest pixels along the shorter
 side of a picture of half the size that is searched too, for cracks too wide for the filter."""
+_BREADTH = FEATURES.index("breadth")
 _FLOOR = 4.0
 """Grey level added before the logarithm, so that noise in the dark stays small."""
 
@@ -180,8 +182,11 @@ def plate_cracks(image: Image) -> list[tuple[FloatArray, float, float]]:
             shortest=_PLATE_SHORTEST * window.step,
             odds=crack_odds(PLATE_WEIGHTS),
         ):
-            course = scale * (window.texels(crack.places, PLATE_RADIUS) + 0.5) - 0.5
-            found.append((course, scale * crack.width / window.step, crack.evidence))
+            course = window.texels(crack.places, PLATE_RADIUS)
+            # The grey level of its ground is not known: area over depth of the profile across it
+            breadth = features_of(profiles_of(course[:, ::-1], stack), 1.0)[:, _BREADTH]
+            width = scale * float(np.median(breadth))
+            found.append((scale * (course + 0.5) - 0.5, width, crack.evidence))
         level, scale = shrunk(level), 2 * scale
     kept: list[tuple[FloatArray, float, float]] = []
     for one in sorted(found, key=lambda each: -each[2]):
