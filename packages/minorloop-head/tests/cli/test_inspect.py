@@ -92,7 +92,7 @@ def test_a_wall_that_is_too_far_away_is_said_to_be(run):
 @pytest.mark.parametrize(
     ("command", "sentence"),
     [
-        ("inspect pictures", "give either --head"),
+        ("inspect pictures", "give one of --head"),
         ("inspect pictures --lens 520", "give --radius, in mm"),
         ("inspect pictures --lens -5 --radius 10", "focal lengths (-5.0"),
         ("inspect pictures --head small.json", "64 by 48"),

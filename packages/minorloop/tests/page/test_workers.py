@@ -43,7 +43,7 @@ def test_what_a_process_takes_to_begin_is_not_what_a_task_takes(tmp_path):
 def test_memory_and_files_beyond_the_limit_are_refused_and_the_worker_continues(tmp_path):
     limits = {"memory": 2**29, "file": 2**20}
     for (answer,) in told("take", times=2, limits=limits, size=2**29):
-        assert "needs more than the 0.5 GiB of memory" in answer["error"]
+        assert "needs more than the allowed 0.5 GiB of memory" in answer["error"]
     assert told("take", limits=limits, size=2**24) == [[{"taken": 2**24}]]
     path = str(tmp_path / "large")
     (answers,) = told("write", limits=limits, path=path, size=2**20 + 1)

@@ -186,18 +186,17 @@ def inspect_plate(image: Image, pixel: float, name: str = "", t: float = 0.0) ->
     if verdict != GOOD:
         return InspectedPicture(name=name, t=t, verdict=verdict, plate=True)
     findings = []
-    for course, wide, evidence in plate_cracks(image):
-        x, y = pixel * course[len(course) // 2]
-        length = pixel * float(np.hypot(*np.diff(course, axis=0).T).sum())
+    for crack in plate_cracks(image):
+        x, y = pixel * crack.course[len(crack.course) // 2]
         findings.append(
             PictureFinding(
                 kind=CRACK,
                 phi=float(x),
                 z=float(y),
-                width=pixel * wide,
-                length=length,
-                evidence=evidence,
-                outline=course,
+                width=pixel * crack.width,
+                length=pixel * float(np.hypot(*np.diff(crack.course, axis=0).T).sum()),
+                evidence=crack.evidence,
+                outline=crack.course,
             )
         )
     light = _PictureLight(float((_greys(image) >= LEAST_GREY).mean()), None)

@@ -160,17 +160,26 @@ def plate_levels(image: Image | Image32) -> tuple[Image32, Window]:
     return levels[None], Window(0.0, 0.0, 0.05e-3, *levels.shape)
 
 
-def plate_cracks(image: Image) -> list[tuple[FloatArray, float, float]]:
+@dataclass(frozen=True, eq=False)
+class PlateCrack:
+    """A crack in a picture of a plate."""
+
+    course: FloatArray
+    """Shape (N, 2). Columns and rows along it."""
+    width: float
+    """Median, in pixels."""
+    evidence: float
+    """Logarithm of the odds that it is a crack, among lines on the plate."""
+    scale: int
+    """Pixels to a side of a texel of the map on which it was found."""
+
+
+def plate_cracks(image: Image) -> list[PlateCrack]:
     """Trace dark cracks in a picture of a plate in unknown light, those of most evidence first.
 
     ``image`` (height, width): grey levels.
-
-    Returns
-    -------
-    list of ((N, 2) array, float, float)
-        Columns and rows along it, its median width in pixels, and its evidence.
     """
-    found: list[tuple[FloatArray, float, float]] = []
+    found: list[PlateCrack] = []
     level, scale = np.asarray(image, dtype=np.float32), 1
     while scale == 1 or min(level.shape) >= _PLATE_FINEST:
         stack, window = plate_levels(level)
@@ -182,15 +191,18 @@ def plate_cracks(image: Image) -> list[tuple[FloatArray, float, float]]:
             shortest=_PLATE_SHORTEST * window.step,
             odds=crack_odds(PLATE_WEIGHTS),
         ):
-            course = window.texels(crack.places, PLATE_RADIUS)
+            texels = window.texels(crack.places, PLATE_RADIUS)
             # The grey level of its ground is not known: area over depth of the profile across it
-            breadth = features_of(profiles_of(course[:, ::-1], stack), 1.0)[:, _BREADTH]
-            width = scale * float(np.median(breadth))
-            found.append((scale * (course + 0.5) - 0.5, width, crack.evidence))
+            breadth = features_of(profiles_of(texels[:, ::-1], stack), 1.0)[:, _BREADTH]
+            course, width = scale * (texels + 0.5) - 0.5, scale * float(np.median(breadth))
+            found.append(PlateCrack(course, width, crack.evidence, scale))
         level, scale = shrunk(level), 2 * scale
-    kept: list[tuple[FloatArray, float, float]] = []
-    for one in sorted(found, key=lambda each: -each[2]):
-        near = [cdist(one[0], other[0]).min(axis=1) < _APART * scale for other in kept]
+    kept: list[PlateCrack] = []
+    for one in sorted(found, key=lambda each: -each.evidence):
+        near = [
+            cdist(one.course, other.course).min(axis=1) < _APART * max(one.scale, other.scale)
+            for other in kept
+        ]
         if not near or np.mean(np.any(near, axis=0)) < 0.5:
             kept.append(one)
     return kept
