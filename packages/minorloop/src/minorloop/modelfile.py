@@ -523,7 +523,9 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
 
 
 def load(path: PathLike) -> Model:
-    """Read a model from a file of `save`, without its lag and bands, which `read` returns.
+    """Read a model from a file of `save`, without its lag and bands.
+
+    Inputs act at once then; `minorloop.modelfile.read` returns the lag and the bands too.
 
     Raises a `ModelFileError` if there is no such file, or it is damaged, inconsistent, too large,
     not a model file, or of a newer version.

@@ -565,7 +565,10 @@ class Record(Drawn):
                     f"{name} has {values.shape[-1]} samples and t has {self.t.size}{shape}"
                 )
             if channels != len(names):
-                raise RecordError(f"{name} has {channels} channels and {len(names)} names")
+                raise RecordError(
+                    f"{name} has {channels} channels and {len(names)} names; give a name for each "
+                    "row, or one channel of shape (T,)"
+                )
         end = len(self) if self.last is None else self.last
         if not 0 <= self.first < end <= len(self):
             raise ParameterError(
