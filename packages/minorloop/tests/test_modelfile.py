@@ -101,6 +101,13 @@ def test_loads_what_was_saved(model, path):
     assert ('"ahead"' in path.read_text()) == (getattr(model, "ahead", None) is not None)
 
 
+def test_a_file_with_a_model_of_another_class_is_refused(path):
+    minorloop.save(minorloop.PrandtlIshlinskii([0.0], [1.0]), path)
+    assert minorloop.load(path, minorloop.PrandtlIshlinskii) == minorloop.load(path)
+    with pytest.raises(ModelFileError, match="has a PrandtlIshlinskii, not a Preisach; load it as"):
+        minorloop.load(path, minorloop.Preisach)
+
+
 def test_a_model_without_an_operator_on_its_input_is_refused_where_one_is_needed(path):
     save(MODELS["linear"], path)
     with pytest.raises(ModelFileError, match=r"a model of kind 'linear'.*identify --save"):

@@ -61,7 +61,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar, overload, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -522,18 +522,27 @@ def as_file(model: PathLike | Model | Identified | ModelFile) -> ModelFile:
     return replace(known, start_of_curve=None if isinstance(start, Memory) else start)
 
 
-def load(path: PathLike) -> Model:
+_M = TypeVar("_M", bound=Model)
+
+
+@overload
+def load(path: PathLike) -> Model: ...
+@overload
+def load(path: PathLike, kind: type[_M]) -> _M: ...
+def load(path: PathLike, kind: type[Any] | None = None) -> Any:
     """Read a model from a file of `save`, without its lag and bands.
 
     Inputs act at once then; `minorloop.modelfile.read` returns the lag and the bands too.
 
     Raises a `ModelFileError` if there is no such file, or it is damaged, inconsistent, too large,
-    not a model file, or of a newer version.
+    not a model file, of a newer version, or has a model of another class.
 
     Parameters
     ----------
     path : str or path
         The file.
+    kind : type, optional
+        Class of the model, such as `Preisach`; any class if not given. Type checkers need it.
 
     Returns
     -------
@@ -549,10 +558,13 @@ def load(path: PathLike) -> Model:
     Examples
     --------
     >>> ml.save(ml.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5]), "model.json")
-    >>> ml.load("model.json").radii.tolist()
+    >>> ml.load("model.json", ml.PrandtlIshlinskii).radii.tolist()
     [0.0, 0.2]
     """
     known = read(path)
+    if kind is not None and not isinstance(known.model, kind):
+        name = type(known.model).__name__
+        raise ModelFileError(f"{path} has a {name}, not a {kind.__name__}; load it as a {name}")
     if known.warnings:
         _warnings.warn(f"{path}: {'; '.join(known.warnings)}", ModelWarning, stacklevel=2)
     return known.model
