@@ -38,6 +38,15 @@ def test_other_units_are_refused(unit):
         score(in_file(), Record(U, Y, T, f"u [{unit}]", "v"))
 
 
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "named"), [(1e3, 1.0, "u [V]"), (1.0, 1e3, "v [mm/s]")]
+)
+def test_the_signal_with_another_prefix_is_named_alone(inputs, outputs, named):
+    advice = " ".join(score(in_file(), Record(inputs * U, outputs * Y, T)).advice)
+    assert advice.count("times that of the model") == 1
+    assert f"give its unit in the header, as {named}" in advice
+
+
 def test_a_lag_in_seconds_is_that_of_another_rate():
     slow = 0.5 * np.arange(U.size)
     late = np.interp(slow - 0.7, slow, Y)

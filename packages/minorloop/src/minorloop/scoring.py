@@ -250,19 +250,24 @@ def _wrong(score: ModelScore) -> Iterator[str]:
 
 
 def _other_units(score: ModelScore) -> Iterator[str]:
-    """Name signals that seem to have another prefix of their unit than those of the model."""
+    """Name the input, or else the output, if it seems to have another prefix of its unit.
+
+    The prediction for an input in another unit says nothing about the unit of the output.
+    """
     known, levels = score.simulation.model, _levels(score.simulation.model)
-    ratios = {known.output: score.span / (float(np.ptp(score.prediction[score.scored])) or 1.0)}
+    ratios = {}
     if levels is not None:
         ratios[known.input] = float(np.ptp(score.u)) / float(np.ptp(levels))
+    ratios[known.output] = score.span / (float(np.ptp(score.prediction[score.scored])) or 1.0)
     for name, ratio in ratios.items():
         digits = np.log10(ratio) if ratio > 0 else 0.0
         times = _THOUSAND * round(digits / _THOUSAND)
         if times and abs(digits - times) < _OTHER_UNIT:
             yield (
                 f"; the range of {name.name} is about {10**times:g} times that of the model: give "
-                f"its unit in the header, as {name.name} [{name.unit or 'mm'}]"
+                f"its unit in the header, as {name.name} [{name.unit or 'unit'}]"
             )
+            return
 
 
 def _outside(score: ModelScore) -> Iterator[str]:
