@@ -32,7 +32,7 @@ from papers.harness import Results
 HEIGHT, WIDTH = 320, 480
 """Size of a picture, in pixels."""
 PIXEL = 0.05e-3
-"""Size of a pixel in metres, for which distances of places that are on a crack are stated."""
+"""Size of a pixel on the plate, in metres; it only scales what is reported."""
 NEAR = 6.0
 """Pixels from a drawn course within which a place is on it."""
 FIRST, COUNT = 20000, 400

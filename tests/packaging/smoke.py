@@ -21,6 +21,7 @@ import tomllib
 import venv
 import zipfile
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = ROOT / "build" / "smoke"
@@ -228,8 +229,7 @@ def test_core(plain: Path, lowest: bool) -> str:
 
 def wanted_extras() -> list[str]:
     """The extras of the project; each has to have a use here."""
-    with (ROOT / "packages/minorloop/pyproject.toml").open("rb") as file:
-        extras = [*tomllib.load(file)["project"]["optional-dependencies"], "head"]
+    extras = [*core_project()["optional-dependencies"], "head"]
     assert set(extras) == set(USES), f"extras and uses differ: {set(extras) ^ set(USES)}"
     return extras
 
@@ -257,8 +257,12 @@ def constraints() -> str:
 
 def least_versions() -> str:
     """The lowest versions of what the core depends on."""
-    with (ROOT / "packages/minorloop/pyproject.toml").open("rb") as file:
-        return "\n".join(tomllib.load(file)["project"]["dependencies"]).replace(">=", "==")
+    return "\n".join(core_project()["dependencies"]).replace(">=", "==")
+
+
+def core_project() -> dict[str, Any]:
+    """The metadata of the core."""
+    return tomllib.loads((ROOT / "packages/minorloop/pyproject.toml").read_text())["project"]
 
 
 def environment(name: str, below: Path | None) -> Path:

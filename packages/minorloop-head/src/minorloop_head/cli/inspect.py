@@ -228,15 +228,13 @@ def _check_angle(name: str, value: float) -> None:
 def _show(content: dict[str, Any], out: Path | None, as_json: bool) -> None:
     from minorloop_head.inspection.inspect_pictures import SHOWN, picture_summary
     from minorloop_head.inspection.report import table
-    from minorloop_head.procedures.pictures import COLUMNS, PLATE_COLUMNS
     from minorloop_head.vision.defects import NOT_IN_VIEW
 
     if as_json:
         _common.print_json(content)
         return
     rows = content["findings"]
-    headers = PLATE_COLUMNS if rows and PLATE_COLUMNS[3] in rows[0] else COLUMNS
-    columns = [name for name in headers if name not in _LEFT_OUT]
+    columns = [name for row in rows[:1] for name in row if name not in _LEFT_OUT]
     first = table(rows[:SHOWN], columns)
     if first:
         _common.print_table(columns, first)

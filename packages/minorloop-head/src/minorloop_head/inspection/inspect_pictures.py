@@ -88,7 +88,7 @@ def inspect_pictures(
                 f"the poses have {counted(number, 'row')}, and there are more pictures; give a row "
                 "for each"
             )
-        if not views and not image.size:
+        if not image.size:
             return InspectedPicture(name=name, t=t, verdict=DAMAGED)
         if not views:
             views.append(calibrated(image.shape))
@@ -139,12 +139,11 @@ def _inspected(
     told: Told,
 ) -> dict[str, Any]:
     """Inspect the pictures of a source one by one; write and return what was found."""
-    called, any_read = names(source), False
+    called = names(source)
     found: list[InspectedPicture] = []
     best: list[tuple[float, str, Image]] = []
     with nullcontext(None) if out is None else _folder(out) as folder:
         for number, frame in enumerate(frames(source, damaged=True)):
-            any_read = any_read or frame.image.size > 0
             name = called[number] if called else f"frame {number}"
             picture = inspected(frame.image, number, name, frame.t)
             found.append(picture)
@@ -154,7 +153,7 @@ def _inspected(
                 best = sorted([*best, (_evidence(picture), name, marked)], key=lambda one: -one[0])
                 best = best[:SHOWN]
         told(f"{counted(len(found), 'picture')} inspected", kept=True)
-        if not any_read:
+        if all(picture.verdict == DAMAGED for picture in found):
             has = "no picture that can be read" if found else "no pictures"
             raise RecordError(f"{source} has {has}; give others")
         content = _content(found, still=bool(called))

@@ -27,7 +27,7 @@ from minorloop_head.reconstruction.findings import UNDECIDED
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop_head.vision.cracks import TracedCrack, plate_cracks
 from minorloop_head.vision.defects import SINGLE, Hole, find_holes
-from minorloop_head.vision.frame_checks import GOOD, check_frame
+from minorloop_head.vision.frame_checks import GOOD, WRONG_SIZE, check_frame
 from minorloop_head.vision.imaging import opencv
 from minorloop_head.vision.reflectance_map import LEAST_SEEN, LitFrame
 
@@ -179,12 +179,13 @@ def inspect_plate(image: Image, pixel: float, name: str = "", t: float = 0.0) ->
     if not as_finite("size of a pixel", pixel) > 0:
         raise ParameterError(f"the size of a pixel is {pixel} m; give a length > 0")
     if not image.size:
-        return InspectedPicture(name=name, t=t, verdict=DAMAGED, plate=True)
+        return InspectedPicture(name=name, t=t, verdict=DAMAGED)
     height, width = image.shape
-    lens = Pinhole(max(width, _FEWEST), max(height, _FEWEST), float(width))
-    verdict = check_frame(image, lens)
+    verdict = check_frame(image, Pinhole(width, height, float(width)))
+    if min(height, width) < _FEWEST:
+        verdict = WRONG_SIZE
     if verdict != GOOD:
-        return InspectedPicture(name=name, t=t, verdict=verdict, plate=True)
+        return InspectedPicture(name=name, t=t, verdict=verdict)
     findings = []
     for crack in plate_cracks(image):
         x, y = pixel * crack.course[len(crack.course) // 2]

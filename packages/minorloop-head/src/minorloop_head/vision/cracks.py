@@ -36,6 +36,7 @@ from minorloop_head.vision.crack_evidence import (
 from minorloop_head.vision.crack_lines import line_heights
 from minorloop_head.vision.crack_links import FEWEST, cut_at_crossings, followed, joined
 from minorloop_head.vision.imaging import Image32, shrunk
+from minorloop_head.vision.reflectance_map import STEP
 
 _HIGH, _LOW, _LEAST = 3.5, 2.2, 0.02
 """Height that a piece reaches, and height above which it stays, in multiples of the median height
@@ -74,6 +75,8 @@ class TracedCrack:
     """Logarithm of the odds that it is a crack, among lines on the wall."""
     unsure: float = 0.0
     """Standard deviation in metres common to all widths, from the unknown light of its flanks."""
+    breadth: float = np.nan
+    """Area over depth of the profile across it, the median along it, in metres."""
 
     @property
     def middle(self) -> FloatArray:
@@ -157,7 +160,7 @@ _FLOOR = 4.0
 def plate_levels(image: Image | Image32) -> tuple[Image32, Window]:
     """Return the logarithm (1, rows, columns) of a picture, and its window of 0.05 mm a pixel."""
     levels = np.log(np.asarray(image, dtype=np.float32) + np.float32(_FLOOR))
-    return levels[None], Window(0.0, 0.0, 0.05e-3, *levels.shape)
+    return levels[None], Window(0.0, 0.0, STEP, *levels.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,10 +194,9 @@ def plate_cracks(image: Image) -> list[PlateCrack]:
             shortest=_PLATE_SHORTEST * window.step,
             odds=crack_odds(PLATE_WEIGHTS),
         ):
-            texels = window.texels(crack.places, PLATE_RADIUS)
-            # The grey level of its ground is not known: area over depth of the profile across it
-            breadth = features_of(profiles_of(texels[:, ::-1], stack), 1.0)[:, _BREADTH]
-            course, width = scale * (texels + 0.5) - 0.5, scale * float(np.median(breadth))
+            course = scale * (window.texels(crack.places, PLATE_RADIUS) + 0.5) - 0.5
+            # The grey level of its ground is not known, which `width` assumes to be dark
+            width = scale * crack.breadth / window.step
             found.append(PlateCrack(course, width, crack.evidence, scale))
         level, scale = shrunk(level), 2 * scale
     kept: list[PlateCrack] = []
@@ -363,6 +365,8 @@ def _measured(
     y, x = np.clip(np.rint(line.course).astype(int), 0, np.array(wall.heights.shape) - 1).T
     contrast = float(np.median(wall.heights[y, x]))
     places = window.place(line.course[:, 1], line.course[:, 0], radius)
-    evidence = odds.of_line(line, odds.along(features_of(line, wall.texture)))
+    features = features_of(line, wall.texture)
+    evidence = odds.of_line(line, odds.along(features))
+    breadth = window.step * float(np.median(features[:, _BREADTH]))
     unsure = float(np.median(deviations))
-    return TracedCrack(places, widths, length, contrast, evidence, unsure)
+    return TracedCrack(places, widths, length, contrast, evidence, unsure, breadth)
