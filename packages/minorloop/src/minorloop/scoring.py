@@ -270,6 +270,10 @@ def _other_units(score: ModelScore) -> Iterator[str]:
             return
 
 
+def _notes(score: ModelScore) -> Iterator[str]:
+    yield from score.simulation.notes
+
+
 def _outside(score: ModelScore) -> Iterator[str]:
     """Name inputs beyond the levels, outliers, and readings at the end of the sensor's range."""
     yield from score.simulation.of_levels
@@ -375,7 +379,7 @@ class ModelScore(Scored):
         ScoreRow("notes", lambda found: list(found.simulation.notes)),
     )
     WARNINGS: ClassVar[tuple[Rule, ...]] = (_wrong,)
-    REMARKS: ClassVar[tuple[Rule, ...]] = (_outside, _causes)
+    REMARKS: ClassVar[tuple[Rule, ...]] = (_notes, _outside, _causes)
 
     simulation: Simulation
     """The model and its outputs."""
@@ -570,7 +574,7 @@ class ModelScore(Scored):
             "Quality",
             table=Table(("", ""), self.summary()),
             pictures=[Picture(self.plot(**labels), caption)],
-            notes=[*known.warnings, *self.advice, *self.simulation.notes],
+            notes=[*known.warnings, *self.advice],
         )
         if self.curve_accuracy:
             add_curves(report, self)

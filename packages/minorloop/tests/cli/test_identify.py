@@ -69,6 +69,7 @@ def test_a_model_not_to_be_trusted_says_so_in_its_status_its_file_and_its_report
     status, out, err = run(f"{line} --save new.json --report new.html")
     assert status == 1
     assert "! the output is stuck at" in out
+    shown = " ".join(out.split())
     assert err.startswith("warning: this model is not to be trusted: the first")
     assert "model written to new.json" in out
     warnings = modelfile.read("new.json").warnings
@@ -81,6 +82,8 @@ def test_a_model_not_to_be_trusted_says_so_in_its_status_its_file_and_its_report
     found = json.loads(out)
     assert found["warnings"] == list(warnings)
     assert found["advice"][0] == warnings[0]
+    assert len(found["advice"]) > len(warnings)
+    assert all(sentence in shown for sentence in found["advice"][:5])
 
 
 def test_a_refused_table_does_not_wait_for_compiled_code(tmp_path):

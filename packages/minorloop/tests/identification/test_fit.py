@@ -53,6 +53,7 @@ def test_signed_weights_fit_a_butterfly():
     plain, signed = (identify(u, y, Plane(LEVELS, signed=signed)) for signed in (False, True))
     assert signed.nrmse < 1e-6 < 0.1 < plain.nrmse
     np.testing.assert_allclose(signed.model.weights, butterfly.weights, atol=1e-4)
+    assert not any("signed=True" in sentence for sentence in signed.advice)
     assert "cannot be inverted" in " ".join(signed.advice)
 
 

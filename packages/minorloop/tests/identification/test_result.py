@@ -19,7 +19,7 @@ def found():
 
 def test_tables_json_files_and_reports_have_the_same_scores(found, tmp_path):
     rows = dict(found.summary(slow=True))
-    assert rows["error on held-out data"] == f"{found.figures['nrmse_holdout']:.3%} of range"
+    assert rows["error on held-out data"] == f"{found.figures['nrmse_holdout']:.3%} of its range"
     assert rows["samples held out"] == str(found.figures["held_out"]) == "15"
     assert rows["rank"] == str(found.rank)
     assert "rank" not in dict(found.summary())

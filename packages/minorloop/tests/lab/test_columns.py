@@ -99,6 +99,7 @@ def test_a_decimal_comma_beside_other_commas_or_points_is_refused(table, text):
         "# Time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
         "time,voltage,curvature\ns,V,1/m\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
         "time (s),voltage (V),curvature\n,[V],(1/m)\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
+        "t_s,voltage_V,curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
     ],
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])
@@ -107,6 +108,7 @@ def test_comments_units_and_encodings_are_understood(table, text, encoding):
     read = read_columns(file, ["voltage", "curvature"])
     np.testing.assert_array_equal(read["voltage"], [0.5, 0.6, 0.7])
     np.testing.assert_array_equal(read["curvature"], [1, 2, 3])
+    np.testing.assert_array_equal(read_columns(file, ["voltage_V"])["voltage_V"], read["voltage"])
     units = [split_header(header)[1] for header in read_headers(file)]
     assert units == ["s", "V", "1/m"]
 

@@ -93,7 +93,7 @@ def test_options_are_those_of_the_command_line(folder, tmp_path):
     assert "1 gap in column 't [ms]'" in found["advice"][0]
     table = dict(found["table"])
     assert table["rows skipped"] == "3"
-    assert table["error on held-out data"].endswith("% of range")
+    assert table["error on held-out data"].endswith("% of its range")
     found = result(folder, levels=5, curves="wire", groups="wire", start_of_curve="as-left")
     assert "error on left-out groups" in dict(found["table"])
     with pytest.raises(ParameterError, match="rows 5 to 5 are given, and there are 302"):

@@ -239,14 +239,12 @@ def show_scored(
     verbose: bool,
     *files: _common.Written,
     figures: Mapping[str, Any] | None = None,
-    notes: Sequence[str] = (),
 ) -> None:
     """Write files, print what was found, and exit with 1 if it is not to be trusted.
 
     ``found``: the fit or the score; ``title``: of the table; ``as_json`` and ``verbose``: whether
     to print JSON, or all scores and advice; ``*files``: files to write; ``figures``: added to the
-    scores in JSON, of which the table shows ``seconds`` only; ``notes``: sentences to print after
-    the advice.
+    scores in JSON, of which the table shows ``seconds`` only.
     """
     beside = figures or {}
 
@@ -254,7 +252,7 @@ def show_scored(
         with _common.working("scoring"):
             return {**found.figures, **beside}
 
-    show = partial(_print, found, title, verbose, beside, notes)
+    show = partial(_print, found, title, verbose, beside)
     _common.finish(as_json, content, show, *files)
     count = len(found.warnings)
     if count and not as_json:
@@ -265,9 +263,7 @@ def show_scored(
         raise typer.Exit(1)
 
 
-def _print(
-    found: Scored, title: str, verbose: bool, beside: Mapping[str, Any], notes: Sequence[str]
-) -> None:
+def _print(found: Scored, title: str, verbose: bool, beside: Mapping[str, Any]) -> None:
     from minorloop.identification.accuracy import curve_table
     from minorloop.identification.result import FIRST
 
@@ -277,8 +273,9 @@ def _print(
         rows.append(("time", f"{beside['seconds']:.2f} s"))
     _common.print_table(("", ""), rows if verbose else rows[:FIRST], title)
     if not verbose:
-        _common.print_advice(found.warnings)
-        if not found.warnings:
+        if found.warnings:  # with the first remarks, which may name the cause
+            _common.print_advice(found.advice[: max(FIRST, len(found.warnings))])
+        else:
             _common.print_sentence(f"verdict: {found.verdict}")
         typer.echo("-v shows all scores and advice")
         return
@@ -286,4 +283,4 @@ def _print(
         _common.print_table(*curve_table(found.curve_accuracy))
     for line in found.details:
         typer.echo(line)
-    _common.print_advice([*found.advice, *notes])
+    _common.print_advice(found.advice)

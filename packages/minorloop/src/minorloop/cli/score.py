@@ -61,5 +61,4 @@ def run(
         _common.table(save, found.columns(log.time), force, "residuals written to {}"),
         _common.drawn(report, partial(found.report, model.name, file.name), force),
         figures={} if save is not None else {"residuals": found.error},
-        notes=found.simulation.notes,
     )

@@ -147,7 +147,7 @@ def draw_score(
         _plot_dots(one, *measured, label="measured", **dots)
         one.plot(*predicted, label="predicted", **line)
         one.set(ylabel=output_label, title=title)
-        one.legend(framealpha=0.9, loc="upper left")
+        _show_legend_below(one)
     share = 100 * result.error / result.span
     for one, x, title in ((axes[1, 0], result.u, "by input"), (axes[1, 1], clock, "in time")):
         _plot_dots(one, x, share, ms=_size(x), color="C0")
@@ -158,7 +158,8 @@ def draw_score(
         reach = 100 * result.bands.half_width / result.span
         band: dict[str, Any] = {"color": "C0", "alpha": 0.15, "lw": 0, "label": "90 % band"}
         axes[1, 1].fill_between(clock[result.band_rows], -reach, reach, **band)
-        axes[1, 1].legend(framealpha=0.9, loc="upper right")
+    if axes[1, 1].get_legend_handles_labels()[0]:
+        _show_legend_below(axes[1, 1])
     for side, label in enumerate((input_label, "sample" if t is None else "time [s]")):
         for one in axes[:, side]:
             one.set_xlabel(label)
@@ -228,6 +229,7 @@ def _draw_record(axes: Axes, result: Identification, output_label: str, clock: F
     _shade_held_out(axes, result, clock)
     axes.set(ylabel=output_label, title="Record")
     axes.grid(alpha=0.25)
+    _show_legend_below(axes)
 
 
 def _residual(result: Identification) -> tuple[FloatArray, float]:
@@ -243,13 +245,16 @@ def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> Non
     shown = np.unique(np.linspace(0, clock.size - 1, 1000).astype(np.int64))
     reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
     axes.fill_between(clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
-    axes.legend(framealpha=0.9, loc="upper right")
     axes.axhline(0.0, color="0.3", lw=0.8)
+    # Wider bands are cut, so that the residual stays visible.
+    largest = 1.5 * float(np.nanmax(np.abs(residual[result.scored]))) or 1.0
+    axes.set_ylim(-largest, largest)
     _scale_to_fitted(axes, residual, result)
     _shade_held_out(axes, result, clock)
     _shade_startup(axes, result, residual, clock)
-    axes.set(ylabel="residual, % of range", title="Residual in time: model less measured")
+    axes.set(ylabel="residual, % of fitted range", title="Residual in time: model less measured")
     axes.grid(alpha=0.25)
+    _show_legend_below(axes)
 
 
 def _draw_residual_parts(
@@ -273,7 +278,7 @@ def _draw_residual_parts(
             _say_if_equal(one, x, title)
         one.set(
             xlabel=f"{label}, {input_label}",
-            ylabel="|residual|, % of range",
+            ylabel="|residual|, % of fitted range",
             title=f"Residual by {title} of the input",
         )
         one.set_ylim(bottom=0)
@@ -353,7 +358,6 @@ def _shade_startup(
         axes.axvspan(
             clock[0], clock[startup.rows], color="C3", alpha=0.2, label="start-up, not to scale"
         )
-        axes.legend(framealpha=0.9, loc="upper right")
 
 
 def _scale_to_fitted(axes: Axes, values: FloatArray, result: Identification) -> None:
@@ -372,7 +376,13 @@ def _shade_held_out(axes: Axes, result: Identification, clock: FloatArray) -> No
     held = np.flatnonzero(result.held_out)
     if held.size:
         axes.axvspan(clock[held[0]], clock[held[-1]], color="C1", alpha=0.12, label="held out")
-        axes.legend(framealpha=0.9, loc="lower right")
+
+
+def _show_legend_below(axes: Axes) -> None:
+    """Show the legend in a row below the data, which it would hide elsewhere."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low - 0.15 * (high - low), high)
+    axes.legend(framealpha=0.9, loc="lower center", ncols=3)
 
 
 def _draw_curves(result: Identification | ModelScore) -> Any:

@@ -75,6 +75,9 @@ def _residual(fit: Fit) -> Iterator[str]:
             f"without fitting them, skip={found.startup.rows} "
             f"(--record skip={found.startup.rows}), or give the start state of the record"
         )
+    large = fit.nrmse >= _LEAST_ERROR
+    if large:
+        yield from _starts(fit)
     if found.step is not None and abs(found.step.size) > _LEAST_DRIFT:
         yield (
             f"from sample {found.step.sample} on the output is shifted by {found.step.size:+.2%} "
@@ -86,8 +89,7 @@ def _residual(fit: Fit) -> Iterator[str]:
             f"the output drifts by {abs(found.drift):.2%} of range along the record: let "
             "actuator and sensor warm up and measure again, or subtract the drift from the output"
         )
-    if fit.nrmse >= _LEAST_ERROR:
-        yield from _starts(fit)
+    if large:
         yield from _uneven(fit)
 
 
@@ -318,7 +320,12 @@ def _untried(fit: Fit) -> str:
     options = [] if fit.searched else ['lag="auto" (--law lag=auto)']
     if not fit.matrix.spec.slope and "structure" not in compared:
         options.append("slope=True (--law slope=yes)")
-    return " and ".join([*options, "for butterfly loops signed=True (--law signed=yes)"])
+    if _is_positive(fit):
+        options.append(
+            "signed=True (--law signed=yes) where the output both rises and falls along a branch, "
+            "as in butterfly loops"
+        )
+    return " and ".join(options) or "dynamics, or inputs at one rate"
 
 
 def _known(fit: Fit) -> BoolArray:
@@ -381,13 +388,17 @@ def _expected(fit: Fit) -> float:
     return max(float(np.sqrt(max(excess, 0.0))) / span for excess, span in beyond)
 
 
+def _is_positive(fit: Fit) -> bool:
+    """Whether no weight is negative."""
+    return bool((fit.model.weights >= 0).all())
+
+
 def _falls(fit: Fit) -> bool:
     """Whether the output falls as the input rises, but no weight is negative."""
-    weights = fit.model.weights
     u, y = fit.u[fit.fitted], fit.y[fit.fitted]
     varied = np.ptp(u) > 0 and np.ptp(y) > 0
     against = float(np.corrcoef(u, y)[0, 1]) < _FALLING if varied else False
-    return against and bool((weights >= 0).all())
+    return against and _is_positive(fit)
 
 
 def _clockwise(fit: Fit) -> bool:
@@ -397,7 +408,7 @@ def _clockwise(fit: Fit) -> bool:
     # The output comes before the input from these values of its lateness, and of its lateness in
     # standard deviations
     sure = late * np.sqrt(np.count_nonzero(known)) < -4.0
-    return late < -0.5 and bool(sure and (fit.model.weights >= 0).all())
+    return late < -0.5 and bool(sure) and _is_positive(fit)
 
 
 def _numerics(fit: Fit) -> Iterator[str]:
@@ -415,8 +426,9 @@ def _numerics(fit: Fit) -> Iterator[str]:
         )
     if not fit.model.monotone:
         yield (
-            "the model is not monotone and cannot be inverted; if the output falls as the input "
-            "rises, reverse its sign; otherwise signed=False gives a model that can be inverted"
+            "the model is not monotone: it predicts, and cannot be inverted, because several "
+            "inputs may give one output. Only signed=False (--law signed=no) gives a model that "
+            "can be inverted, of the part of the output that rises with the input"
         )
 
 

@@ -56,9 +56,9 @@ class Identification(Fit[Preisach]):
     HEADLINE: ClassVar[str] = "{output} against {input}: Preisach, {fit.model.bands} bands"
     CAPTION: ClassVar[str] = (
         "Measured loop with the model; density on the Preisach plane, cells that the record does "
-        "not excite in grey unless there is a prior; the record in time, with held-out samples "
-        "shaded; the residual in time, with the band in which 90 % of the readings should lie; its "
-        "size by the amplitude and by the rate of the input."
+        "not excite in grey, through which the assumption of a prior shows; the record in time, "
+        "with held-out samples shaded; the residual in time, with the band in which 90 % of the "
+        "readings should lie; its size by the amplitude and by the rate of the input."
     )
     WARNINGS: ClassVar[tuple[Rule, ...]] = advising.WARNINGS
     REMARKS: ClassVar[tuple[Rule, ...]] = advising.REMARKS
@@ -440,7 +440,7 @@ class Identification(Fit[Preisach]):
         held = self.holdout_nrmse
         score = "nothing was held out"
         if held is not None:
-            score = f"{percent(held, 2)} of range on held-out data"
+            score = f"{percent(held, 2)} of its range on held-out data"
         return (
             f"A Preisach model of {self.model.bands} bands, identified from {source}: "
             f"{percent(self.nrmse, 2)} of range on the {self.samples} fitted samples, "

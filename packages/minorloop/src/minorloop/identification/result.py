@@ -84,6 +84,10 @@ def of_range(share: float) -> str:
     return f"{percent(share)} of range"
 
 
+def _of_own(share: float) -> str:
+    return f"{percent(share)} of its range"
+
+
 def _of_rms(errors: Accuracy) -> str:
     return f"{percent(errors.relative_rms)} of rms"
 
@@ -115,7 +119,7 @@ def _error(part: str, name: str) -> Callable[[Any], Any]:
 
 ERRORS = (
     ScoreRow("nrmse_train", "nrmse", "error on fitted data", of_range, kept=True),
-    ScoreRow("nrmse_holdout", "holdout_nrmse", "error on held-out data", of_range, "-", kept=True),
+    ScoreRow("nrmse_holdout", "holdout_nrmse", "error on held-out data", _of_own, "-", kept=True),
 )
 """The first errors of fits that may have held-out samples."""
 ACCURACY_TEXTS = (("relative rms", _of_rms), ("loop area", _of_loops), ("worst error", _of_worst))

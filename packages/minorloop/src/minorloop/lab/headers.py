@@ -15,12 +15,14 @@ J mJ Ohm ohm Ω kg g mg % ppm dB a.u. arb. counts
 """
 UNITS = frozenset(_UNITS.split())
 """Units that are recognised in a row of units, and in round brackets."""
+_ENDINGS = {"V", "s"} | {unit for unit in UNITS if len(unit) > 1 and unit != "min"}
+"""Units that are recognised after an underscore, where one letter may be a label."""
 
 
 def split_header(header: str) -> tuple[str, str]:
     """Return name and unit of a header such as ``voltage [V]``; an absent unit is empty.
 
-    Round brackets count if they contain a known unit.
+    Round brackets, and the end of a name such as ``voltage_mV``, count if they are a known unit.
     """
     match = re.fullmatch(r"\s*(.*?)\s*\[([^\[\]]*)\]\s*", header)
     if match and match[1]:
@@ -28,7 +30,8 @@ def split_header(header: str) -> tuple[str, str]:
     match = re.fullmatch(r"\s*(.*?)\s*\(([^()]*)\)\s*", header)
     if match and match[1] and match[2].strip() in UNITS:
         return match[1], match[2].strip()
-    return header.strip(), ""
+    name, _, end = header.strip().rpartition("_")
+    return (name, end) if name.strip("_") and end in _ENDINGS else (header.strip(), "")
 
 
 def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
@@ -44,8 +47,9 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
     if name in headers:
         return name
     matches = [header for header in headers if name.strip() in (header, split_header(header)[0])]
-    if not matches:  # the unit is given with the name, and the header has none
-        matches = [header for header in headers if header == split_header(name)[0]]
+    if not matches:  # the unit is given with the name; the header has none, or writes it otherwise
+        given = split_header(name)
+        matches = [header for header in headers if split_header(header) in (given, (given[0], ""))]
     if len(matches) == 1:
         return matches[0]
     if matches:
