@@ -532,7 +532,8 @@ def load(path: PathLike, kind: type[_M]) -> _M: ...
 def load(path: PathLike, kind: type[Any] | None = None) -> Any:
     """Read a model from a file of `save`, without its lag and bands.
 
-    Inputs act at once then; `minorloop.modelfile.read` returns the lag and the bands too.
+    Inputs act at once then; `minorloop.scoring.simulate` of the file includes the lag, and
+    `minorloop.modelfile.read` returns the lag and the bands too.
 
     Raises a `ModelFileError` if there is no such file, or it is damaged, inconsistent, too large,
     not a model file, of a newer version, or has a model of another class.
@@ -553,7 +554,7 @@ def load(path: PathLike, kind: type[Any] | None = None) -> Any:
     Warns
     -----
     ModelWarning
-        If the file has warnings.
+        If the file has warnings, or a lag.
 
     Examples
     --------
@@ -565,8 +566,14 @@ def load(path: PathLike, kind: type[Any] | None = None) -> Any:
     if kind is not None and not isinstance(known.model, kind):
         name = type(known.model).__name__
         raise ModelFileError(f"{path} has a {name}, not a {kind.__name__}; load it as a {name}")
-    if known.warnings:
-        _warnings.warn(f"{path}: {'; '.join(known.warnings)}", ModelWarning, stacklevel=2)
+    said = list(known.warnings)
+    if known.lag:
+        said.append(
+            f"the output has a lag of {counted(known.lag, 'sample')}, which the loaded model "
+            "leaves out; minorloop.scoring.simulate(path, record) includes it"
+        )
+    if said:
+        _warnings.warn(f"{path}: {'; '.join(said)}", ModelWarning, stacklevel=2)
     return known.model
 
 
