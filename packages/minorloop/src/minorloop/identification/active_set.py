@@ -254,7 +254,7 @@ def solve_sparse(
     """
     searched = bounded & varying
     z = _interior_point(system, y, bounded, searched, scale) * system.scale / fine
-    system.scale = fine
+    system.condition(fine)
 
     def gradient(z: FloatArray) -> FloatArray:
         return system.gradient(system.scale * z, y)

@@ -55,19 +55,21 @@ def quick_system(
     """
     if matrix.reversals > _REVERSALS * matrix.spec.cells:
         return None
-    samples, before = _FIRST_PART, 0.0
-    while matrix.order is None and matrix.operations <= most and samples < matrix.samples:
+    samples, before, known = _FIRST_PART, 0.0, matrix.elimination
+    while known.order is None and known.operations <= most and samples < matrix.samples:
         place = np.arange(matrix.samples) * _SEGMENTS % matrix.samples
         kept = place < samples
         counted = EverettSystem(matrix.part(kept), weight[kept], scale).operations
         growth, ratio = counted - before, matrix.samples / samples
         if counted + 4 / 3 * growth * (ratio**2 - 1) <= most:
             break
-        matrix.operations = counted + (2 * growth * (ratio - 1) if before else 0.0)
+        known.operations = counted + (2 * growth * (ratio - 1) if before else 0.0)
         samples, before = 2 * samples, counted
-    if matrix.operations > most:
+    if known.operations > most:
         return None
-    system = EverettSystem(matrix, weight, scale, mesh)
+    system = EverettSystem(matrix, weight, scale, mesh, known.order)
+    if known.order is None:
+        known.order, known.operations = system.order, system.operations
     return system if system.operations <= most else None
 
 
@@ -76,7 +78,8 @@ class EverettSystem:
 
     Samples have a weight (M,), columns a factor ``scale`` (n,). S is the scaled precision of a
     prior, if there is one, as `condition` gives it. The values of the field on its ``mesh`` are
-    further unknowns of the sparse system, and are eliminated last.
+    further unknowns of the sparse system, and are eliminated last; the others in this ``order``, if
+    it is known.
     """
 
     def __init__(
@@ -85,6 +88,7 @@ class EverettSystem:
         weight: FloatArray,
         scale: FloatArray,
         mesh: Mesh | None = None,
+        order: IntArray | None = None,
     ) -> None:
         spec = matrix.spec
         self.matrix, self.weight, self.scale = matrix, weight, scale
@@ -93,7 +97,11 @@ class EverettSystem:
         """Owner of the present factor, which may use it again."""
         self.cells = spec.cells
         self.centre = np.zeros(spec.unknowns)
-        """Means of the columns, if an offset is fitted; they are subtracted from the columns."""
+        """Means of the columns, if an offset is fitted and there is no prior; they are subtracted
+        from the columns."""
+        if spec.offset and mesh is None:
+            self.centre = matrix.adjoint(weight) / weight.sum()
+            self.centre[spec.cells] = 0.0
         parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
         everywhere[matrix.measured] = weight
         inner = np.zeros(parent.size, dtype=np.bool_)
@@ -143,10 +151,8 @@ class EverettSystem:
             sign,
             self._values_of_field,
             places,
-            matrix.order,
+            order,
         )
-        matrix.order = self._factor.elimination.order[: self._size - self._values_of_field]
-        matrix.operations = self.operations
         self._ridge = np.zeros(spec.unknowns)
 
     def _added_places(self, mesh: Mesh | None) -> IntArray:
@@ -170,13 +176,18 @@ class EverettSystem:
         return self.cells - self.matrix.spec.bands
 
     @property
+    def order(self) -> IntArray:
+        """Order of elimination of the unknowns that are not of the field."""
+        return self._factor.elimination.order[: self._size - self._values_of_field]
+
+    @property
     def operations(self) -> float:
         """Multiplications of a factorisation."""
         return self._factor.elimination.operations
 
-    def condition(self, precision: FieldPrecision, scale: FloatArray) -> None:
-        """Set the precision of the prior and the factor of each column."""
-        self.precision, self.scale, self.owner = precision, scale, None
+    def condition(self, scale: FloatArray, precision: FieldPrecision | None = None) -> None:
+        """Set the factor of each column and the precision of the prior."""
+        self.scale, self.precision, self.owner = scale, precision, None
 
     def product(self, z: FloatArray) -> FloatArray:
         """(n,) product with G + S."""
@@ -205,9 +216,9 @@ class EverettSystem:
         left = self.weight * left
         return np.asarray(self.matrix.adjoint(left) - self.centre * left.sum())
 
-    def factorise(self, ridge: FloatArray | float) -> None:
-        """Factorise the system with this (n,) ridge."""
-        spec, precision, self.owner = self.matrix.spec, self.precision, None
+    def factorise(self, ridge: FloatArray | float, owner: object = None) -> None:
+        """Factorise the system with this (n,) ridge, for this owner."""
+        spec, precision, self.owner = self.matrix.spec, self.precision, owner
         self._ridge = np.broadcast_to(ridge, self.scale.shape)
         steep = self._ridge / self.scale**2
         if precision is not None:

@@ -377,14 +377,13 @@ class SparseSystem(PriorSystem):
         """Return the system with the prior for this variance of a measured output."""
         system, precision = self.evidence.system, self.plane.precision(self.h, variance)
         squares, _ = system.matrix.column_squares(system.weight)
-        system.condition(precision, 1 / np.sqrt(squares + precision.own))
+        system.condition(1 / np.sqrt(squares + precision.own), precision)
         return system, precision
 
     def _factorise(self, variance: float) -> tuple[EverettSystem, FieldPrecision]:
         system = self.evidence.system
         if system.owner != (self, variance):
-            self._condition(variance)[0].factorise(0.0)
-            system.owner = self, variance
+            self._condition(variance)[0].factorise(0.0, (self, variance))
         assert system.precision is not None
         return system, system.precision
 
