@@ -116,7 +116,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
         ScoreRow("times", "model.times"),
         ScoreRow("creep", lambda fit: [float(one.sum()) for one in fit.model.creep]),
         ScoreRow("laws", lambda fit: {one.law: one.error for one in fit.tried}),
-        ScoreRow("range", lambda fit: list(fit.model.range)),
+        ScoreRow("range", "model.range"),
         ScoreRow("samples", lambda fit: int(fit.fitted.sum()), "samples fitted"),
         ScoreRow("levels", "model.plane.bands"),
     )
