@@ -180,7 +180,7 @@ class RepeatedReadings:
             latest = (*self.latest, known)[-4:]
             extremes = _widened(self.extremes, known)
             clear = max(
-                _CLEAR * _resolution(np.concatenate(latest)), _SHARE * float(np.ptp(extremes))
+                _CLEAR * resolution(np.concatenate(latest)), _SHARE * float(np.ptp(extremes))
             )
             return RepeatedReadings(
                 range=reach,
@@ -210,7 +210,7 @@ class RepeatedReadings:
         if not change or change < share * whole:
             return False
         before = np.concatenate(self.latest)
-        step = _resolution(before)
+        step = resolution(before)
         if not step:
             return bool(share < _ACROSS or change == whole)
         # A sensor with at least 16 steps over the range of its readings is not coarse
@@ -225,7 +225,7 @@ class RepeatedReadings:
         return bool(inside and runs and runs[-1][1] == values.size and np.ptp(self.inputs))
 
 
-def _resolution(readings: FloatArray) -> float:
+def resolution(readings: FloatArray) -> float:
     """Return the resolution of readings (N,), in their unit; 0 if all are equal."""
     steps = np.abs(np.diff(readings))
     steps = steps[steps > 0]
@@ -251,4 +251,4 @@ def noise_above_resolution(values: FloatArray) -> float:
     if np.mean(ways[1:] * ways[:-1] < 0) < 0.5:
         return 0.0
     sd = noise_of(bends, 2)
-    return sd if sd >= _resolution(values) else 0.0
+    return sd if sd >= resolution(values) else 0.0
