@@ -145,7 +145,7 @@ class EverettSystem:
         places[: spec.cells] = np.column_stack(np.tril_indices(spec.bands))
         corner = index[inner, :4].max(axis=1, initial=0)
         places[spec.cells : self._root] = np.tile(places[corner], (2, 1))
-        self._factor = SparseFactor(
+        self._factor = _SparseFactor(
             np.append(rows, added[0]),
             np.append(columns, added[1]),
             sign,
@@ -386,7 +386,7 @@ def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     return rows, columns, cells, signs
 
 
-class SparseFactor:
+class _SparseFactor:
     """Factor of a sparse symmetric matrix whose pattern does not change.
 
     ``rows`` and ``columns`` (E,) are the places of its entries, in one triangle; entries in the

@@ -368,7 +368,7 @@ class DenseSystem(PriorSystem):
 
 
 @dataclass(frozen=True, eq=False)
-class SparseSystem(PriorSystem):
+class _SparseSystem(PriorSystem):
     """Normal equations as a sparse system, which other hyperparameters use too."""
 
     evidence: _SparseEvidence
@@ -469,7 +469,7 @@ def system_of_many(
         most, scale = _FILL * float(cells) ** 3, np.ones(matrix.spec.unknowns)
         system = quick_system(matrix, weight, scale, most, plane.mesh)
     if system is not None:
-        return SparseSystem(_SparseEvidence(system, y), plane, h, signed, centre)
+        return _SparseSystem(_SparseEvidence(system, y), plane, h, signed, centre)
     if cells > _MOST_CELLS:
         raise ParameterError(
             f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "

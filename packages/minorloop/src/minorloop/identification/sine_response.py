@@ -315,7 +315,7 @@ def _side(preamble: float, offset: float) -> str:
     return "negative" if preamble <= offset else "positive"
 
 
-def unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
+def _unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
     """Yield a note if an input before a sine does not saturate the operator.
 
     ``operator``: the operator; only one with ``levels`` is checked; ``preambles``: inputs before
@@ -395,7 +395,7 @@ def response_of_file(
     if model is not None:
         model.check_units(names, "the sines")
     response = sine_response(sines)
-    notes = [*response.notes, *unsaturated(operator, [one.sine.preamble for one in measured])]
+    notes = [*response.notes, *_unsaturated(operator, [one.sine.preamble for one in measured])]
     slowest = max((one.slow for one in measured), default=1.0)
     if slowest > SLOW:
         notes.append(

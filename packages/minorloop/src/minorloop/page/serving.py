@@ -67,7 +67,7 @@ def serve(
         backlog=WAITING,
     )
     for name in ("uvicorn.error", "asyncio"):
-        logging.getLogger(name).addFilter(RateLimitedLog())
+        logging.getLogger(name).addFilter(_RateLimitedLog())
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
         runner.run(_served(server(config), listener))
 
@@ -176,7 +176,7 @@ class Sockets(WebSocketsSansIOProtocol):
             self.transport.close()
 
 
-class RateLimitedLog(logging.Filter):
+class _RateLimitedLog(logging.Filter):
     """Log filter that passes at most ``most`` messages in ``seconds``."""
 
     def __init__(self, most: int = 5, seconds: float = 10.0) -> None:

@@ -213,7 +213,7 @@ def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
     or does not answer; a `SafetyError` if it does not confirm that it is safe.
     """
     path = Path(path)
-    content = read_description(path)
+    content = _read_description(path)
     description = relevant(content)
     if "input" in content:
         single = parsed(_SingleFile, content, path)
@@ -225,7 +225,7 @@ def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def read_description(path: Path) -> dict[str, Any]:
+def _read_description(path: Path) -> dict[str, Any]:
     """Return the content of a file, TOML if its name ends in ``.toml``, JSON otherwise.
 
     Raises a `ParameterError` if it cannot be read, or is not a table.
