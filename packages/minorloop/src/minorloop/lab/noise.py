@@ -108,7 +108,7 @@ class Response:
         ``level``: its input; ``known`` (T,): its readings; ``clear``: least change of the readings,
         in their unit, if the output has moved.
         """
-        ends = _widened(_NONE, known[known.size // 2 :])
+        ends = widened(_NONE, known[known.size // 2 :])
         turns, at_turn, moved = self.turns, self.at_turn, self.moved
         if (level - self.level) * (self.level - turns[1]) <= 0 or math.isnan(turns[1]):
             turns, at_turn = (turns[1], self.level), self.ends
@@ -165,7 +165,7 @@ class RepeatedReadings:
 
         ``levels`` (N,): inputs of the run, NaN if not known yet.
         """
-        return cls(_widened(_NONE, levels))
+        return cls(widened(_NONE, levels))
 
     def after(self, level: float, readings: FloatArray) -> RepeatedReadings:
         """Return the state after one more hold.
@@ -173,12 +173,12 @@ class RepeatedReadings:
         ``level``: its input; ``readings`` (T,): its readings, NaN if not measured.
         """
         known = readings[np.isfinite(readings)]
-        reach = _widened(self.range, level)
+        reach = widened(self.range, level)
         values = np.unique(known) if known.size else np.array([math.nan])
         if values.size > 1 or not np.array_equal(values, self.readings, equal_nan=True):
             # Holds before the repeated reading that show the noise and the resolution
             latest = (*self.latest, known)[-4:]
-            extremes = _widened(self.extremes, known)
+            extremes = widened(self.extremes, known)
             clear = max(
                 _CLEAR * resolution(np.concatenate(latest)), _SHARE * float(np.ptp(extremes))
             )
@@ -195,7 +195,7 @@ class RepeatedReadings:
             self,
             range=reach,
             holds=self.holds + 1,
-            inputs=_widened(self.inputs, level),
+            inputs=widened(self.inputs, level),
             repeated=self.repeated + known.size,
             response=self.response.after(level, known, math.inf),
         )
@@ -234,7 +234,7 @@ def resolution(readings: FloatArray) -> float:
     return float(np.quantile(steps, 0.01)) if steps.size else 0.0
 
 
-def _widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:
+def widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:
     """Return the lowest and the highest value after more values; NaN does not count."""
     all_of_them = np.append(ends, values)
     return float(np.fmin.reduce(all_of_them)), float(np.fmax.reduce(all_of_them))
