@@ -137,7 +137,8 @@ class DesignMatrix:
         self.elimination = KnownElimination()
         """That of its sparse system, which `quick_system` finds."""
         self.spec, self.u, self.start = spec, u[measured], start
-        self._record = (u, measured, start, counts)
+        self.inputs, self.sampled = u, measured
+        """Inputs applied (T,), and (T,) whether the output was measured."""
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
         past = np.array(blank.memory(start).extrema[1:])
         inputs = np.concatenate([past, u])
@@ -284,9 +285,8 @@ class DesignMatrix:
     def coarser(self) -> DesignMatrix:
         """Design matrix of the same samples on a plane with every other threshold."""
         kept = np.union1d(np.arange(0, self.spec.levels.size, 2), [self.spec.bands])
-        coarse = DesignMatrix(
-            replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
-        )
+        spec = replace(self.spec, levels=frozen(self.spec.levels[kept]))
+        coarse = DesignMatrix(spec, self.inputs, self.sampled, self.start, self.counts)
         # Ratio for nested dissection of a plane; samples do not link fewer of its unknowns
         coarse.elimination.operations = self.elimination.operations / 8
         return coarse
@@ -298,8 +298,9 @@ class DesignMatrix:
         part.elimination = KnownElimination()
         part.u, part.corner = self.u[kept], self.corner[kept]
         part.counts = None if self.counts is None else self.counts[kept]
-        part.measured = self.measured.copy()
+        part.measured, part.sampled = self.measured.copy(), self.sampled.copy()
         part.measured[self.measured] = kept
+        part.sampled[self.sampled] = kept
         part._keep(_kernels.lead_to(part.measured.copy(), self.parent))
         return part
 
