@@ -242,18 +242,20 @@ def solve(
     say : callable
         Called with the state of the search.
     """
-    solver = _DensePivoting(quadratic.gradient, bounded, scale)
-    solver.quadratic, solver.say = quadratic, say
+    solver = _DensePivoting(quadratic, bounded, scale, say)
     with one_thread():
         found = solver.run(solver.first_guess() if guess is None else guess)
         return found if rows is None else solver.refined(found, rows)
 
 
 class _DensePivoting(Pivoting):
-    quadratic: Quadratic
-    workspace = np.empty(0)
-    scaling: _Preconditioner | None = None
-    updated: tuple[float, _UpdatedFactor] | None = None
+    def __init__(
+        self, quadratic: Quadratic, bounded: BoolArray, scale: float, say: Callable[[str], None]
+    ) -> None:
+        super().__init__(quadratic.gradient, bounded, scale)
+        self.quadratic, self.say, self.workspace = quadratic, say, np.empty(0)
+        self.scaling: _Preconditioner | None = None
+        self.updated: tuple[float, _UpdatedFactor] | None = None
 
     @property
     def most_factorised(self) -> int:
