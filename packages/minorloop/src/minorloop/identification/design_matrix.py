@@ -219,7 +219,7 @@ class DesignMatrix:
         counts = np.ones(self.samples) if weight is None else weight
         gram = np.zeros((spec.unknowns, spec.unknowns))
         tree = self.index, self.coefficient, self.parent
-        _kernels.gram(spec.bands, *tree, self._spread(counts), gram)
+        _kernels.gram(spec.bands, *tree, self.spread(counts), gram)
         touched, total = self._fraction_sums(counts), counts.sum()
         for first in range(0, cells, _TOGETHER):
             last = min(first + _TOGETHER, cells)
@@ -241,7 +241,7 @@ class DesignMatrix:
         cells, inside, total = self.spec.cells, which[which < self.spec.cells], weight.sum()
         rows, levels = np.zeros((inside.size, self.spec.unknowns)), self._level_rows(weight)
         tree = self.index, self.coefficient, self.parent
-        _kernels.gram_rows(self.spec.bands, *tree, self._spread(weight), inside, rows)
+        _kernels.gram_rows(self.spec.bands, *tree, self.spread(weight), inside, rows)
         rows = self.swing**2 * rows[:, columns]
         if self.shift:
             own = self.shift * (self.swing * self._fraction_sums(weight) - 0.5 * self.shift * total)
@@ -316,7 +316,8 @@ class DesignMatrix:
         identity = np.eye(self.spec.unknowns)
         return np.stack([self.forward(column) for column in identity], axis=1)
 
-    def _spread(self, r: FloatArray) -> FloatArray:
+    def spread(self, r: FloatArray) -> FloatArray:
+        """(T,) numbers of all inputs, zero where the output was not measured, from (M,)."""
         everywhere = np.zeros(self.parent.size)
         everywhere[self.measured] = r
         return everywhere
@@ -324,7 +325,7 @@ class DesignMatrix:
     def _fraction_sums(self, r: FloatArray) -> Packed:
         """Transpose of the map from weights to switched-on weight."""
         sums = np.zeros(self.spec.cells)
-        _kernels.adjoint(self.index, self.coefficient, self.parent, self._spread(r), sums)
+        _kernels.adjoint(self.index, self.coefficient, self.parent, self.spread(r), sums)
         _kernels.nodes_to_cells(self.spec.bands, sums)
         return sums
 

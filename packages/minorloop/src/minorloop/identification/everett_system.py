@@ -102,39 +102,22 @@ class EverettSystem:
         if spec.offset and mesh is None:
             self.centre = matrix.adjoint(weight) / weight.sum()
             self.centre[spec.cells] = 0.0
-        parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
-        everywhere[matrix.measured] = weight
-        inner = np.zeros(parent.size, dtype=np.bool_)
-        inner[parent[parent >= 0]] = True
-        inner_count = int(np.count_nonzero(inner))
-        self._root = spec.cells + 2 * inner_count
+        inner = np.zeros(matrix.parent.size, dtype=np.bool_)
+        inner[matrix.parent[matrix.parent >= 0]] = True
+        # Unknowns: nodes, predictions at reversals, their multipliers, the root (the prediction at
+        # saturation) and its multiplier, the slope, and the values of the field
+        prediction = spec.cells + np.arange(np.count_nonzero(inner))
+        multiplier = prediction + prediction.size
+        self._root = spec.cells + 2 * prediction.size
         self._steep = self._root + 2
         self._values_of_field = 0 if mesh is None else mesh.unknowns
         self._size = self._steep + spec.slope + self._values_of_field
         entries = _Entries(float(weight.mean()))
-        number = np.full(parent.size + 1, self._root)  # the last is the number of parent -1
-        number[:-1][inner] = spec.cells + np.arange(inner_count)
-        multiplier = spec.cells + inner_count + np.arange(inner_count)
-        before, own = number[parent][:, None], number[:-1][:, None]
-        ones, input_ = np.ones((parent.size, 1)), np.zeros((parent.size, 1))
-        input_[matrix.measured, 0] = matrix.u
-        slope = np.full((parent.size, 1), self._steep)
-        index, coefficient = matrix.index, matrix.swing * matrix.coefficient
-        links = np.hstack([index, before] + [slope] * spec.slope)
-        factors = np.hstack([coefficient, ones] + [input_] * spec.slope)
-        outer = ~inner & (everywhere > 0)
-        entries.squares(links[outer], factors[outer], everywhere[outer])
-        links = np.hstack([own] + [slope] * spec.slope)
-        factors = np.hstack([ones] + [input_] * spec.slope)
-        entries.squares(links[inner], factors[inner], everywhere[inner])
-        links = np.hstack([index, before, own])
-        factors = np.hstack([coefficient, ones, -ones])
-        entries.equations(multiplier, links[inner], factors[inner])
-        total = self._total
+        self._add_samples(entries, inner, prediction, multiplier)
         if spec.offset:  # the root is free; its equation contains the offset
             entries.add(self._root + 1, self._root + 1, -1.0)
         else:
-            equation = np.array([[self._root, total]])
+            equation = np.array([[self._root, self._total]])
             entries.equations(np.array([self._root + 1]), equation, np.array([[1.0, matrix.shift]]))
         sign = np.ones(self._size)
         sign[multiplier], sign[self._root + 1] = -1.0, -1.0
@@ -143,7 +126,7 @@ class EverettSystem:
         added = self._added_places(mesh)
         places = np.zeros((self._size - self._values_of_field, 2))
         places[: spec.cells] = np.column_stack(np.tril_indices(spec.bands))
-        corner = index[inner, :4].max(axis=1, initial=0)
+        corner = matrix.index[inner, :4].max(axis=1, initial=0)
         places[spec.cells : self._root] = np.tile(places[corner], (2, 1))
         self._factor = _SparseFactor(
             np.append(rows, added[0]),
@@ -154,6 +137,27 @@ class EverettSystem:
             order,
         )
         self._ridge = np.zeros(spec.unknowns)
+
+    def _add_samples(
+        self, entries: _Entries, inner: BoolArray, prediction: IntArray, multiplier: IntArray
+    ) -> None:
+        """Add the squares of all samples, and the equations of the reversals, ``inner`` (T,)."""
+        matrix, weight = self.matrix, self.matrix.spread(self.weight)
+        number = np.full(inner.size + 1, self._root)  # the last is the number of parent -1
+        number[:-1][inner] = prediction
+        before, own = number[matrix.parent][:, None], number[:-1][:, None]
+        index, coefficient = matrix.index, matrix.swing * matrix.coefficient
+        ones = np.ones((inner.size, 1))
+        slope = [np.full((inner.size, 1), self._steep)] * matrix.spec.slope
+        input_ = [matrix.spread(matrix.u)[:, None]] * matrix.spec.slope
+        outer = ~inner & (weight > 0)
+        links = np.hstack([index, before, *slope])
+        factors = np.hstack([coefficient, ones, *input_])
+        entries.squares(links[outer], factors[outer], weight[outer])
+        links, factors = np.hstack([own, *slope]), np.hstack([ones, *input_])
+        entries.squares(links[inner], factors[inner], weight[inner])
+        links, factors = np.hstack([index, before, own]), np.hstack([coefficient, ones, -ones])
+        entries.equations(multiplier, links[inner], factors[inner])
 
     def _added_places(self, mesh: Mesh | None) -> IntArray:
         """Rows and columns of the entries that `factorise` adds: ridges and the prior."""
@@ -191,13 +195,9 @@ class EverettSystem:
 
     def product(self, z: FloatArray) -> FloatArray:
         """(n,) product with G + S."""
-        x = self.scale * z
-        out = self._adjoint(self.matrix.forward(x) - self.centre @ x)
-        if self.precision is not None:
-            out += self.precision.product(x)
-        return np.asarray(self.scale * out)
+        return self.gradient(self.scale * z, 0.0)
 
-    def gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def gradient(self, x: FloatArray, y: FloatArray | float) -> FloatArray:
         """(n,) scaled gradient of the cost at unknowns ``x`` (n,), for outputs ``y`` (M,)."""
         downhill = self._adjoint(self.matrix.forward(x) - self.centre @ x - y)
         if self.precision is not None:
