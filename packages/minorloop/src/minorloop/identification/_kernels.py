@@ -168,7 +168,7 @@ def gram(bands, index, coefficient, parent, weight, out):
             remote = links[2, p]
         if p != ROOT:
             p = links[1, p]
-    nodes_to_cells_both_ways(bands, out)
+    _nodes_to_cells_both_ways(bands, out)
 
 
 @njit(**INSIDE)
@@ -227,7 +227,7 @@ def add_row(x, row, other):
 
 
 @njit(cache=True, nogil=True)
-def nodes_to_cells_both_ways(bands, x):
+def _nodes_to_cells_both_ways(bands, x):
     """Apply `nodes_to_cells` in place along both axes of a matrix (n, n), n >= K."""
     for row in x:
         nodes_to_cells(bands, row)
