@@ -30,14 +30,14 @@ def drive_report(
     columns = ("target", str(run["input"]), "achieved", "error", "sd", "holds", "last hold")
     report.add(
         "Targets",
-        pictures=[Picture(draw_drive(result, output), "Targets, achieved outputs, and errors.")],
+        pictures=[Picture(_draw_drive(result, output), "Targets, achieved outputs, and errors.")],
         table=Table(columns, result.rows),
         notes=list(warnings),
     )
     return report
 
 
-def draw_drive(result: DriveResult, output: str) -> Any:
+def _draw_drive(result: DriveResult, output: str) -> Any:
     """Draw targets and achieved outputs in order, and the errors with two standard deviations.
 
     ``output`` is the name and unit of the output.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import isnan
 from os import PathLike
@@ -374,9 +374,9 @@ class ModelScore(Scored):
         ScoreRow("", "residual.autocorrelation", "residual autocorrelation", if_finite),
         *(ScoreRow(one.name, f"accuracy.{one.name}") for one in fields(Accuracy)),
         ScoreRow("starts", lambda found: dict(found.starts)),
-        ScoreRow("curves", lambda found: [asdict(one) for one in found.curve_accuracy]),
-        ScoreRow("residual", lambda found: asdict(found.residual)),
-        ScoreRow("notes", lambda found: list(found.simulation.notes)),
+        ScoreRow("curves", "curve_accuracy"),
+        ScoreRow("residual", "residual"),
+        ScoreRow("notes", "simulation.notes"),
     )
     WARNINGS: ClassVar[tuple[Rule, ...]] = (_wrong,)
     REMARKS: ClassVar[tuple[Rule, ...]] = (_notes, _outside, _causes)

@@ -9,7 +9,7 @@ import fleet_faults
 from fleet_records import OPTIONS, write_fleet
 from minorloop.errors import FleetError
 from minorloop.fleet import _worker, identification
-from minorloop.fleet._fitting import Task
+from minorloop.fleet._fitting import Task, load_kernels
 from minorloop.fleet._worker import Worker
 from minorloop.fleet.identification import identify_fleet
 
@@ -86,9 +86,9 @@ def test_a_worker_ends_without_its_parent_even_in_a_fit(tmp_path):
     (one,) = write_fleet(tmp_path, ["hang"])
     task, idle, busy = Task(one, one.read(), OPTIONS), Worker(), Worker()
     for worker in (idle, busy):
-        worker.ready.result(60)
-    idle._process.stdin.close()
-    busy.ask(fleet_faults.work, task, busy.scratch)
+        worker.ask(60, load_kernels)
+    idle._pipe.close()
+    busy._pipe.send((fleet_faults.work, (task, busy.scratch)))
     fleet_faults.wait_until_seen(one)
     os.close(busy._alive)
     busy._alive = os.dup(0)
@@ -100,8 +100,7 @@ def test_a_worker_ends_without_its_parent_even_in_a_fit(tmp_path):
 
 def test_a_worker_has_one_thread_and_returns_only_results():
     worker = Worker()
-    worker.ready.result(60)
-    found = worker.ask(fleet_faults.threads).result(60)
+    found = worker.ask(60, fleet_faults.threads)
     assert found == {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "blas": [1]}
     assert worker.end() == "SIGKILL: a library has its say"
     assert worker.end() == ""

@@ -44,10 +44,10 @@ class TestCounting:
         fresh = DesignMatrix(steps[0].spec, steps[0].u, steps[1] > 0, "negative")
         counted.clear()
         assert quick_system(fresh, *steps[1:], 0.5 * whole) is None
-        assert 0.5 * whole < fresh.operations <= whole
+        assert 0.5 * whole < fresh.elimination.operations <= whole
         searched = len(counted)
         assert searched <= 3
-        assert fresh.order is None
+        assert fresh.elimination.order is None
         assert quick_system(fresh.coarser(), steps[1], np.ones(211), whole / 16) is None
         assert quick_system(fresh, *steps[1:], 0.5 * whole) is None
         assert len(counted) == searched

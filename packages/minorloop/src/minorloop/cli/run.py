@@ -13,7 +13,7 @@ NAME = "run"
 EXAMPLE = "minorloop run --actuator twin:ipmc --plan plan.csv --store runs.sqlite"
 
 
-class RunCommand(TyperCommand):
+class _RunCommand(TyperCommand):
     """``minorloop run``; its help lists the addresses that exist."""
 
     def get_help(self, ctx: Any) -> str:
@@ -25,7 +25,7 @@ class RunCommand(TyperCommand):
         return super().get_help(ctx)
 
 
-COMMAND = RunCommand
+COMMAND = _RunCommand
 
 
 def run(

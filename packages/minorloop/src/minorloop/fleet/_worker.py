@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 import os
-import pickle
-import select
 import shutil
 import signal
 import subprocess
@@ -19,8 +17,9 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -38,9 +37,9 @@ IDLE = 60.0
 """Seconds without a task after which a worker ends."""
 _COMMAND = """
 import sys
-sys.path[:] = sys.argv[2:]
+sys.path[:] = sys.argv[3:]
 from minorloop.fleet._worker import serve
-serve(int(sys.argv[1]))
+serve(int(sys.argv[1]), int(sys.argv[2]))
 """
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -96,7 +95,7 @@ class FitProcesses:
             try:
                 # Seconds that a worker may take to load its kernels; their compilation takes less
                 # than a minute
-                worker.ready.result(300.0)
+                worker.ask(300.0, load_kernels)
             except Exception:
                 why = self._end(worker)
             else:
@@ -107,9 +106,8 @@ class FitProcesses:
         self, worker: Worker, work: Work, task: Task, limit: float, say: Callable[[str], None]
     ) -> Found | str:
         """Return the result of a fit within the limit, or the end of the worker in words."""
-        answer = worker.ask(work, task, worker.scratch)
         try:
-            found: Found = answer.result(limit if limit < math.inf else None)
+            found: Found = worker.ask(limit, work, task, worker.scratch)
         except TimeoutError:
             self._end(worker)
             name = task.specimen.name
@@ -117,7 +115,7 @@ class FitProcesses:
             return task.failed(
                 f"no model within the limit of {limit:g} s; check the record, or allow more time"
             )
-        except Exception:
+        except Exception:  # after any error the worker is replaced
             return f"ended ({self._end(worker)})"
         self._free.append(worker)
         return found
@@ -161,41 +159,37 @@ class Worker:
         self.scratch = Path(tempfile.gettempdir(), f"minorloop-{os.urandom(8).hex()}")
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115
         self._ending = threading.Lock()
+        self._pipe, theirs = Pipe()
         alive, self._alive = os.pipe()
+        given = theirs.fileno(), alive
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _COMMAND, str(alive), *sys.path],
-            pass_fds=(alive,),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+            [sys.executable, "-c", _COMMAND, *map(str, given), *sys.path],
+            pass_fds=given,
+            stdin=subprocess.DEVNULL,
+            stdout=self._stderr,
             stderr=self._stderr,
             env={**os.environ, **dict.fromkeys(_ONE_THREAD, "1")},
             process_group=0,
         )
+        theirs.close()
         os.close(alive)
         self.pid = self._process.pid
-        self.ready = self.ask(load_kernels)
 
     @property
     def ended(self) -> bool:
         """Whether the process is gone."""
         return self._process.poll() is not None
 
-    def ask(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Call a function in the process; the future has an exception if the process ends."""
-        answer: Future[Any] = Future()
-        message = function, arguments
-        threading.Thread(target=self._exchange, args=(message, answer), daemon=True).start()
-        return answer
+    def ask(self, limit: float, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the result of a function in the process.
 
-    def _exchange(self, message: Any, answer: Future[Any]) -> None:
-        try:
-            assert self._process.stdin is not None
-            assert self._process.stdout is not None
-            pickle.dump(message, self._process.stdin)
-            self._process.stdin.flush()
-            answer.set_result(pickle.load(self._process.stdout))
-        except Exception as error:  # after any error this worker is replaced
-            answer.set_exception(error)
+        Raises a `TimeoutError` after ``limit`` seconds; an `EOFError` or an `OSError` if the
+        process ends.
+        """
+        self._pipe.send((function, arguments))
+        if not self._pipe.poll(limit if limit < math.inf else None):
+            raise TimeoutError
+        return self._pipe.recv()
 
     def end(self) -> str:
         """Kill the process; return its exit status and the last line that it wrote."""
@@ -204,10 +198,7 @@ class Worker:
         with self._ending:
             if self._stderr.closed:
                 return ""
-            for stream in (self._process.stdin, self._process.stdout):
-                with suppress(OSError, ValueError):
-                    if stream is not None:
-                        stream.close()
+            self._pipe.close()
             os.close(self._alive)
             shutil.rmtree(self.scratch, ignore_errors=True)
             self._stderr.seek(0)
@@ -219,17 +210,14 @@ class Worker:
         return ": ".join([how, *said.splitlines()[-1:]])
 
 
-def serve(alive: int) -> None:
-    """Call functions from stdin, and answer on stdout, until the pipe ``alive`` closes."""
+def serve(pipe: int, alive: int) -> None:
+    """Call functions that a pipe sends, and answer on it, until the pipe ``alive`` closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with(alive)
-    tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)  # text that a library prints must not mix with answers
-    while select.select([tasks], [], [], IDLE)[0]:
-        function, arguments = pickle.load(tasks)
-        pickle.dump(function(*arguments), answers)
-        answers.flush()
+    tasks = Connection(pipe)
+    while tasks.poll(IDLE):
+        function, arguments = tasks.recv()
+        tasks.send(function(*arguments))
 
 
 def _end_with(alive: int) -> None:

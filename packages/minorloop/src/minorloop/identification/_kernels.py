@@ -28,11 +28,11 @@ _SEARCHED = 64
 
 
 @njit(cache=True, nogil=True)
-def trace(low, u, parent, newest, older, at, values, samples):
-    """Fill ``parent`` (T,) for inputs within the levels that begin at negative saturation, ``low``.
-
-    ``newest`` (T + 1,) holds `ROOT`; the other arrays, of T numbers, may hold anything.
-    """
+def trace(low, u):
+    """(T,) parents of inputs within the levels that begin at negative saturation, ``low``."""
+    parent, newest = np.empty(u.size, dtype=np.int32), np.full(u.size + 1, ROOT, dtype=np.int32)
+    older, samples = np.empty((2, u.size), dtype=np.int32)
+    at, values = np.empty((2, u.size))
     top, value, sample = 0, low, np.int64(ROOT)
     for t in range(u.size):
         x = u[t]
@@ -59,6 +59,7 @@ def trace(low, u, parent, newest, older, at, values, samples):
             parent[t], sample = ROOT, np.int64(ROOT)
             continue
         parent[t], sample = samples[top - 1], t
+    return parent
 
 
 @njit(cache=True, nogil=True)
@@ -107,21 +108,23 @@ def cells_to_nodes(bands, x):
 
 
 @njit(cache=True, nogil=True)
-def gram(index, coefficient, parent, weight, links, before, sums, nodes, listed, out):
-    """Half of the weighted Gram matrix of the rows: out + out' is all of it.
+def gram(bands, index, coefficient, parent, weight, out):
+    """Half of the weighted Gram matrix of the cells: out + out' is all of it.
 
     A sample counts with the sum of the weights of its descendants and itself. Its terms are
     multiplied by themselves (half) and by the terms of each of its ancestors (whole). Samples of
     one parent share their ancestors, so their terms are added first. The tree is walked depth
     first, so that the sum over the ancestors changes by one row at each step. The cost grows with
-    the number of reversals and of the nodes that a memory touches. Consumes ``weight``.
-
-    ``links`` (3, T + 1) begins at `ROOT`: first child, next child of the same parent, and number of
-    nodes of the ancestors before a sample. ``before`` (T, 6) may hold anything. ``sums`` and
-    ``listed`` begin at zero; ``nodes`` lists the nodes where ``sums`` is not zero. Each is (2, n),
-    for children and for ancestors.
+    the number of reversals and of the nodes that a memory touches. Consumes ``weight``; ``out``
+    (n, n), n >= K, begins at zero.
     """
-    terms = index.shape[1]
+    terms, cells = index.shape[1], bands * (bands + 1) // 2
+    # First child, next child of the same parent, and number of nodes of the ancestors before
+    links = np.full((3, parent.size + 1), ROOT)
+    before = np.empty(index.shape)
+    # For children and for ancestors: sums at the nodes, and the nodes at which they are not zero
+    sums, listed = np.zeros((2, cells)), np.zeros((2, cells), dtype=np.bool_)
+    nodes = np.empty((2, cells), dtype=np.int64)
     for t in range(parent.size - 1, -1, -1):
         n = weight[t]
         if n == 0.0:
@@ -165,6 +168,7 @@ def gram(index, coefficient, parent, weight, links, before, sums, nodes, listed,
             remote = links[2, p]
         if p != ROOT:
             p = links[1, p]
+    _nodes_to_cells_both_ways(bands, out)
 
 
 @njit(**INSIDE)
@@ -223,7 +227,7 @@ def add_row(x, row, other):
 
 
 @njit(cache=True, nogil=True)
-def nodes_to_cells_both_ways(bands, x):
+def _nodes_to_cells_both_ways(bands, x):
     """Apply `nodes_to_cells` in place along both axes of a matrix (n, n), n >= K."""
     for row in x:
         nodes_to_cells(bands, row)

@@ -168,9 +168,8 @@ class Pivoting(ABC):
         self, z: FloatArray, gradient: FloatArray, change: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Minimum along a change within the bounds, and the gradient there."""
-        falling = self.bounded & (change < 0)
         # Longest search, in lengths of the change; bounds usually end it earlier
-        length = float(np.min(-z[falling] / change[falling], initial=1e6))
+        length = _longest(z[self.bounded], change[self.bounded], 1e6)
         end = self.gradient(z + length * change)
         slope, last = float(gradient @ change), float(end @ change)
         share = slope / (slope - last) if slope < 0 < last else float(slope < 0)
@@ -221,9 +220,28 @@ class Pivoting(ABC):
 
 
 class _SparsePivoting(Pivoting):
-    system: EverettSystem
+    """Pivoting with a sparse system, for outputs ``y`` (M,).
+
+    ``centre`` is the part of the unknowns that the outputs do not contain, in units of the columns.
+    """
+
     joins, quick, enough = np.inf, 0.0, 7e-11
     least_ridge = _LEAST_SPARSE_RIDGE
+
+    def __init__(
+        self,
+        system: EverettSystem,
+        y: FloatArray,
+        bounded: BoolArray,
+        scale: float,
+        searched: BoolArray | None = None,
+        centre: FloatArray | float = 0.0,
+    ) -> None:
+        def gradient(z: FloatArray) -> FloatArray:
+            return system.gradient(system.scale * z - centre, y)
+
+        super().__init__(gradient, bounded, scale, searched)
+        self.system = system
 
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
         self.system.factorise(np.where(free, ridge, _AT_BOUND))
@@ -234,6 +252,21 @@ class _SparsePivoting(Pivoting):
         if np.linalg.norm(left) > 10 * _PIVOT_TOLERANCE * self.scale:
             raise LinAlgError("the ridge is below the accuracy of the factor")
         return found
+
+    def alternate(self, z: FloatArray) -> FloatArray:
+        """Unknowns near the optimum of a regular system, from a guess, with one factorisation.
+
+        Alternating directions: Boyd, Parikh, Chu, Peleato and Eckstein, Foundations and Trends in
+        Machine Learning 3, 2011, sections 3.4.3 and 5.2.
+        """
+        self.system.factorise(_SPLITTING)
+        right, multiplier = -self.gradient(np.zeros(z.size)), np.zeros(z.size)
+        for _ in range(_ALTERNATIONS):
+            free = self.system.rough(right + _SPLITTING * (z - multiplier))
+            multiplier += _RELAXATION * free + (1 - _RELAXATION) * z
+            z = np.where(self.bounded, np.maximum(multiplier, 0.0), multiplier)
+            multiplier -= z
+        return z
 
 
 def solve_sparse(
@@ -254,14 +287,8 @@ def solve_sparse(
     """
     searched = bounded & varying
     z = _interior_point(system, y, bounded, searched, scale) * system.scale / fine
-    system.scale = fine
-
-    def gradient(z: FloatArray) -> FloatArray:
-        return system.gradient(system.scale * z, y)
-
-    pivoting = _SparsePivoting(gradient, bounded, scale, searched)
-    pivoting.system = system
-    return pivoting.run(z)
+    system.condition(fine)
+    return _SparsePivoting(system, y, bounded, scale, searched).run(z)
 
 
 def solve_with_prior(
@@ -274,36 +301,10 @@ def solve_with_prior(
 ) -> BoundedSolution:
     """Find the same from a guess (n,) where a prior determines them, so that the system is regular.
 
-    ``centre`` is the part of the unknowns that the outputs do not contain, in units of the columns.
+    ``centre`` is as of `_SparsePivoting`.
     """
-
-    def gradient(z: FloatArray) -> FloatArray:
-        return system.gradient(system.scale * z - centre, y)
-
-    pivoting = _SparsePivoting(gradient, bounded, scale)
-    pivoting.system = system
-    return pivoting.run(_alternate(system, gradient, bounded, guess), _LEAST_SPARSE_RIDGE)
-
-
-def _alternate(
-    system: EverettSystem,
-    gradient: Callable[[FloatArray], FloatArray],
-    bounded: BoolArray,
-    z: FloatArray,
-) -> FloatArray:
-    """Unknowns near the optimum of a regular system, from a guess, with a single factorisation.
-
-    Alternating directions: Boyd, Parikh, Chu, Peleato and Eckstein, Foundations and Trends in
-    Machine Learning 3, 2011, sections 3.4.3 and 5.2.
-    """
-    system.factorise(_SPLITTING)
-    right, multiplier = -gradient(np.zeros(z.size)), np.zeros(z.size)
-    for _ in range(_ALTERNATIONS):
-        free = system.rough(right + _SPLITTING * (z - multiplier))
-        multiplier += _RELAXATION * free + (1 - _RELAXATION) * z
-        z = np.where(bounded, np.maximum(multiplier, 0.0), multiplier)
-        multiplier -= z
-    return z
+    pivoting = _SparsePivoting(system, y, bounded, scale, centre=centre)
+    return pivoting.run(pivoting.alternate(guess), _LEAST_SPARSE_RIDGE)
 
 
 def _interior_point(
@@ -367,7 +368,7 @@ def _start(
     return z, slack
 
 
-def _longest(values: FloatArray, change: FloatArray) -> float:
-    """Return the largest step, at most one, that leaves all values non-negative."""
+def _longest(values: FloatArray, change: FloatArray, most: float = 1.0) -> float:
+    """Return the largest step, up to ``most``, that leaves all values non-negative."""
     falling = change < 0
-    return float(min(1.0, np.min(-values[falling] / change[falling], initial=1.0)))
+    return float(np.min(-values[falling] / change[falling], initial=most))

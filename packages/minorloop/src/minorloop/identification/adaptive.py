@@ -27,7 +27,7 @@ VALIDATION = 4
 """Holds at random levels at the end of an experiment; they are never fitted."""
 REPEATS = 3
 """Additional holds at most, to repeat or replace outliers and missing readings."""
-PROBABILITY = 0.9
+_PROBABILITY = 0.9
 """Probability of the bands that validation holds are checked against."""
 _FIXED = 4
 """First holds, which are designed before anything is measured."""
@@ -228,7 +228,7 @@ class Adaptive:
         held = fit.held_out
         if not held.any():
             return None
-        whole = fit.predict(fit.u, bands=PROBABILITY)
+        whole = fit.predict(fit.u, bands=_PROBABILITY)
         part = replace(whole, u=whole.u[held], y=whole.y[held], sd=whole.sd[held])
         scale = float(np.ptp(fit.y[fit.fitted | held])) or 1.0
         return Validation(part, fit.y[held], scale)
@@ -388,7 +388,7 @@ class _Progress:
 
     def _deviation(self, k: int) -> tuple[float, float]:
         """Deviation of a point from its prediction by earlier points, and that expected."""
-        shown = self.fit(k).predict(self.u[: k + 1], bands=PROBABILITY)
+        shown = self.fit(k).predict(self.u[: k + 1], bands=_PROBABILITY)
         return float(self.y[k] - shown.y[-1]), float(shown.sd[-1])
 
 

@@ -52,7 +52,7 @@ def _gaps(fit: AfterEffectIdentification) -> Iterator[str]:
     # Change of the input, over its range, that needs a row inside a gap of the times
     moved = np.abs(np.diff(fit.u)) > 0.01 * float(np.ptp(fit.u))
     moved[fit.curves.begins[1:] - 1] = False
-    long = np.flatnonzero(isolated_long(np.diff(fit.t)) & moved)
+    long = np.flatnonzero(_isolated_long(np.diff(fit.t)) & moved)
     if long.size:
         row = int(long[0])
         yield (
@@ -116,7 +116,7 @@ class AfterEffectIdentification(Fit[AfterEffect]):
         ScoreRow("times", "model.times"),
         ScoreRow("creep", lambda fit: [float(one.sum()) for one in fit.model.creep]),
         ScoreRow("laws", lambda fit: {one.law: one.error for one in fit.tried}),
-        ScoreRow("range", lambda fit: list(fit.model.range)),
+        ScoreRow("range", "model.range"),
         ScoreRow("samples", lambda fit: int(fit.fitted.sum()), "samples fitted"),
         ScoreRow("levels", "model.plane.bands"),
     )
@@ -280,7 +280,7 @@ def longest_hold(t: FloatArray, u: FloatArray, curves: Curves) -> float:
     return float(np.add.reduceat(held(t, curves), np.flatnonzero(begins)).max())
 
 
-def isolated_long(steps: FloatArray) -> BoolArray:
+def _isolated_long(steps: FloatArray) -> BoolArray:
     """Return (N,) whether each interval is far longer than those before and those after.
 
     At a change of the rate of a record, intervals are as long as those on one side.

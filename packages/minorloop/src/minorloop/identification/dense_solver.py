@@ -242,18 +242,20 @@ def solve(
     say : callable
         Called with the state of the search.
     """
-    solver = _DensePivoting(quadratic.gradient, bounded, scale)
-    solver.quadratic, solver.say = quadratic, say
+    solver = _DensePivoting(quadratic, bounded, scale, say)
     with one_thread():
         found = solver.run(solver.first_guess() if guess is None else guess)
         return found if rows is None else solver.refined(found, rows)
 
 
 class _DensePivoting(Pivoting):
-    quadratic: Quadratic
-    workspace = np.empty(0)
-    scaling: Preconditioner | None = None
-    updated: tuple[float, UpdatedFactor] | None = None
+    def __init__(
+        self, quadratic: Quadratic, bounded: BoolArray, scale: float, say: Callable[[str], None]
+    ) -> None:
+        super().__init__(quadratic.gradient, bounded, scale)
+        self.quadratic, self.say, self.workspace = quadratic, say, np.empty(0)
+        self.scaling: _Preconditioner | None = None
+        self.updated: tuple[float, _UpdatedFactor] | None = None
 
     @property
     def most_factorised(self) -> int:
@@ -278,7 +280,7 @@ class _DensePivoting(Pivoting):
         self.updated = None
         factor = self._factorise(picked, ridge).factor
         if picked.size >= _LEAST_UPDATED:
-            self.updated = ridge, UpdatedFactor(free, factor)
+            self.updated = ridge, _UpdatedFactor(free, factor)
         found = np.zeros(free.size)
         found[picked], _ = lapack.dpotrs(factor, downhill[picked], lower=0)
         return found
@@ -307,20 +309,20 @@ class _DensePivoting(Pivoting):
             return found  # a bound prevents the full step
         return BoundedSolution(z, kkt, self.factorisations, settled)
 
-    def _scaling(self, picked: IntArray) -> Preconditioner | None:
+    def _scaling(self, picked: IntArray) -> _Preconditioner | None:
         """Factor of the free part; the last factor if it has the same unknowns."""
         if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
             return self.scaling
         if picked.size > self.most_factorised:
             if self.bounded[picked].any():
                 return None
-            return Preconditioner(picked, np.sqrt(self.quadratic.diagonal[picked] + _LEAST_RIDGE))
+            return _Preconditioner(picked, np.sqrt(self.quadratic.diagonal[picked] + _LEAST_RIDGE))
         for ridge in (_LEAST_RIDGE, _FIRST_RIDGE):
             with suppress(LinAlgError):
                 return self._factorise(picked, ridge)
         return None
 
-    def _factorise(self, picked: IntArray, ridge: float) -> Preconditioner:
+    def _factorise(self, picked: IntArray, ridge: float) -> _Preconditioner:
         """Cholesky factor of the normal equations of some unknowns, with a ridge."""
         self.scaling = self.updated = None
         size = picked.size**2
@@ -333,11 +335,11 @@ class _DensePivoting(Pivoting):
         factor, failed = lapack.dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
         if failed:
             raise LinAlgError("normal matrix is not positive definite")
-        self.scaling = Preconditioner(picked, factor)
+        self.scaling = _Preconditioner(picked, factor)
         return self.scaling
 
 
-class UpdatedFactor:
+class _UpdatedFactor:
     """Cholesky factor of normal equations, updated as a few unknowns become free or leave.
 
     An unknown that leaves has an equation that keeps it at zero, with a multiplier. The Schur
@@ -398,7 +400,7 @@ class UpdatedFactor:
 
 
 @dataclass(frozen=True)
-class Preconditioner:
+class _Preconditioner:
     """Indices of the free unknowns, and their preconditioner.
 
     ``factor`` is the upper Cholesky factor of their normal equations, or the diagonal of one.
@@ -421,7 +423,7 @@ class Preconditioner:
         return upper_solve(self.factor, values, transposed=transposed)
 
 
-def refine(rows: Rows, z: FloatArray, scaling: Preconditioner) -> tuple[FloatArray, bool]:
+def refine(rows: Rows, z: FloatArray, scaling: _Preconditioner) -> tuple[FloatArray, bool]:
     """Return unknowns of the least sum of squares over the free ones, and whether it converged.
 
     The iteration starts at ``z`` (n,), whose other unknowns stay unchanged.
@@ -444,7 +446,9 @@ def refine(rows: Rows, z: FloatArray, scaling: Preconditioner) -> tuple[FloatArr
     return z, bool(np.linalg.norm(left) <= floor)
 
 
-def _correction(rows: Rows, left: FloatArray, scaling: Preconditioner, unknowns: int) -> FloatArray:
+def _correction(
+    rows: Rows, left: FloatArray, scaling: _Preconditioner, unknowns: int
+) -> FloatArray:
     """Step of the free unknowns that nearly minimises the residual."""
     from scipy.sparse.linalg import LinearOperator, lsqr
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, IntArray, Levels, frozen
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels
+from minorloop.identification.elimination_order import KnownElimination
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import Relay, off_output, swing
 from minorloop.operators.preisach import Diagonal, Preisach
@@ -133,12 +134,11 @@ class DesignMatrix:
         counts: FloatArray | None = None,
     ) -> None:
         self.counts = counts
-        self.order: IntArray | None = None
-        """Order in which its `EverettSystem` eliminates the unknowns, once it is known."""
-        self.operations = 0.0
-        """Least number of multiplications of a factorisation of that system, as far as known."""
+        self.elimination = KnownElimination()
+        """That of its sparse system, which `quick_system` finds."""
         self.spec, self.u, self.start = spec, u[measured], start
-        self._record = (u, measured, start, counts)
+        self.inputs, self.sampled = u, measured
+        """Inputs applied (T,), and (T,) whether the output was measured."""
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
         past = np.array(blank.memory(start).extrema[1:])
         inputs = np.concatenate([past, u])
@@ -218,13 +218,8 @@ class DesignMatrix:
         spec, cells = self.spec, self.spec.cells
         counts = np.ones(self.samples) if weight is None else weight
         gram = np.zeros((spec.unknowns, spec.unknowns))
-        spread = self._spread(counts)
-        links = np.full((3, self.parent.size + 1), _kernels.ROOT)
-        sums, nodes = np.zeros((2, cells)), np.empty((2, cells), dtype=np.int64)
-        listed = np.zeros((2, cells), dtype=np.bool_)
-        tree, before = (self.index, self.coefficient, self.parent), np.empty(self.index.shape)
-        _kernels.gram(*tree, spread, links, before, sums, nodes, listed, gram)
-        _kernels.nodes_to_cells_both_ways(spec.bands, gram)
+        tree = self.index, self.coefficient, self.parent
+        _kernels.gram(spec.bands, *tree, self.spread(counts), gram)
         touched, total = self._fraction_sums(counts), counts.sum()
         for first in range(0, cells, _TOGETHER):
             last = min(first + _TOGETHER, cells)
@@ -246,7 +241,7 @@ class DesignMatrix:
         cells, inside, total = self.spec.cells, which[which < self.spec.cells], weight.sum()
         rows, levels = np.zeros((inside.size, self.spec.unknowns)), self._level_rows(weight)
         tree = self.index, self.coefficient, self.parent
-        _kernels.gram_rows(self.spec.bands, *tree, self._spread(weight), inside, rows)
+        _kernels.gram_rows(self.spec.bands, *tree, self.spread(weight), inside, rows)
         rows = self.swing**2 * rows[:, columns]
         if self.shift:
             own = self.shift * (self.swing * self._fraction_sums(weight) - 0.5 * self.shift * total)
@@ -290,22 +285,22 @@ class DesignMatrix:
     def coarser(self) -> DesignMatrix:
         """Design matrix of the same samples on a plane with every other threshold."""
         kept = np.union1d(np.arange(0, self.spec.levels.size, 2), [self.spec.bands])
-        coarse = DesignMatrix(
-            replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
-        )
+        spec = replace(self.spec, levels=frozen(self.spec.levels[kept]))
+        coarse = DesignMatrix(spec, self.inputs, self.sampled, self.start, self.counts)
         # Ratio for nested dissection of a plane; samples do not link fewer of its unknowns
-        coarse.operations = self.operations / 8
+        coarse.elimination.operations = self.elimination.operations / 8
         return coarse
 
     def part(self, kept: BoolArray) -> DesignMatrix:
         """Design matrix of some of the samples (M,)."""
         part = copy(self)
         part.__dict__.pop("excited", None)
-        part.order, part.operations = None, 0.0
+        part.elimination = KnownElimination()
         part.u, part.corner = self.u[kept], self.corner[kept]
         part.counts = None if self.counts is None else self.counts[kept]
-        part.measured = self.measured.copy()
+        part.measured, part.sampled = self.measured.copy(), self.sampled.copy()
         part.measured[self.measured] = kept
+        part.sampled[self.sampled] = kept
         part._keep(_kernels.lead_to(part.measured.copy(), self.parent))
         return part
 
@@ -321,7 +316,8 @@ class DesignMatrix:
         identity = np.eye(self.spec.unknowns)
         return np.stack([self.forward(column) for column in identity], axis=1)
 
-    def _spread(self, r: FloatArray) -> FloatArray:
+    def spread(self, r: FloatArray) -> FloatArray:
+        """(T,) numbers of all inputs, zero where the output was not measured, from (M,)."""
         everywhere = np.zeros(self.parent.size)
         everywhere[self.measured] = r
         return everywhere
@@ -329,7 +325,7 @@ class DesignMatrix:
     def _fraction_sums(self, r: FloatArray) -> Packed:
         """Transpose of the map from weights to switched-on weight."""
         sums = np.zeros(self.spec.cells)
-        _kernels.adjoint(self.index, self.coefficient, self.parent, self._spread(r), sums)
+        _kernels.adjoint(self.index, self.coefficient, self.parent, self.spread(r), sums)
         _kernels.nodes_to_cells(self.spec.bands, sums)
         return sums
 
@@ -361,10 +357,7 @@ def everett_tree(
         negative saturation.
     """
     x, root = np.clip(u, levels[0], levels[-1]), np.int32(_kernels.ROOT)
-    parent, newest = np.empty(u.size, dtype=np.int32), np.full(u.size + 1, root)
-    older, samples = np.empty((2, u.size), dtype=np.int32)
-    at, values = np.empty((2, u.size))
-    _kernels.trace(float(levels[0]), x, parent, newest, older, at, values, samples)
+    parent = _kernels.trace(float(levels[0]), x)
     x, begin, own = np.append(x, levels[0]), np.append(parent, root), np.arange(u.size + 1)
     band = np.clip(np.searchsorted(levels, x, side="right") - 1, 0, levels.size - 2)
     fraction = (x - levels[band]) * (1 / np.diff(levels))[band]

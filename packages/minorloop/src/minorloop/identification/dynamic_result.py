@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -130,7 +130,7 @@ def _figures(fit: DynamicIdentification) -> dict[str, Any]:
         "dead_time": model.linear.delay,
         "time_constants": model.linear.time_constants,
         "creep": None if model.creep is None else plain(model.creep),
-        "tried": [asdict(one) for one in fit.tried],
+        "tried": fit.tried,
     }
 
 
@@ -158,7 +158,7 @@ class DynamicIdentification(Fit[Cascade]):
         ScoreRow("", "_creep_text", "creep"),
         ScoreRow("", "best", "chosen", _chosen),
         ScoreRow("dynamics", _figures),
-        ScoreRow("chosen", lambda fit: list(fit.chosen)),
+        ScoreRow("chosen", "chosen"),
         *map(_of_static, Identification.SCORES),
     )
     WARNINGS: ClassVar[tuple[Rule, ...]] = (lambda fit: iter(fit.static.warnings),)

@@ -9,6 +9,7 @@ separate two halves after both.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -48,6 +49,16 @@ class Elimination(NamedTuple):
     def operations(self) -> float:
         """Multiplications of a factorisation."""
         return float(np.sum(self.counts.astype(np.float64) ** 2))
+
+
+@dataclass
+class KnownElimination:
+    """What is known about the elimination of a system."""
+
+    order: IntArray | None = None
+    """Shape (n,). Order of elimination."""
+    operations: float = 0.0
+    """Least number of multiplications of a factorisation."""
 
 
 def quick_elimination(

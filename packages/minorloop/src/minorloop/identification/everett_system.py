@@ -55,19 +55,21 @@ def quick_system(
     """
     if matrix.reversals > _REVERSALS * matrix.spec.cells:
         return None
-    samples, before = _FIRST_PART, 0.0
-    while matrix.order is None and matrix.operations <= most and samples < matrix.samples:
+    samples, before, known = _FIRST_PART, 0.0, matrix.elimination
+    while known.order is None and known.operations <= most and samples < matrix.samples:
         place = np.arange(matrix.samples) * _SEGMENTS % matrix.samples
         kept = place < samples
         counted = EverettSystem(matrix.part(kept), weight[kept], scale).operations
         growth, ratio = counted - before, matrix.samples / samples
         if counted + 4 / 3 * growth * (ratio**2 - 1) <= most:
             break
-        matrix.operations = counted + (2 * growth * (ratio - 1) if before else 0.0)
+        known.operations = counted + (2 * growth * (ratio - 1) if before else 0.0)
         samples, before = 2 * samples, counted
-    if matrix.operations > most:
+    if known.operations > most:
         return None
-    system = EverettSystem(matrix, weight, scale, mesh)
+    system = EverettSystem(matrix, weight, scale, mesh, known.order)
+    if known.order is None:
+        known.order, known.operations = system.order, system.operations
     return system if system.operations <= most else None
 
 
@@ -76,7 +78,8 @@ class EverettSystem:
 
     Samples have a weight (M,), columns a factor ``scale`` (n,). S is the scaled precision of a
     prior, if there is one, as `condition` gives it. The values of the field on its ``mesh`` are
-    further unknowns of the sparse system, and are eliminated last.
+    further unknowns of the sparse system, and are eliminated last; the others in this ``order``, if
+    it is known.
     """
 
     def __init__(
@@ -85,6 +88,7 @@ class EverettSystem:
         weight: FloatArray,
         scale: FloatArray,
         mesh: Mesh | None = None,
+        order: IntArray | None = None,
     ) -> None:
         spec = matrix.spec
         self.matrix, self.weight, self.scale = matrix, weight, scale
@@ -93,40 +97,27 @@ class EverettSystem:
         """Owner of the present factor, which may use it again."""
         self.cells = spec.cells
         self.centre = np.zeros(spec.unknowns)
-        """Means of the columns, if an offset is fitted; they are subtracted from the columns."""
-        parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
-        everywhere[matrix.measured] = weight
-        inner = np.zeros(parent.size, dtype=np.bool_)
-        inner[parent[parent >= 0]] = True
-        inner_count = int(np.count_nonzero(inner))
-        self._root = spec.cells + 2 * inner_count
+        """Means of the columns, if an offset is fitted and there is no prior; they are subtracted
+        from the columns."""
+        if spec.offset and mesh is None:
+            self.centre = matrix.adjoint(weight) / weight.sum()
+            self.centre[spec.cells] = 0.0
+        inner = np.zeros(matrix.parent.size, dtype=np.bool_)
+        inner[matrix.parent[matrix.parent >= 0]] = True
+        # Unknowns: nodes, predictions at reversals, their multipliers, the root (the prediction at
+        # saturation) and its multiplier, the slope, and the values of the field
+        prediction = spec.cells + np.arange(np.count_nonzero(inner))
+        multiplier = prediction + prediction.size
+        self._root = spec.cells + 2 * prediction.size
         self._steep = self._root + 2
         self._values_of_field = 0 if mesh is None else mesh.unknowns
         self._size = self._steep + spec.slope + self._values_of_field
         entries = _Entries(float(weight.mean()))
-        number = np.full(parent.size + 1, self._root)  # the last is the number of parent -1
-        number[:-1][inner] = spec.cells + np.arange(inner_count)
-        multiplier = spec.cells + inner_count + np.arange(inner_count)
-        before, own = number[parent][:, None], number[:-1][:, None]
-        ones, input_ = np.ones((parent.size, 1)), np.zeros((parent.size, 1))
-        input_[matrix.measured, 0] = matrix.u
-        slope = np.full((parent.size, 1), self._steep)
-        index, coefficient = matrix.index, matrix.swing * matrix.coefficient
-        links = np.hstack([index, before] + [slope] * spec.slope)
-        factors = np.hstack([coefficient, ones] + [input_] * spec.slope)
-        outer = ~inner & (everywhere > 0)
-        entries.squares(links[outer], factors[outer], everywhere[outer])
-        links = np.hstack([own] + [slope] * spec.slope)
-        factors = np.hstack([ones] + [input_] * spec.slope)
-        entries.squares(links[inner], factors[inner], everywhere[inner])
-        links = np.hstack([index, before, own])
-        factors = np.hstack([coefficient, ones, -ones])
-        entries.equations(multiplier, links[inner], factors[inner])
-        total = self._total
+        self._add_samples(entries, inner, prediction, multiplier)
         if spec.offset:  # the root is free; its equation contains the offset
             entries.add(self._root + 1, self._root + 1, -1.0)
         else:
-            equation = np.array([[self._root, total]])
+            equation = np.array([[self._root, self._total]])
             entries.equations(np.array([self._root + 1]), equation, np.array([[1.0, matrix.shift]]))
         sign = np.ones(self._size)
         sign[multiplier], sign[self._root + 1] = -1.0, -1.0
@@ -135,19 +126,38 @@ class EverettSystem:
         added = self._added_places(mesh)
         places = np.zeros((self._size - self._values_of_field, 2))
         places[: spec.cells] = np.column_stack(np.tril_indices(spec.bands))
-        corner = index[inner, :4].max(axis=1, initial=0)
+        corner = matrix.index[inner, :4].max(axis=1, initial=0)
         places[spec.cells : self._root] = np.tile(places[corner], (2, 1))
-        self._factor = SparseFactor(
+        self._factor = _SparseFactor(
             np.append(rows, added[0]),
             np.append(columns, added[1]),
             sign,
             self._values_of_field,
             places,
-            matrix.order,
+            order,
         )
-        matrix.order = self._factor.elimination.order[: self._size - self._values_of_field]
-        matrix.operations = self.operations
         self._ridge = np.zeros(spec.unknowns)
+
+    def _add_samples(
+        self, entries: _Entries, inner: BoolArray, prediction: IntArray, multiplier: IntArray
+    ) -> None:
+        """Add the squares of all samples, and the equations of the reversals, ``inner`` (T,)."""
+        matrix, weight = self.matrix, self.matrix.spread(self.weight)
+        number = np.full(inner.size + 1, self._root)  # the last is the number of parent -1
+        number[:-1][inner] = prediction
+        before, own = number[matrix.parent][:, None], number[:-1][:, None]
+        index, coefficient = matrix.index, matrix.swing * matrix.coefficient
+        ones = np.ones((inner.size, 1))
+        slope = [np.full((inner.size, 1), self._steep)] * matrix.spec.slope
+        input_ = [matrix.spread(matrix.u)[:, None]] * matrix.spec.slope
+        outer = ~inner & (weight > 0)
+        links = np.hstack([index, before, *slope])
+        factors = np.hstack([coefficient, ones, *input_])
+        entries.squares(links[outer], factors[outer], weight[outer])
+        links, factors = np.hstack([own, *slope]), np.hstack([ones, *input_])
+        entries.squares(links[inner], factors[inner], weight[inner])
+        links, factors = np.hstack([index, before, own]), np.hstack([coefficient, ones, -ones])
+        entries.equations(multiplier, links[inner], factors[inner])
 
     def _added_places(self, mesh: Mesh | None) -> IntArray:
         """Rows and columns of the entries that `factorise` adds: ridges and the prior."""
@@ -170,23 +180,24 @@ class EverettSystem:
         return self.cells - self.matrix.spec.bands
 
     @property
+    def order(self) -> IntArray:
+        """Order of elimination of the unknowns that are not of the field."""
+        return self._factor.elimination.order[: self._size - self._values_of_field]
+
+    @property
     def operations(self) -> float:
         """Multiplications of a factorisation."""
         return self._factor.elimination.operations
 
-    def condition(self, precision: FieldPrecision, scale: FloatArray) -> None:
-        """Set the precision of the prior and the factor of each column."""
-        self.precision, self.scale, self.owner = precision, scale, None
+    def condition(self, scale: FloatArray, precision: FieldPrecision | None = None) -> None:
+        """Set the factor of each column and the precision of the prior."""
+        self.scale, self.precision, self.owner = scale, precision, None
 
     def product(self, z: FloatArray) -> FloatArray:
         """(n,) product with G + S."""
-        x = self.scale * z
-        out = self._adjoint(self.matrix.forward(x) - self.centre @ x)
-        if self.precision is not None:
-            out += self.precision.product(x)
-        return np.asarray(self.scale * out)
+        return self.gradient(self.scale * z, 0.0)
 
-    def gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def gradient(self, x: FloatArray, y: FloatArray | float) -> FloatArray:
         """(n,) scaled gradient of the cost at unknowns ``x`` (n,), for outputs ``y`` (M,)."""
         downhill = self._adjoint(self.matrix.forward(x) - self.centre @ x - y)
         if self.precision is not None:
@@ -205,9 +216,9 @@ class EverettSystem:
         left = self.weight * left
         return np.asarray(self.matrix.adjoint(left) - self.centre * left.sum())
 
-    def factorise(self, ridge: FloatArray | float) -> None:
-        """Factorise the system with this (n,) ridge."""
-        spec, precision, self.owner = self.matrix.spec, self.precision, None
+    def factorise(self, ridge: FloatArray | float, owner: object = None) -> None:
+        """Factorise the system with this (n,) ridge, for this owner."""
+        spec, precision, self.owner = self.matrix.spec, self.precision, owner
         self._ridge = np.broadcast_to(ridge, self.scale.shape)
         steep = self._ridge / self.scale**2
         if precision is not None:
@@ -375,7 +386,7 @@ def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     return rows, columns, cells, signs
 
 
-class SparseFactor:
+class _SparseFactor:
     """Factor of a sparse symmetric matrix whose pattern does not change.
 
     ``rows`` and ``columns`` (E,) are the places of its entries, in one triangle; entries in the

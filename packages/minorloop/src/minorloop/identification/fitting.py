@@ -124,14 +124,12 @@ class FitRecord:
         if short is not None:
             matrix = DesignMatrix(spec, short.u, short.measured, "negative", short.counts)
             row = np.searchsorted(places, short.rows)
-            return Regression(
-                matrix, short.y, row, short.u, short.measured, short.within, noise=self.noise
-            )
+            return Regression(matrix, short.y, row, short.within, self.noise)
         matrix = DesignMatrix(spec, inputs, measured, self.curves.start, self.weight(rows))
         noise = self.noise
         if self.sd is not None:  # noise of an output with a weight of 1
             noise = float(np.mean(self.sd[rows] ** -2.0) ** -0.5)
-        return Regression(matrix, self.y[rows], rows, inputs, measured, noise=noise)
+        return Regression(matrix, self.y[rows], rows, noise=noise)
 
     def _condensed(
         self,
@@ -384,13 +382,12 @@ def _suspect(found: PriorFit, plausible: BoolArray) -> int | None:
 def _is_outlier(without: PriorFit, regression: Regression, sample: int) -> bool:
     """Whether a sample lies far outside the band of a fit without it."""
     h, unit = without.posterior.hyperparameters, without.posterior.unit
-    at_sample = np.zeros(regression.inputs.size, dtype=np.bool_)
-    at_sample[np.flatnonzero(regression.measured)[sample]] = True
-    start = regression.matrix.start
-    deviation = without.posterior.deviation(regression.inputs, start, at_sample)[0]
-    off = float(regression.matrix.forward(without.x)[sample] - regression.y[sample])
-    counts = regression.matrix.counts
-    own = h.noise * unit / (1.0 if counts is None else np.sqrt(counts[sample]))
+    matrix = regression.matrix
+    at_sample = np.zeros(matrix.inputs.size, dtype=np.bool_)
+    at_sample[np.flatnonzero(matrix.sampled)[sample]] = True
+    deviation = without.posterior.deviation(matrix.inputs, matrix.start, at_sample)[0]
+    off = float(matrix.forward(without.x)[sample] - regression.y[sample])
+    own = h.noise * unit / (1.0 if matrix.counts is None else np.sqrt(matrix.counts[sample]))
     return abs(off) > _OUTLIER * float(np.hypot(deviation, own))
 
 

@@ -297,9 +297,6 @@ class _System:
                     f"fit needs more than 8 GB; give at most {MOST_DENSE} levels"
                 )
             return unused
-        if spec.offset:
-            system.centre = matrix.adjoint(self.weight) / self.weight.sum()
-            system.centre[spec.cells] = 0.0
         apart = np.maximum(squares - self.weight.sum() * system.centre**2, _ROUNDING * squares)
         fine = _unit(np.where(varying, apart, squares))
         size = float(np.linalg.norm(share * self.y)) or 1.0

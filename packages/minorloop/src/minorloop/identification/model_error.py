@@ -190,15 +190,15 @@ def learn(
         square, known = _left_out(regression, posterior, part, signed)
         known += (h.discrepancy**2 + h.noise**2) * posterior.unit**2
     else:
-        sd = posterior.deviation(regression.inputs, matrix.start, regression.measured)
+        sd = posterior.deviation(matrix.inputs, matrix.start, matrix.sampled)
         square, known = errors**2, sd**2
     low, high = matrix.spec.levels[[0, -1]]
     spec = PlaneSpec(uniform_levels(low, high, _CELLS))
-    coarse = DesignMatrix(spec, regression.inputs, regression.measured, matrix.start)
+    coarse = DesignMatrix(spec, matrix.inputs, matrix.sampled, matrix.start)
     covariates = np.empty((part.size, 2))
     for k in np.unique(part):
         reach = Reach.of(spec, coarse.corner[part != k])
-        found = reach.covariates(regression.inputs, regression.measured, matrix.start)
+        found = reach.covariates(matrix.inputs, matrix.sampled, matrix.start)
         covariates[part == k] = found[part == k]
     parts = groups
     if parts is None:
@@ -238,7 +238,7 @@ def _left_out(
     plane, h = PlanePrior(spec), posterior.hyperparameters
     h = on_finer_plane(h, posterior.spec, spec)
     square, known = np.empty(part.size), np.empty(part.size)
-    places = np.flatnonzero(regression.measured)
+    places = np.flatnonzero(matrix.sampled)
     with one_thread():
         for k in np.unique(part):
             left = part == k
@@ -246,10 +246,10 @@ def _left_out(
             system = DenseSystem(evidence, plane, h, signed)
             x, _ = system.bounded()
             square[left] = unit**2 * ((matrix.forward(x) - scaled)[left] ** 2)
-            at_left = np.zeros(regression.inputs.size, dtype=np.bool_)
+            at_left = np.zeros(matrix.inputs.size, dtype=np.bool_)
             at_left[places[left]] = True
             one = system.posterior(unit, part.size, 0.0)
-            known[left] = one.variances(regression.inputs, at_left, matrix.start)
+            known[left] = one.variances(matrix.inputs, at_left, matrix.start)
     return square + regression.within, known
 
 

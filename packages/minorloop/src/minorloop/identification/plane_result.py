@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, overload
 
@@ -49,6 +49,23 @@ def _holds(numbers: tuple[int, ...]) -> str:
     return ", ".join(f"hold {number + 1}" for number in numbers)
 
 
+def _lag(fit: Identification) -> str:
+    seconds = f", {fit.lag_seconds:.4g} s" if fit.lag_seconds else ""
+    return f"{counted(fit.lag_of_model, 'sample')}{seconds}"
+
+
+def _known_rank(fit: Identification) -> int | None:
+    """Return the rank if it is known or quickly computed."""
+    # Unknowns up to which the rank is computed without a request. 3000 take 40 s, and the time
+    # grows with their cube.
+    known = "_rank_and_condition" in fit.__dict__ or fit.unknowns <= 3000
+    return fit.rank if known else None
+
+
+def _optimality(fit: Identification) -> str:
+    return f"{fit.kkt:.1e}{'' if fit.converged else ', not converged'}"
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Identification(Fit[Preisach]):
     """A Preisach model identified from a record."""
@@ -68,7 +85,7 @@ class Identification(Fit[Preisach]):
         ScoreRow(
             "baseline_nrmse", "baseline_nrmse", "best delayed polynomial", of_range, kept=True
         ),
-        ScoreRow("", "_lag_text", "lag"),
+        ScoreRow("", _lag, "lag"),
         ScoreRow("samples", "samples", "samples fitted"),
         *MORE_ERRORS,
         ScoreRow("rmse_train", "rmse", "rms error on fitted data", "{:.4g}"),
@@ -78,10 +95,8 @@ class Identification(Fit[Preisach]):
         ScoreRow("held_out", lambda fit: int(fit.held_out.sum()), "samples held out", unless_0),
         ScoreRow("skipped", "skipped", "rows skipped", unless_0),
         ScoreRow("left_out", "of_record.not_fitted", "outliers not fitted", _holds),
-        ScoreRow("jumps", lambda fit: [asdict(one) for one in fit.jumps]),
-        ScoreRow("", "jumps", "jumps at", lambda jumps: ", ".join(map(str, jumps))),
-        ScoreRow("ridge", lambda fit: None if fit.ridge is None else asdict(fit.ridge)),
-        ScoreRow("", "ridge", "mean of the prior", "{.kind} ridge"),
+        ScoreRow("jumps", "jumps", "jumps at", lambda jumps: ", ".join(map(str, jumps))),
+        ScoreRow("ridge", "ridge", "mean of the prior", "{.kind} ridge"),
         ScoreRow("prior", lambda fit: "none" if fit.posterior is None else "gaussian"),
         ScoreRow("smoothness", "smoothness"),
         ScoreRow("", lambda fit: None if fit.posterior else fit.smoothness, "smoothness", "{:g}"),
@@ -94,24 +109,24 @@ class Identification(Fit[Preisach]):
             "{:.1f}",
             kept=True,
         ),
-        ScoreRow("rank", "_known_rank", "rank", absent="not computed; fit.rank is", slow=True),
-        ScoreRow("condition", lambda fit: fit.condition if fit._known_rank is not None else None),
+        ScoreRow("rank", _known_rank, "rank", absent="not computed; fit.rank is", slow=True),
+        ScoreRow("condition", lambda fit: fit.condition if _known_rank(fit) is not None else None),
         ScoreRow("levels", "model.bands"),
-        ScoreRow("range", lambda fit: list(fit.model.range)),
+        ScoreRow("range", "model.range"),
         ScoreRow("excited_fraction", "excited_fraction", "cells excited", "{:.0%}"),
         ScoreRow("kkt", "kkt", kept=True),
-        ScoreRow("", "_optimality", "optimality (KKT)"),
-        ScoreRow("residual", lambda fit: asdict(fit.residual)),
+        ScoreRow("", _optimality, "optimality (KKT)"),
+        ScoreRow("residual", "residual"),
         ScoreRow("", "residual.startup", "start-up", lambda one: counted(one.rows, "row")),
         ScoreRow("", "residual.autocorrelation", "residual autocorrelation", if_finite),
         ScoreRow("band_sd", "band_sd", "standard deviation predicted", "{:.3g}", slow=True),
         ScoreRow("", "_coverage", "within 90 % bands", "{0[0]:.0%} of {0[1]} readings", slow=True),
         ScoreRow("", "_coverage", "mean half width of these", "{0[2]:.4g}", slow=True),
-        ScoreRow("curves", lambda fit: [asdict(one) for one in fit.curve_accuracy]),
-        ScoreRow("choices", lambda fit: [asdict(one) for one in fit.choices]),
-        ScoreRow("chosen", lambda fit: list(fit.chosen)),
+        ScoreRow("curves", "curve_accuracy"),
+        ScoreRow("choices", "choices"),
+        ScoreRow("chosen", "chosen"),
         ScoreRow("codes", lambda fit: [k for fault in fit.codes for k in fault.samples]),
-        ScoreRow("suspects", lambda fit: list(fit.suspects)),
+        ScoreRow("suspects", "suspects"),
         ScoreRow("sd", "of_record.sd"),
     )
 
@@ -328,10 +343,14 @@ class Identification(Fit[Preisach]):
         return diagnosis.rank_and_condition(self.matrix)
 
     @overload
-    def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
+    def predict(
+        self, u: npt.ArrayLike, bands: None = None, curves: npt.ArrayLike | None = None
+    ) -> Samples: ...
 
     @overload
-    def predict(self, u: npt.ArrayLike, bands: float) -> Prediction: ...
+    def predict(
+        self, u: npt.ArrayLike, bands: float, curves: npt.ArrayLike | None = None
+    ) -> Prediction: ...
 
     def predict(
         self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
@@ -407,23 +426,6 @@ class Identification(Fit[Preisach]):
     @property
     def _names_samples(self) -> bool:
         return bool(self.findings or self.codes or self.suspects)
-
-    @property
-    def _lag_text(self) -> str:
-        seconds = f", {self.lag_seconds:.4g} s" if self.lag_seconds else ""
-        return f"{counted(self.lag_of_model, 'sample')}{seconds}"
-
-    @property
-    def _known_rank(self) -> int | None:
-        """The rank, if it is known or quickly computed."""
-        # Unknowns up to which the rank is computed without a request. 3000 take 40 s, and the time
-        # grows with their cube.
-        known = "_rank_and_condition" in self.__dict__ or self.unknowns <= 3000
-        return self.rank if known else None
-
-    @property
-    def _optimality(self) -> str:
-        return f"{self.kkt:.1e}{'' if self.converged else ', not converged'}"
 
     @cached_property
     def _coverage(self) -> tuple[float, str, float]:

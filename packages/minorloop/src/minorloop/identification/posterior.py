@@ -368,7 +368,7 @@ class DenseSystem(PriorSystem):
 
 
 @dataclass(frozen=True, eq=False)
-class SparseSystem(PriorSystem):
+class _SparseSystem(PriorSystem):
     """Normal equations as a sparse system, which other hyperparameters use too."""
 
     evidence: _SparseEvidence
@@ -377,14 +377,13 @@ class SparseSystem(PriorSystem):
         """Return the system with the prior for this variance of a measured output."""
         system, precision = self.evidence.system, self.plane.precision(self.h, variance)
         squares, _ = system.matrix.column_squares(system.weight)
-        system.condition(precision, 1 / np.sqrt(squares + precision.own))
+        system.condition(1 / np.sqrt(squares + precision.own), precision)
         return system, precision
 
     def _factorise(self, variance: float) -> tuple[EverettSystem, FieldPrecision]:
         system = self.evidence.system
         if system.owner != (self, variance):
-            self._condition(variance)[0].factorise(0.0)
-            system.owner = self, variance
+            self._condition(variance)[0].factorise(0.0, (self, variance))
         assert system.precision is not None
         return system, system.precision
 
@@ -470,7 +469,7 @@ def system_of_many(
         most, scale = _FILL * float(cells) ** 3, np.ones(matrix.spec.unknowns)
         system = quick_system(matrix, weight, scale, most, plane.mesh)
     if system is not None:
-        return SparseSystem(_SparseEvidence(system, y), plane, h, signed, centre)
+        return _SparseSystem(_SparseEvidence(system, y), plane, h, signed, centre)
     if cells > _MOST_CELLS:
         raise ParameterError(
             f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "

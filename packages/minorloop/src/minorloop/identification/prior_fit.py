@@ -79,16 +79,13 @@ class Regression:
 
     In a condensed record, each output replaces several samples, one of which is in ``rows``.
 
-    ``inputs`` and ``measured`` are those of the matrix; ``within`` is the mean square of the
-    outputs about the condensed outputs. ``noise`` is the standard deviation of a sample, if it is
-    known.
+    ``within`` is the mean square of the outputs about the condensed outputs. ``noise`` is the
+    standard deviation of a sample, if it is known.
     """
 
     matrix: DesignMatrix
     y: FloatArray
     rows: IntArray
-    inputs: FloatArray
-    measured: BoolArray
     within: float = 0.0
     noise: float | None = None
 
@@ -109,7 +106,7 @@ class Regression:
         correlated = samples <= MOST_CORRELATED and spec.cells <= MOST_DENSE_CELLS
         if self.matrix.counts is not None or not correlated:
             return None
-        return regressors(spec, self.inputs, self.measured, self.matrix.start)
+        return regressors(spec, self.matrix.inputs, self.matrix.sampled, self.matrix.start)
 
     @cached_property
     def coarse(self) -> tuple[PlaneSpec, FloatArray] | None:
@@ -120,8 +117,7 @@ class Regression:
         small = self.matrix.at_most(MOST_SEARCH_BANDS)
         if self.few is None or small is self.matrix:
             return None
-        start = self.matrix.start
-        return small.spec, regressors(small.spec, self.inputs, self.measured, start)[0]
+        return small.spec, regressors(small.spec, small.inputs, small.sampled, small.start)[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from math import isfinite
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
+import msgspec
 import numpy as np
 
 from minorloop import modelfile
@@ -159,8 +160,10 @@ class Scored(Drawn):
     @property
     def figures(self) -> dict[str, Any]:
         """All scores, advice and warnings by name, as ``--json`` prints them."""
-        said = {"advice": list(self.advice), "warnings": list(self.warnings)}
-        return {**{score.name: score.of(self) for score in self.SCORES if score.name}, **said}
+        found = {score.name: score.of(self) for score in self.SCORES if score.name}
+        found |= {"advice": self.advice, "warnings": self.warnings}
+        plain: dict[str, Any] = msgspec.to_builtins(found, enc_hook=lambda array: array.tolist())
+        return plain
 
     def summary(self, *, slow: bool = False) -> list[tuple[str, str]]:
         """Return the scores as text, label and value; with ``slow`` also the slow scores."""

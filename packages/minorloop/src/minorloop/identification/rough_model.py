@@ -147,10 +147,10 @@ def _robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
         weights = 1 / np.maximum(np.abs(rows @ found - near + middle), smallest)
         weights /= weights.mean()
     coefficients = found[1:].reshape(-1, basis.degree)
-    return chebyshev_sums(basis.plays, coefficients, found[0] + middle)
+    return _chebyshev_sums(basis.plays, coefficients, found[0] + middle)
 
 
-def chebyshev_sums(x: FloatArray, coefficients: FloatArray, constant: float) -> FloatArray:
+def _chebyshev_sums(x: FloatArray, coefficients: FloatArray, constant: float) -> FloatArray:
     """For each row of x (T, P), the constant plus sums of Chebyshev polynomials, degrees 1 to D.
 
     ``coefficients`` (P, D): of each column. Clenshaw, Math. Tables Aids Comput. 9, 1955.

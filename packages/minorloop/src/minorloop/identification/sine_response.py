@@ -315,20 +315,25 @@ def _side(preamble: float, offset: float) -> str:
     return "negative" if preamble <= offset else "positive"
 
 
-def unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
-    """Yield a note if an input before a sine does not saturate the operator.
+def _findings(operator: Any, measured: Sequence[MeasuredSine]) -> Iterator[str]:
+    """Yield notes on a preamble that does not saturate the operator, and on a slow bench.
 
-    ``operator``: the operator; only one with ``levels`` is checked; ``preambles``: inputs before
-    the sines.
+    Only an operator with ``levels`` is checked.
     """
     levels = getattr(operator, "levels", None)
-    for preamble in preambles:
+    for preamble in (one.sine.preamble for one in measured):
         if levels is not None and levels[0] < preamble < levels[-1]:
             yield (
                 f"the preamble of {preamble:g} does not saturate the model, whose levels reach "
                 f"from {levels[0]:g} to {levels[-1]:g}; it does not wipe out earlier memory"
             )
-            return
+            break
+    slowest = max((one.slow for one in measured), default=1.0)
+    if slowest > SLOW:
+        yield (
+            f"the bench took up to {slowest - 1:.1%} longer than planned, so frequencies are lower "
+            "by this share; give it a slower tick"
+        )
 
 
 def response_of_file(
@@ -395,11 +400,5 @@ def response_of_file(
     if model is not None:
         model.check_units(names, "the sines")
     response = sine_response(sines)
-    notes = [*response.notes, *unsaturated(operator, [one.sine.preamble for one in measured])]
-    slowest = max((one.slow for one in measured), default=1.0)
-    if slowest > SLOW:
-        notes.append(
-            f"the bench took up to {slowest - 1:.1%} longer than planned, so frequencies are lower "
-            "by this share; give it a slower tick"
-        )
-    return replace(response, names=names, notes=tuple(notes))
+    notes = (*response.notes, *_findings(operator, measured))
+    return replace(response, names=names, notes=notes)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import LARGEST, BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError, SignalError, are, counted
 from minorloop.lab.holds import FoundHold
-from minorloop.lab.noise import frozen, noise_above_resolution, noise_of
+from minorloop.lab.noise import frozen, noise_above_resolution, noise_of, resolution
 
 Kind: TypeAlias = Literal["code", "range", "clipped", "stuck", "outlier", "drift", "lag"]
 _SHOWN = 6
@@ -65,14 +65,23 @@ class Fault:
         return cls(kind, tuple(places.tolist()), float(values[places[0]]), text, remedy)
 
 
-def without(values: FloatArray, faults: Iterable[Fault]) -> FloatArray:
-    """Return readings (T,) with NaN in place of faulty readings."""
-    samples = [sample for fault in faults for sample in fault.samples]
-    if not samples:
-        return values
-    kept = values.copy()
-    kept[samples] = np.nan
-    return kept
+_Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
+"""Finds faults of one kind in readings (T,), NaN if not measured."""
+
+
+def _without(y: FloatArray, detectors: Iterable[_Detector]) -> tuple[FloatArray, tuple[Fault, ...]]:
+    """Return the readings (T,) with NaN in place of faulty ones, and the faults.
+
+    Each detector checks the readings that the previous detectors left.
+    """
+    found: list[Fault] = []
+    for detect in detectors:
+        faults = list(detect(y))
+        if faults:
+            y = y.copy()
+            y[[sample for fault in faults for sample in fault.samples]] = np.nan
+        found += faults
+    return y, tuple(found)
 
 
 def listed(samples: IntArray, values: FloatArray) -> str:
@@ -190,8 +199,7 @@ def without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Fault
             "the range of the instrument and repeat, or scale the outputs to below "
             f"{_OVERLOAD:g}"
         )
-    coded = codes(y)
-    return without(y, coded), coded
+    return _without(y, [codes])
 
 
 def _absurd(y: FloatArray) -> BoolArray:
@@ -208,20 +216,11 @@ def _absurd(y: FloatArray) -> BoolArray:
     return found
 
 
-_Detector: TypeAlias = Callable[[FloatArray], Iterable[Fault]]
-"""Finds faults of one kind in readings (T,), NaN if not measured."""
-
-
 def usable(
     y: FloatArray, limits: tuple[float, float] | None = None
 ) -> tuple[FloatArray, tuple[Fault, ...]]:
     """Return the readings (T,) with NaN in place of unusable readings, and the faults."""
-    found: tuple[Fault, ...] = ()
-    detectors: tuple[_Detector, ...] = (partial(_beyond, limits), *DETECTORS)
-    for detect in detectors:
-        faults = tuple(detect(y))
-        y, found = without(y, faults), (*found, *faults)
-    return y, found
+    return _without(y, (partial(_beyond, limits), *DETECTORS))
 
 
 def _beyond(limits: tuple[float, float] | None, y: FloatArray) -> Iterator[Fault]:
@@ -246,9 +245,8 @@ def _clipped(y: FloatArray) -> Iterator[Fault]:
         return
     for word, extreme in (("lowest", known.min()), ("highest", known.max())):
         at = y == extreme
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
         # Equal readings in a row, at an end of the range of the output, that count as clipped
-        often = int(np.diff(edges)[::2].max()) >= 4
+        often = np.diff(_runs(at)).max() >= 4
         if often and noise_above_resolution(known[known != extreme]):
             yield clipped(y, np.flatnonzero(at), word)
 
@@ -306,8 +304,9 @@ def without_spikes(
     found = np.zeros(y.size, dtype=np.bool_)
     for hold in holds:
         found[hold.begin : hold.end] = spikes(y[hold.begin : hold.end])
-    faults = (far_from_others(y, np.flatnonzero(found)),) if found.any() else ()
-    return without(y, faults), faults
+    if not found.any():
+        return y, ()
+    return np.where(found, np.nan, y), (far_from_others(y, np.flatnonzero(found)),)
 
 
 def input_without_spikes(u: FloatArray, name: str) -> tuple[FloatArray, tuple[Fault, ...]]:
@@ -332,25 +331,24 @@ def _largest(y: FloatArray) -> BoolArray:
     # distances are large
     usual = median_filter(np.abs(away), 3 * _WIDTH, mode="mirror")
     # Distance of a spike from the median, in standard deviations of the noise, and in steps
-    noise = max(8.0 * noise_of(np.diff(y, 2), 2), 4.0 * _step(y))
+    noise = max(8.0 * noise_of(np.diff(y, 2), 2), 4.0 * resolution(y))
     limit = np.maximum(noise, 8.0 * usual)
     size = np.zeros(y.size)
     for way in (1, -1):
-        edges = np.flatnonzero(np.diff(way * away > limit, prepend=False, append=False))
-        for begin, end in edges.reshape(-1, 2).tolist():
-            far = float(np.abs(away[begin:end]).max())
-            beside = [way * y[k] for k in (begin - 1, end) if k < y.size]
-            rise = float((way * y[begin:end]).min() - max(beside))
-            # If the neighbouring readings differ by more than a rise, it may be an overshoot.
-            sharp = rise >= max(_SHARP * far, max(beside) - min(beside))
+        for begin, end in _runs(way * away > limit).tolist():
             # The first readings of a hold may belong to the previous hold.
-            if sharp and begin and end - begin <= _LONGEST:
+            if begin == 0 or end - begin > _LONGEST:
+                continue
+            far = np.abs(away[begin:end]).max()
+            beside = np.append(y[begin - 1], y[end : end + 1])
+            rise = np.min(way * y[begin:end]) - np.max(way * beside)
+            # If the neighbouring readings differ by more than a rise, it may be an overshoot.
+            if rise >= max(_SHARP * far, np.ptp(beside)):
                 size[begin:end] = far
     found: BoolArray = (size > 0) & (size >= _LARGE * size.max())
     return found
 
 
-def _step(y: FloatArray) -> float:
-    """Return the least difference of two readings, 0 if all are equal."""
-    steps = np.diff(np.unique(y))
-    return float(steps.min()) if steps.size else 0.0
+def _runs(at: BoolArray) -> IntArray:
+    """(N, 2) begin and end of each run of true values."""
+    return np.flatnonzero(np.diff(at, prepend=False, append=False)).reshape(-1, 2)

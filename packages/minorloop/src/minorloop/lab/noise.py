@@ -108,7 +108,7 @@ class Response:
         ``level``: its input; ``known`` (T,): its readings; ``clear``: least change of the readings,
         in their unit, if the output has moved.
         """
-        ends = _widened(_NONE, known[known.size // 2 :])
+        ends = widened(_NONE, known[known.size // 2 :])
         turns, at_turn, moved = self.turns, self.at_turn, self.moved
         if (level - self.level) * (self.level - turns[1]) <= 0 or math.isnan(turns[1]):
             turns, at_turn = (turns[1], self.level), self.ends
@@ -165,7 +165,7 @@ class RepeatedReadings:
 
         ``levels`` (N,): inputs of the run, NaN if not known yet.
         """
-        return cls(_widened(_NONE, levels))
+        return cls(widened(_NONE, levels))
 
     def after(self, level: float, readings: FloatArray) -> RepeatedReadings:
         """Return the state after one more hold.
@@ -173,14 +173,14 @@ class RepeatedReadings:
         ``level``: its input; ``readings`` (T,): its readings, NaN if not measured.
         """
         known = readings[np.isfinite(readings)]
-        reach = _widened(self.range, level)
+        reach = widened(self.range, level)
         values = np.unique(known) if known.size else np.array([math.nan])
         if values.size > 1 or not np.array_equal(values, self.readings, equal_nan=True):
             # Holds before the repeated reading that show the noise and the resolution
             latest = (*self.latest, known)[-4:]
-            extremes = _widened(self.extremes, known)
+            extremes = widened(self.extremes, known)
             clear = max(
-                _CLEAR * _resolution(np.concatenate(latest)), _SHARE * float(np.ptp(extremes))
+                _CLEAR * resolution(np.concatenate(latest)), _SHARE * float(np.ptp(extremes))
             )
             return RepeatedReadings(
                 range=reach,
@@ -195,7 +195,7 @@ class RepeatedReadings:
             self,
             range=reach,
             holds=self.holds + 1,
-            inputs=_widened(self.inputs, level),
+            inputs=widened(self.inputs, level),
             repeated=self.repeated + known.size,
             response=self.response.after(level, known, math.inf),
         )
@@ -210,7 +210,7 @@ class RepeatedReadings:
         if not change or change < share * whole:
             return False
         before = np.concatenate(self.latest)
-        step = _resolution(before)
+        step = resolution(before)
         if not step:
             return bool(share < _ACROSS or change == whole)
         # A sensor with at least 16 steps over the range of its readings is not coarse
@@ -225,7 +225,7 @@ class RepeatedReadings:
         return bool(inside and runs and runs[-1][1] == values.size and np.ptp(self.inputs))
 
 
-def _resolution(readings: FloatArray) -> float:
+def resolution(readings: FloatArray) -> float:
     """Return the resolution of readings (N,), in their unit; 0 if all are equal."""
     steps = np.abs(np.diff(readings))
     steps = steps[steps > 0]
@@ -234,7 +234,7 @@ def _resolution(readings: FloatArray) -> float:
     return float(np.quantile(steps, 0.01)) if steps.size else 0.0
 
 
-def _widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:
+def widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:
     """Return the lowest and the highest value after more values; NaN does not count."""
     all_of_them = np.append(ends, values)
     return float(np.fmin.reduce(all_of_them)), float(np.fmax.reduce(all_of_them))
@@ -251,4 +251,4 @@ def noise_above_resolution(values: FloatArray) -> float:
     if np.mean(ways[1:] * ways[:-1] < 0) < 0.5:
         return 0.0
     sd = noise_of(bends, 2)
-    return sd if sd >= _resolution(values) else 0.0
+    return sd if sd >= resolution(values) else 0.0

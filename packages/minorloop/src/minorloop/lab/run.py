@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import (
@@ -27,7 +26,7 @@ from minorloop.errors import (
 from minorloop.lab.actuator import ROUNDING, SIX_DIGITS, Actuator, Rounding, Timed, check_input
 from minorloop.lab.faults import spikes
 from minorloop.lab.holding import Hold
-from minorloop.lab.noise import RepeatedReadings
+from minorloop.lab.noise import RepeatedReadings, widened
 from minorloop.lab.plan import Plan
 from minorloop.lab.settling import SPAN_SHARE, judge, settled_after, trend
 from minorloop.lab.signals import Allowed, Deferred, ended_by_signals
@@ -289,8 +288,7 @@ class _Levels:
     ) -> None:
         self._actuator, self._store, self._choose, self._watch = actuator, store, choose, watch
         self._points = [] if choose is None else store.points()
-        self._last, self._ended, totals = store.last(), ended, store.totals()
-        self._ends = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
+        self._last, self._ended, self._ends = store.last(), ended, _ends(store)
         self._repeated = RepeatedReadings.of_plan(store.plan.inputs)
 
     def measure(self) -> None:
@@ -305,7 +303,7 @@ class _Levels:
             self._last = point
             if self._choose is not None:
                 self._points.append(point)
-            self._ends = _widened(self._ends, point.value)
+            self._ends = widened(self._ends, point.value)
             before, self._repeated = self._repeated, self._repeated.after(level, readings)
             warning = _warning(before, self._repeated, self._actuator, index)
             said = point.value, point.held, point, warning
@@ -332,7 +330,7 @@ class _Levels:
             hold.add(self._actuator.apply(level, length, plan.sample_interval), length)
             self._watch(RunProgress(index, len(plan), level, hold.latest, hold.held))
             t, y = hold.trace
-            tolerance = _tolerance(plan, index, _widened(self._ends, y))
+            tolerance = _tolerance(plan, index, widened(self._ends, y))
             line = trend(t, y, plan.window)
             settled = line is not None and line.is_below(tolerance)
             if settled and not self._repeated.after(level, y).verdict:
@@ -359,12 +357,6 @@ class _Levels:
 def _state(actuator: Actuator) -> dict[str, Any] | None:
     """Return the state of a twin; None for instruments."""
     return actuator.checkpoint() if isinstance(actuator, Restorable) else None
-
-
-def _widened(ends: FloatArray, outputs: npt.ArrayLike) -> FloatArray:
-    """Return the lowest and the highest output (2,) after more outputs; NaN does not count."""
-    values = np.append(ends, outputs)
-    return np.array([np.fmin.reduce(values), np.fmax.reduce(values)])
 
 
 def _warning(
@@ -453,7 +445,15 @@ def measured_sines(store: Store) -> list[MeasuredSine]:
     ]
 
 
-def _tolerance(plan: Plan, index: int, ends: FloatArray) -> float:
+def _ends(store: Store) -> tuple[float, float]:
+    """Return the lowest and the highest output of a store, NaN before the first."""
+    totals = store.totals()
+    return widened(
+        (math.nan, math.nan), np.array([totals["lowest"], totals["highest"]], dtype=float)
+    )
+
+
+def _tolerance(plan: Plan, index: int, ends: tuple[float, float]) -> float:
     if plan.tolerance is not None:
         return plan.tolerance
     span = float(np.ptp(ends))
@@ -465,9 +465,7 @@ def long_enough(store: Store) -> float:
 
     It follows from the latest extrapolated holds; NaN if they do not determine it.
     """
-    plan, totals = store.plan, store.totals()
-    ends = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
-    found = []
+    plan, ends, found = store.plan, _ends(store), []
     for point in store.points(max(len(store) - _JUDGED, 0)):
         if point.verdict == "extrapolated":
             longest = float(plan.longest[point.index])

@@ -33,7 +33,7 @@ _SLOWER = 1.0
 _TRUST = 0.1
 """A limit is trusted up to an uncertainty of this share of the change of the fitted tail. A ramp,
 which has no limit, exceeds it."""
-STRETCH = 2.5
+_STRETCH = 2.5
 """Number of windows over which a noisy output has to be constant."""
 FEWEST_STILL = 8
 """Least samples that distinguish movement from noise."""
@@ -157,7 +157,7 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
 def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     """Whether an output cannot be distinguished from a constant with white noise.
 
-    The slope over the last ``STRETCH`` windows must not be significant by Student's distribution.
+    The slope over the last 2.5 windows must not be significant by Student's distribution.
     Neighbours must not be more similar than those of white noise, by the ratio of von Neumann
     (Distribution of the ratio of the mean square successive difference to the variance, 1941),
     whose distribution is approximated by a beta distribution of the same variance. An output that
@@ -168,7 +168,7 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     """
     from scipy.special import betainc, stdtr
 
-    times, values = _trailing(*_measured(t, y), STRETCH * window)
+    times, values = _trailing(*_measured(t, y), _STRETCH * window)
     if times.size < FEWEST_STILL or times[-1] == times[0]:
         return False
     x = times - times.mean()
@@ -261,7 +261,7 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
             verdict: Verdict = "settled" if settled else "extrapolated"
             return Settling(end.value, end.sd, verdict, *slopes)
     if still:
-        line = trend(t, y, STRETCH * window) or line
+        line = trend(t, y, _STRETCH * window) or line
     # Assumed time constant of the slope at the end of a hold, as a share of the hold
     way = 0.5 * float(np.ptp(t)) * abs(line.slope)
     if end is not None:

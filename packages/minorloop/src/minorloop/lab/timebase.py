@@ -137,24 +137,13 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
             f"{name} stands still or runs backwards at {np.count_nonzero(steps <= 0)} of "
             f"{steps.size} steps; {_why_no_clock(steps)}give another column, or leave it out"
         )
-    notes, of_steps = [], []
-    if was_set.any():
-        first = int(np.argmax(was_set))
-        times_set = counted(int(np.count_nonzero(was_set)), "time")
-        size = abs(steps[first])
-        how = "to or from summer time" if size < 2 * _HOUR else "to or from the date"
-        how = "a time of day at midnight" if 2 * _HOUR < size <= _DAY else how
-        notes.append(
-            f"the clock was set {times_set}, first by "
-            f"{steps[first] - interval:.10g} s after sample {first}, as {how}; time and memory "
-            f"continue there with the usual interval of {interval:.4g} s"
-        )
+    notes = [_clock_set(steps, was_set, interval)] if was_set.any() else []
     if back.size:
         first = int(back[0])
         notes.append(
             f"the clock was set back {counted(back.size, 'time')}, first by {-steps[first]:.4g} s "
-            "after "
-            f"sample {first}; time continues there with the usual interval of {interval:.4g} s"
+            f"after sample {first}; time continues there with the usual interval of "
+            f"{interval:.4g} s"
         )
     if back.size or was_set.any():
         steps[back] = steps[was_set] = interval
@@ -171,20 +160,31 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         )
     usual = np.delete(steps, np.concatenate([gaps, back]))
     uneven = float(np.mean(np.abs(usual - interval) > UNEVEN * interval)) if usual.size else 0.0
-    repeated = int(np.count_nonzero(steps == 0))
+    repeated, of_steps = int(np.count_nonzero(steps == 0)), tuple[str, ...]()
     if repeated > 0.01 * steps.size:
-        of_steps.append(
+        of_steps = (
             f"{name} repeats itself at {repeated} of {steps.size} steps, as times do that are "
-            f"rounded to {float(forward.min()):.4g} s: write more digits, or number the samples"
+            f"rounded to {float(forward.min()):.4g} s: write more digits, or number the samples",
         )
     elif uneven > 0.01:
-        of_steps.append(
+        of_steps = (
             f"samples are uneven: {uneven:.0%} of the steps differ from the usual interval of "
-            f"{interval:.4g} s by more than {UNEVEN:.0%}"
+            f"{interval:.4g} s by more than {UNEVEN:.0%}",
         )
     others = _implausible(interval, float(times[-1] - times[0]), name, unit)
-    return TimeCheck(
-        times, interval, gaps, back, uneven, tuple(notes), tuple(of_steps), tuple(others)
+    return TimeCheck(times, interval, gaps, back, uneven, tuple(notes), of_steps, tuple(others))
+
+
+def _clock_set(steps: FloatArray, was_set: BoolArray, interval: float) -> str:
+    """Say how often and by how much a clock was set to another time of day or date."""
+    first, count = int(np.argmax(was_set)), int(np.count_nonzero(was_set))
+    size, how = abs(steps[first]), "to or from the date"
+    if size <= _DAY:
+        how = "a time of day at midnight" if size > 2 * _HOUR else "to or from summer time"
+    return (
+        f"the clock was set {counted(count, 'time')}, first by {steps[first] - interval:.10g} s "
+        f"after sample {first}, as {how}; time and memory continue there with the usual interval "
+        f"of {interval:.4g} s"
     )
 
 

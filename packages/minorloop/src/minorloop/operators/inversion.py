@@ -102,9 +102,7 @@ def as_targets(
     return wanted, reachable
 
 
-def refuse_unreachable(
-    targets: FloatArray, low: float, high: float, reachable: BoolArray, unit: str = ""
-) -> None:
+def refuse_unreachable(targets: FloatArray, low: float, high: float, reachable: BoolArray) -> None:
     """Refuse targets that are out of reach.
 
     Raises an `UnreachableError` that names the first of them.
@@ -112,11 +110,10 @@ def refuse_unreachable(
     if reachable.all():
         return
     index = int(np.argmin(reachable))
-    of = f" {unit}" if unit else ""
     target, bottom, top = _in_few_digits(float(targets[index]), low, high)
     raise UnreachableError(
-        f"target {target}{of} at index {index} is beyond what the model can reach, "
-        f'[{bottom}, {top}]{of}; pass unreachable="clip" to go as near as it can'
+        f"target {target} at index {index} is beyond what the model can reach, "
+        f'[{bottom}, {top}]; pass unreachable="clip" to go as near as it can'
     )
 
 

@@ -67,7 +67,7 @@ def serve(
         backlog=WAITING,
     )
     for name in ("uvicorn.error", "asyncio"):
-        logging.getLogger(name).addFilter(RateLimitedLog())
+        logging.getLogger(name).addFilter(_RateLimitedLog())
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
         runner.run(_served(server(config), listener))
 
@@ -176,13 +176,11 @@ class Sockets(WebSocketsSansIOProtocol):
             self.transport.close()
 
 
-class RateLimitedLog(logging.Filter):
-    """Log filter that passes at most ``most`` messages in ``seconds``."""
+class _RateLimitedLog(logging.Filter):
+    """Log filter that passes at most five messages in ten seconds."""
 
-    def __init__(self, most: int = 5, seconds: float = 10.0) -> None:
-        super().__init__()
-        self._most, self._seconds = most, seconds
-        self._began, self._count = -seconds, 0
+    _most, _seconds = 5, 10.0
+    _began, _count = -_seconds, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a message may pass; the first after a pause gives the number left out."""

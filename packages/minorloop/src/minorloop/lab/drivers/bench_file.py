@@ -73,7 +73,7 @@ from minorloop.lab.conversion import (
     LaserCurvature,
     linear,
 )
-from minorloop.lab.drivers.bench import Bench, Clock, check_rest
+from minorloop.lab.drivers.bench import Bench, check_rest
 from minorloop.lab.drivers.device import (
     Device,
     DeviceChannel,
@@ -204,28 +204,28 @@ class _Rows:
         )
 
 
-def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
+def open_bench(path: PathLike) -> Bench:
     """Return the actuator that a file describes; make it safe and read it first.
 
-    ``path``: the file, TOML or JSON; ``clock``: by default the clock of the machine. Raises a
-    `ParameterError` if the file cannot be read, or does not describe a bench; a `MissingExtraError`
-    if the library of a driver is not installed; an `InstrumentError` if a device is missing, busy,
-    or does not answer; a `SafetyError` if it does not confirm that it is safe.
+    ``path``: the file, TOML or JSON. Raises a `ParameterError` if the file cannot be read, or does
+    not describe a bench; a `MissingExtraError` if the library of a driver is not installed; an
+    `InstrumentError` if a device is missing, busy, or does not answer; a `SafetyError` if it does
+    not confirm that it is safe.
     """
     path = Path(path)
-    content = read_description(path)
+    content = _read_description(path)
     description = relevant(content)
     if "input" in content:
         single = parsed(_SingleFile, content, path)
         content, description = _several(single, path), _without_defaults(single)
     described = parsed(_BenchFile, content, path)
     try:
-        return _opened(described, description, path.parent, clock)
+        return _opened(described, description, path.parent)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def read_description(path: Path) -> dict[str, Any]:
+def _read_description(path: Path) -> dict[str, Any]:
     """Return the content of a file, TOML if its name ends in ``.toml``, JSON otherwise.
 
     Raises a `ParameterError` if it cannot be read, or is not a table.
@@ -307,9 +307,7 @@ def _several(single: _SingleFile, path: Path) -> dict[str, Any]:
     }
 
 
-def _opened(
-    described: _BenchFile, description: dict[str, Any], folder: Path, clock: Clock | None
-) -> Bench:
+def _opened(described: _BenchFile, description: dict[str, Any], folder: Path) -> Bench:
     sources = _Rows(_SourceRow, described.sources, "source")
     sensors = _Rows(_SensorRow, described.sensors, "sensor")
     lines = _Rows(_LineRow, described.lines, "line")
@@ -350,7 +348,6 @@ def _opened(
             outputs,
             rest=rest,
             tick=described.tick,
-            clock=clock,
             description=description,
             safe_within=described.safe_within,
             links=(wiring,),
