@@ -183,7 +183,6 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
         "scans": len(scans),
         "depth_share": mean([math.isfinite(one.depth_error) for one in scans]),
         "depth_error_mm": median(deep),
-        "depth_error_mm_worst": max(deep, default=math.nan),
         "verdicts": dict(Counter(one.scan for one in scans)),
     }
     for name, (low, high) in CLASSES.items():

@@ -83,7 +83,6 @@ def run_static(seed: int) -> Results:
             "rms_deg": rms(errors["power"]),
             "mesh_rms_deg": rms(errors["mesh"]),
             "dots_rms_deg": rms(errors["dots"]),
-            "max_deg": float(np.abs(errors["power"]).max()),
             "moving_rms_deg": rms(errors["power"][between]),
             "moving_holds": int(between.sum()),
         },
@@ -94,8 +93,6 @@ def run_static(seed: int) -> Results:
             "rms_pct": 100 * rms(found.y - targets) / (high - low),
             "driven_rms_deg": rms(driven[name] - targets),
         }
-    stepping, exact = (figures[f"{name}_inverse"] for name in inverses)
-    exact["times_better"] = stepping["rms_pct"] / max(exact["rms_pct"], 1e-13)
     return Results(
         figures, paper=paper, wires=wires, coupling=coupling, inputs=inputs, settled=settled,
         predictions=predictions, targets=targets, driven=driven, arbitrary=arbitrary,
@@ -195,23 +192,21 @@ def _identified(seed: int) -> tuple[tuple[HeatedIdentification, ...], FloatArray
 
 def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:
     """Identify one axis by its sensors."""
-    found, readings, _ = identify_axis(
+    return identify_axis(
         axis,
         lambda currents, first: _settled(seed, axis, currents),
         lambda: step_record(seed, axis),
     )
-    return found, readings
 
 
 def identify_axis(
     axis: int,
     settled: Callable[[FloatArray, bool], FloatArray],
     step: Callable[[], tuple[FloatArray, FloatArray, FloatArray]],
-) -> tuple[HeatedIdentification, FloatArray, int]:
+) -> tuple[HeatedIdentification, FloatArray]:
     """Identify one axis from a first loop, holds where it moves, minor loops too, and a step.
 
-    Returns the model, the readings (2, n) of both axes while only this one moved, and the number of
-    holds without a reading.
+    Returns the model, and the readings (2, n) of both axes while only this one moved.
 
     Parameters
     ----------
@@ -229,8 +224,7 @@ def identify_axis(
     holds = wire_holds(levels, minor_loops=True)
     readings = settled(holds, False)
     found = identify_heating(holds, readings[:, axis], step=step(), levels=levels)
-    lost = int(np.isnan(readings[:, axis]).sum() + (~good).sum())
-    return found, readings[np.isfinite(readings).all(axis=1)].T, lost
+    return found, readings[np.isfinite(readings).all(axis=1)].T
 
 
 def _settled(

@@ -380,8 +380,7 @@ def draw_servo(study: Results) -> Any:
     t = swayed.t[late] - SWAY_WAIT
     lines = [(still.t, still.off, "C0", "constant angles, without camera")]
     lines.append((t, swayed.off[late], "C1", "tracked and held"))
-    if swayed.left is not None:
-        lines.append((t, swayed.left[late], "C2", "and the picture shifted"))
+    lines.append((t, swayed.left[late], "C2", "and the picture shifted"))
     most = 1.5 * float(max(still.off.max(), swayed.off[late].max(initial=0.0)))
     words, limit = ("time [s]", "off the middle [px]"), level(SETTLED_PX, "0.3 -- 0.8")
     frame: dict[str, Any] = {"title": "sway of 1 degree", "ylim": (0.0, most)}

@@ -49,10 +49,9 @@ _TICK = 0.04
 def run_pick(scene: Scene) -> dict[str, float]:
     """Click on a hole, put the point on its outline, centre, expose for it and focus on it.
 
-    ``clicked``, ``outlined`` and ``final`` are distances in pixels of the point from the true
-    middle of the hole: at the click, on the outline, and tracked once it is centred and in focus;
-    ``off`` is that of the true middle from the middle of the image then. ``focus`` is the relative
-    error of the distance by the autofocus, NaN if it failed.
+    ``final`` is the distance in pixels of the point from the true middle of the hole, tracked once
+    it is centred and in focus. ``focus`` is the relative error of the distance by the autofocus,
+    NaN if it failed.
     """
     rig = scene.rig()
     tip, hole = rig.tip, scene.hole
@@ -60,7 +59,7 @@ def run_pick(scene: Scene) -> dict[str, float]:
     assert isinstance(rig.plant, Rig)
     seen = partial(scoring.true_pixel, tip.camera, hole.phi, hole.z)
     picked, centring = clicked(scene, rig, seen), Centring(calibration=rig.calibration)
-    state = rig.run(centring.centre(Centred(place=picked.place, shown=picked.pixel)))
+    state = rig.run(centring.centre(picked))
     meter(rig, state.place)
     lens = rig.calibration.lens
     found = rig.run(focus(lens, lens.centre, wall_ahead(rig.calibration, rig.reading())))
@@ -71,10 +70,7 @@ def run_pick(scene: Scene) -> dict[str, float]:
     point = scoring.middle_of(scene.mount, rig.plant, (hole.phi, hole.z), scene.pipe.radius)
     sharp = found.verdict == "sharp"
     return {
-        "clicked": 0.5 * math.dist(picked.click, picked.true),
-        "outlined": 0.5 * math.dist(picked.pixel, picked.true),
         "final": 0.5 * math.dist(track.pixel, now) if track.verdict == TRACKED else math.inf,
-        "off": 0.5 * math.dist(now, lens.centre),
         "focus": found.distance / float(point[2]) - 1 if sharp else math.nan,
     }
 
@@ -183,11 +179,8 @@ def sight_figures(
     tracked = np.concatenate([one.tracked for one in insertions])
     return {
         "pick": {
-            "click_px": median(each["clicked"]),
-            "outline_px": max(each["outlined"]),
             "final_error_px": max(each["final"]),
             "final_median_px": median(each["final"]),
-            "off_middle_px": max(each["off"]),
             "focus_error_pct": 100 * max(known, default=math.nan),
             "focus_failed": len(picks) - len(known),
         },

@@ -19,7 +19,7 @@ from papers.catheter import (
     tracking_trials,
 )
 from papers.catheter.head_loop import constant, run_loop
-from papers.catheter.inspection_servo import IntegralStudy
+from papers.catheter.inspection_servo import integral_results
 from papers.catheter.picture_sensor import PictureSensor
 from papers.harness import Results
 from servo_runs import held_points
@@ -57,7 +57,9 @@ def study():
         }  # fmt: skip
         for name, value in by_camera.items():
             patch.setattr(head_camera, name, value)
-        patch.setattr(inspection_servo, "run_integral", lambda seed: IntegralStudy(held_points()))
+        patch.setattr(
+            inspection_servo, "run_integral", lambda seed: integral_results(held_points())
+        )
         yield head.run_study(1)
 
 
@@ -66,7 +68,7 @@ def seen_wires(seed):
     found, moves = zip(*(head_static._wire(seed, axis) for axis in range(2)), strict=True)
     view = PictureSensor(Head(seed), seed).survey()
     wires, coupling = [one.model for one in found], identify_coupling(moves)
-    return Results(wires=wires, coupling=coupling, view=view, lost=0)
+    return Results(wires=wires, coupling=coupling, view=view)
 
 
 def circled(seed, control, circle, camera):

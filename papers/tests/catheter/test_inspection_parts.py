@@ -35,7 +35,7 @@ from papers.catheter.detection import (
     recall_curve,
 )
 from papers.catheter.inspection import missed_holes
-from papers.catheter.inspection_servo import STROKE_SHARE, IntegralStudy, Scene, ServoRun
+from papers.catheter.inspection_servo import STROKE_SHARE, Scene, ServoRun, integral_results
 from papers.catheter.sweep_trials import ScoredSweep, pipe_map
 from papers.claims import claim_table, figure
 from papers.harness import Results
@@ -249,7 +249,9 @@ def test_everything_is_gathered_and_reported():
     kinds = dict.fromkeys(
         ("pit", "gyroscope", "joints", "unfocused", "dished", "dented", "hole", "fused"), (scan,)
     ) | {"dry": (dry,)}
-    run = ServoRun(np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
+    run = ServoRun(
+        np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2, np.ones(2), np.ones((2, 2))
+    )
     outcomes = [
         SceneOutcome(mode, hole, hole, 1e-5, 0.0, 0)
         for mode in ("switched", "single", "dither", "flooded", "sizes")
@@ -301,7 +303,7 @@ def test_every_hole_is_within_reach_of_the_wires():
 
 
 def test_figures_compare_runs_with_the_integral_and_without():
-    found = IntegralStudy(held_points(off=0.1, without=0.4, printed=90.0)).figures()["integral"]
+    found = integral_results(held_points(off=0.1, without=0.4, printed=90.0)).figures()["integral"]
     assert found["sway_ratio"] == pytest.approx(0.25)
     assert found["offset_px"] == pytest.approx(0.1)
     assert found["without_drift_px"] == pytest.approx(0.4)
