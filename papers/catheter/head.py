@@ -279,9 +279,7 @@ def _run(
 ) -> dict[Key, HeadRun]:
     """Run experiments on one specimen."""
     return {
-        (what, name): run_loop(
-            name, controls[name], way, seconds, specimen=seed, seed=seed, **options
-        )
+        (what, name): run_loop(controls[name], way, seconds, specimen=seed, seed=seed, **options)
         for what, names, way, seconds, options in experiments
         for name in names
     }

@@ -97,7 +97,7 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray, arbitrary: 
     predicted = seen.wires[0].simulate(arbitrary.t, arbitrary.command * CURRENT / COMMAND)
     controls = {name: seen_control(name, seen) for name in LAWS}
     steps = {
-        (name, target): run_step(seed, name, control, target, _camera(seed, seen.view))
+        (name, target): run_step(seed, control, target, _camera(seed, seen.view))
         for name, control in controls.items()
         for target in (STEPS if name in LAWS[:2] else STEPS[-1:])
     }
@@ -136,7 +136,6 @@ def _camera(seed: int, view: HeadCalibration, *bores: Bore) -> Callable[[Head], 
 
 def run_step(
     seed: int,
-    law: str,
     control: HeadControl,
     target: float,
     camera: Callable[[Head], PictureSensor],
@@ -144,9 +143,7 @@ def run_step(
 ) -> HeadRun:
     """Step pan of a cold head to a target in degrees, by the camera alone."""
     options: dict[str, Any] = {"surroundings": surroundings, "camera": camera}
-    return run_loop(
-        law, control, constant(target), STEP_SECONDS, specimen=seed, seed=seed, **options
-    )
+    return run_loop(control, constant(target), STEP_SECONDS, specimen=seed, seed=seed, **options)
 
 
 def run_circle(
@@ -187,7 +184,7 @@ def run_circle(
         return pan, tilt
 
     seconds = WAIT + circle.period
-    run = run_loop(LAWS[0], control, way, seconds, specimen=seed, seed=seed, camera=give)
+    run = run_loop(control, way, seconds, specimen=seed, seed=seed, camera=give)
     late, sensor = run.t > WAIT, sensors[0]
     wanted = 1e3 * np.array([off(t) for t in run.t[late]])
     reached = 1e3 * places_seen(
@@ -258,9 +255,9 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> dic
     rivals = {}
     for law in LAWS:
         control, camera = seen_control(law, seen), _camera(seed, seen.view)
-        steps = [run_step(seed, law, control, target, camera) for target in STEPS]
+        steps = [run_step(seed, control, target, camera) for target in STEPS]
         disturbed = [
-            run_step(seed, law, control, STEPS[-1], camera, around) for around in DISTURBED.values()
+            run_step(seed, control, STEPS[-1], camera, around) for around in DISTURBED.values()
         ]
         round_hole = run_circle(seed, control, circle, _camera(seed, seen.view, circle.hole))
         rivals[law] = {**controller_figures(steps, disturbed), "circle_rms_mm": round_hole.rms}

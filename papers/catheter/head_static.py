@@ -19,7 +19,6 @@ from minorloop.dynamics.linear import Linear
 from minorloop.identification import Identification, excitation
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
-from minorloop_head.control.controller import mean_slope
 from minorloop_head.control.heating import (
     HeatedIdentification,
     identify_coupling,
@@ -30,6 +29,7 @@ from minorloop_head.control.heating import (
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings
+from papers.catheter.control.internal_model import mean_lag
 from papers.catheter.head_loop import NOISE, TICK
 from papers.facts import identify_settled
 from papers.harness import Results, rms
@@ -135,12 +135,11 @@ def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Results:
     current = command * CURRENT / COMMAND
     head = Head(seed, NOISE, 2 * seed)
     heated = Linear.lags(heating_lag(seed, mesh)).simulate(t, command)
-    lag = wire.lag + wire.latent * mean_slope(wire)
     angle = np.asarray(head.drive(t, np.array([current, np.zeros(t.size)])).y[0])
     predicted = {
         "power": wire.simulate(t, current),
         "mesh": mesh.simulate(heated),
-        "ideal": Linear.lags(lag).simulate(t, wire.operator.simulate(current**2)),
+        "ideal": Linear.lags(mean_lag(wire)).simulate(t, wire.operator.simulate(current**2)),
     }
     figures = arbitrary_figures(t, angle, predicted)
     return Results(figures, t=t, command=command, angle=angle, predicted=predicted)
@@ -208,13 +207,9 @@ def identify_axis(
 
     Returns the model, and the readings (2, n) of both axes while only this one moved.
 
-    Parameters
-    ----------
-    settled : callable
-        Returns readings (n, 2) in degrees at the ends of holds of currents (n,) in A, the other
-        axis cold, NaN without a reading; its last argument says whether it is the first loop.
-    step : callable
-        Returns the same as `step_record`.
+    ``settled`` returns readings (n, 2) in degrees at the ends of holds of currents (n,) in A, the
+    other axis cold, NaN without a reading; its last argument says whether it is the first loop.
+    ``step`` returns the same as `step_record`.
     """
     up = np.linspace(0.0, CURRENT, 25)
     loop = np.concatenate([up, up[-2::-1]])

@@ -73,7 +73,7 @@ def seen_wires(seed):
 
 def circled(seed, control, circle, camera):
     """A circle that is not driven."""
-    run = run_loop("observer", control, constant(0.0), 0.2, specimen=seed, seed=seed)
+    run = run_loop(control, constant(0.0), 0.2, specimen=seed, seed=seed)
     around = np.stack([4 * np.cos(run.t), 4 * np.sin(run.t)], axis=1)
     return Results(t=run.t, wanted=around, reached=around + 0.1, rms=0.1 * 2**0.5, run=run)
 
@@ -107,7 +107,7 @@ def test_the_report_has_every_figure(study, figures):
     order = [page.index(f"<h2>Fig {number}") for number in (*range(2, 13), 14)]
     assert order == sorted(order)
     assert page.count("<img") >= 11
-    for said in ("20 to 25 mm across", "better than the observer", "no bound is set"):
+    for said in ("20 to 25 mm across", "no bound is set"):
         assert said in page
     assert not re.search(r"<td[^>]*>(nan|inf)</td>", page)
 
@@ -125,7 +125,7 @@ class Full:
 
 def test_a_wire_that_gets_too_hot_is_counted():
     hot = Surroundings(ambient=90.0)
-    run = run_loop("full", Full(), constant(30.0), 60.0, specimen=None, seed=0, surroundings=hot)
+    run = run_loop(Full(), constant(30.0), 60.0, specimen=None, seed=0, surroundings=hot)
     assert run.truth.hottest.max() > 150.0
     assert run.violations == 2
     assert run.settle == np.inf
