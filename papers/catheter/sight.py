@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -169,15 +169,15 @@ def _turned(
     return shots, np.array(errors), np.array(seen)
 
 
-def sight_figures(
-    picks: Sequence[Mapping[str, float]], insertions: Sequence[Results]
-) -> dict[str, Any]:
-    """Return the figures of points picked by hand and of Fig 14."""
+def gather_sight(found: Sequence[Results]) -> dict[str, Any]:
+    """Return the figures over all points, picks and pictures of Fig 14 of several specimens."""
+    picks, insertions = [one.pick for one in found], [one.insertion for one in found]
     each = {key: [one[key] for one in picks] for key in picks[0]}
     known = [abs(focus) for focus in each["focus"] if math.isfinite(focus)]
     errors = [one.error[one.tracked] for one in insertions]
     tracked = np.concatenate([one.tracked for one in insertions])
     return {
+        "tracking": tracking_figures([one for run in found for one in run.followed]),
         "pick": {
             "final_error_px": max(each["final"]),
             "final_median_px": median(each["final"]),
@@ -200,14 +200,6 @@ def run_sight(seed: int, control: HeadControl) -> Results:
         pick=run_pick(Scene(seed)),
         insertion=run_insertion(seed, control),
     )
-
-
-def gather_sight(found: Sequence[Results]) -> dict[str, Any]:
-    """Return the figures over all points, pictures and touches of several specimens."""
-    return {
-        "tracking": tracking_figures([one for each in found for one in each.followed]),
-        **sight_figures([each.pick for each in found], [each.insertion for each in found]),
-    }
 
 
 def walls_table(followed: Sequence[Results]) -> Table:
