@@ -121,7 +121,7 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     camera = DirectCamera(Perception(tip, view))
     session = Session(plant, view, head_of("twin:pipe", seed), camera)
     # In the study the calibration of the mount has an error, which shifts the place by the camera.
-    place = [seen - off for seen, off in zip(scene.centre, scene.strayed, strict=True)]
+    place = [seen - off for seen, off in zip(scene.centre, scene.site.strayed, strict=True)]
     hole = {"phi": place[0], "z": place[1], "diameter": scene.diameter, "evidence": 1.0}
     session.findings.append(camera_finding(1, 0.0, hole, view.radius))
     for k in range(_LONGEST):

@@ -11,12 +11,16 @@ import math
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop_head.geometry import Probe
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings, convection
 from minorloop_head.twins.wire import DIAMETER
+from minorloop_head.ultrasound.pits import raster
 from papers.catheter import scoring
-from papers.catheter.mission import TEMPERATURES, needed
+from papers.catheter.mission import TEMPERATURES, extremes, needed
 
 GAS = 0.026
 """Conductivity of air, in W/(m K)."""
@@ -33,6 +37,17 @@ HEADS = {
     "70 deg to the cold side, rows bent": Probe(),
     "70 deg to the cold side, rows rolled": None,
 }
+
+
+def bent(probe: Probe) -> FloatArray:
+    """Return the same for a raster that is bent only, with a catheter at rest.
+
+    The probe is square to the wall at a tilt of 0.
+    """
+    view, rest = HeadCalibration(lens=LENS, leds=np.empty((0, 3)), probe=probe), np.zeros(2)
+    square = probe.perpendicular(view.mount_at(rest), 0.0)
+    phi, z = view.probe_at(rest).spots([[square, 0.0]])[0, :2].tolist()
+    return extremes(view, raster(view.probe_at(rest), (phi, z)))
 
 
 def main() -> None:
@@ -54,7 +69,7 @@ def main() -> None:
         largest = ends[..., 1].reshape(len(around), -1)
         angles.add_row(name, *(f"{np.median(one):.0f} ({one.min():.0f})" for one in largest))
         for probe, head in HEADS.items():
-            needs = needed(head)
+            needs = needed() if head is None else bent(head)
             reached = [
                 100 * np.mean([scoring.reaches(Head(seed), one, needs) for seed in seeds])
                 for one in around

@@ -78,7 +78,9 @@ def run(
     inspection. Until the last one is done, unfinished.json in the folder has the figures so far,
     also after an interruption.
     """
-    module = _module_of(name)
+    if name not in STUDIES:
+        raise ParameterError(f"there is no study {name!r}; give one of {', '.join(STUDIES)}")
+    module = STUDIES[name]
     if not 1 <= specimens <= _MOST:
         raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
     if not 0 <= seed < 2**32:
@@ -114,13 +116,6 @@ def run(
         if only is None:
             steps.insert(0, partial(_report, study, found, out, as_json))
     all_done(steps)
-
-
-def _module_of(name: str) -> str:
-    """Return the module of a study."""
-    if name not in STUDIES:
-        raise ParameterError(f"there is no study {name!r}; give one of {', '.join(STUDIES)}")
-    return STUDIES[name]
 
 
 def _shared_out(name: str, study: Study, specimens: int, **counts: int | None) -> dict[str, int]:

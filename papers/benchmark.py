@@ -58,24 +58,21 @@ def run_study(seed: int) -> Results:
     # The integration has 3,750 steps per second, a fourth of the number of the twin.
     options: dict[str, Any] = {"substeps": 5, "stages": tuple(plant.filters()[-1:])}
 
-    def error(
-        model: Oscillator, record: plant.BenchmarkRecord, between: Any = "band"
-    ) -> FloatArray:
+    def error(model: Oscillator, record: Record, between: Any = "band") -> FloatArray:
         # A converter holds a sample until the next one; `held` is over the interval before it.
         force = np.roll(record.u, 1) if between == "held" else record.u
-        periodic = record.period is not None
+        periodic = record is not sweep  # which begins at rest
         y = model.simulate(record.t, force, between=between, periodic=periodic, **options)
         return np.asarray(y - record.y)
 
     def scored(start: Any, fixed: tuple[str, ...] = ()) -> Results:
         began = perf_counter()
-        law = Vibration(start, training.period, fixed=fixed, **options)
-        found = law.identify(Record(training.u, training.y, training.t))
+        law = Vibration(start, plant.PERIOD, fixed=fixed, **options)
+        found = law.identify(training)
         seconds = perf_counter() - began
         errors = {"multisine": error(found.model, test), "sweep": error(found.model, sweep)}
         figures = {
             **{name: rms(each) for name, each in errors.items()},
-            "training": found.error,
             "parameters": int(found.free.sum()),
             "seconds": seconds,
         }

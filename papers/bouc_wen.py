@@ -6,11 +6,10 @@ of order 30. The forces have no content above 150 Hz, so that their samples at 7
 them. Estimators do not import this module.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.lab.records import Record
 from papers import _bouc_wen_kernels as _kernels
 
 RATE = 750.0
@@ -35,41 +34,27 @@ PARAMETERS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class BenchmarkRecord:
-    """One record of the benchmark."""
-
-    t: FloatArray
-    """Shape (T,). Times in s."""
-    u: FloatArray
-    """Shape (T,). Forces in N."""
-    y: FloatArray
-    """Shape (T,). Displacements in m."""
-    period: int | None
-    """Samples after which the record repeats; None for the sweep, which begins at rest."""
-
-
-def training_record(seed: int) -> BenchmarkRecord:
-    """Return five periods of the settled response to a multisine by seed, with noise."""
+def training_record(seed: int) -> Record:
+    """Return five periods of the settled response to a multisine by seed, with noise: N and m."""
     rng = np.random.default_rng([seed, 0])
     u, y = _settled(rng, 5)
-    return BenchmarkRecord(_times(u), u, y + rng.normal(0, NOISE, y.size), PERIOD)
+    return Record(u, y + rng.normal(0, NOISE, y.size), _times(u))
 
 
-def multisine_test(seed: int) -> BenchmarkRecord:
+def multisine_test(seed: int) -> Record:
     """Return one period of the settled response to another multisine by seed, without noise."""
     u, y = _settled(np.random.default_rng([seed, 1]), 1)
-    return BenchmarkRecord(_times(u), u, y, PERIOD)
+    return Record(u, y, _times(u))
 
 
-def sweep_test() -> BenchmarkRecord:
+def sweep_test() -> Record:
     """Return the response to the sweep from rest, without noise."""
     first, last, duration, amplitude = SWEEP
     factor = int(np.prod(_STAGES))
     t = np.arange(round(duration * RATE) * factor + 1) / (RATE * factor)
     force = amplitude * np.sin(2 * np.pi * (first * t + (last - first) / duration * t**2 / 2))
     u = force[::factor].copy()
-    return BenchmarkRecord(_times(u), u, decimate(_integrated(force)), None)
+    return Record(u, decimate(_integrated(force)), _times(u))
 
 
 def filters() -> list[tuple[int, FloatArray]]:

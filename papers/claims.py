@@ -88,8 +88,8 @@ def claims_of(name: str) -> tuple[Claim, ...]:
 
 
 def _claims(section: str) -> Iterator[Claim]:
-    for line in section.splitlines()[3:]:
-        what, *cells = (part.strip() for part in line.strip("|").split("|"))
+    for row in (row for line in section.splitlines()[3:] for row in _each(line)):
+        what, *cells = (part.strip() for part in row.strip("|").split("|"))
         if part := re.fullmatch(r"all of (\w+)", what):
             yield from claims_of(part[1])
         elif cells:
@@ -97,6 +97,13 @@ def _claims(section: str) -> Iterator[Claim]:
             bounds = float(least or -math.inf), float(most or math.inf)
             few, whose = int(enough or 0), bound or "ours"
             yield Claim(what, key, paper, *bounds, form == "%", count, few, whose)
+
+
+def _each(line: str) -> Iterator[str]:
+    """Yield the rows for which a line stands: one for each of the values in its braces."""
+    text, *parts = re.split(r"\{(.*?)\}", line)
+    for values in zip(*(part.split(", ") for part in parts[::2]), strict=True) if parts else [()]:
+        yield text + "".join(a + b for a, b in zip(values, parts[1::2], strict=True))
 
 
 def cell(value: float, form: str) -> str:

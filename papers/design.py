@@ -184,7 +184,6 @@ def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
         "positioning_12": at_12.positioning,
         "holdout_12": at_12.holdout,
         "baseline_56": baseline.positioning,
-        "baseline_56_holdout": baseline.holdout,
         "beats_baseline_at_12_mean": at_12.positioning < baseline.positioning,
         "coverage_16_28": float(np.mean([score.coverage for score in late])),
         "width_ratio": float(np.mean([score.width_ratio for score in late])),

@@ -40,17 +40,10 @@ def draw(*panels: Paint, columns: int = 1, height: float = 3.8, **options: Any) 
 def panel(x: str, y: str, *lines: Any, legend: Any = None, **options: Any) -> Paint:
     """Return a panel of curves.
 
-    Parameters
-    ----------
-    x, y : str
-        Labels of the axes.
-    *lines : tuple or Paint
-        Abscissae, ordinates, look and, for a legend, words. A look is a colour, a form of
-        matplotlib such as ``o-``, and a width of the line or size of marks: ``C0 o- 0.8``.
-    legend : mapping, optional
-        Options of the legend.
-    **options
-        As of ``Axes.set``.
+    ``x`` and ``y``: labels of the axes. ``lines``: abscissae, ordinates, look and, for a legend,
+    words; or a panel to draw over. A look is a colour, a form of matplotlib such as ``o-``, and a
+    width of the line or size of marks: ``C0 o- 0.8``. ``legend``: options of the legend.
+    ``options``: as of ``Axes.set``.
     """
 
     def paint(axes: Any) -> None:
@@ -114,20 +107,10 @@ def photo(
     half: float = np.inf,
     **options: Any,
 ) -> Paint:
-    """Return a picture with lines over it, or the part of it about a pixel.
+    """Return a picture (H, W), if any, with lines over it, or the part of it about a pixel.
 
-    Parameters
-    ----------
-    image : (H, W) array, optional
-    title : str
-    *lines
-        As of `panel`.
-    middle : (2,) array_like, optional
-        Pixel; the whole picture is drawn without it.
-    half : float
-        Half the side of the part in pixels.
-    **options
-        As of ``Axes.imshow``.
+    ``lines``: as of `panel`. ``middle`` (2,): the pixel; the whole picture is drawn without it.
+    ``half``: half the side of the part in pixels. ``options``: as of ``Axes.imshow``.
     """
 
     def paint(axes: Any) -> None:

@@ -33,7 +33,7 @@ from minorloop.operators.relays import RelayModel
 from minorloop.report import Table
 from minorloop.twins.fibre import Fibre
 from papers.drawing import ABOVE, COLOURS, MINUTE, bars, draw, panel
-from papers.facts import ProbeInputs, identify_settled, twin_facts
+from papers.facts import identify_settled, twin_facts
 from papers.harness import Results, Study, rms
 
 LOW, HIGH, BANDS, HOLD = 0.20, 0.65, 9, 300.0
@@ -113,7 +113,6 @@ def _settled(seed: int, experiment: int, voltages: FloatArray) -> tuple[FloatArr
     return voltages, hold_each(new_fibre(seed, experiment), voltages, HOLD)[1]
 
 
-PROBES = ProbeInputs(low=LOW, high=HIGH, bands=9, hold=HOLD, loop=(0.35, 0.45), excursion=0.35)
 STEPS = (0.40, 0.45, 0.50, 0.45)
 """Voltages of the step experiment in V: the paper's step, one to score it on, and one down."""
 REST, INTERVAL = 600.0, 1.0
@@ -140,7 +139,7 @@ def run_study(seed: int) -> Results:
         Trajectory(steady.models[name], up.model, falling).simulate(t, u, before=LOW)
         for name, falling in (("square", None), ("square", down.model), ("curves", down.model))
     )
-    facts = {**twin_facts(Fibre, PROBES), **_times(Fibre())}
+    facts = fibre_facts()
     free_run = _averaged(fit.model.step_response(steps[2].t - steps[1].t[-1]))
     measured = _averaged(unit_step(steps[1], steps[2]))
     one_way, both_ways, with_ours = (nrmse(joined - y, y) for joined in (single, updown, ours))
@@ -161,13 +160,17 @@ def run_study(seed: int) -> Results:
     )  # fmt: skip
 
 
-def marker_diagrams() -> list[tuple[str, FloatArray]]:
-    """Fig 2: which relays are on after each input of the paper's example.
+def fibre_facts() -> dict[str, Any]:
+    """Return the measured properties of the nominal fibre, as of `twin_facts`, and its times."""
+    grid = uniform_levels(LOW, HIGH, BANDS)
+    found = twin_facts(Fibre, grid, HOLD, loop=(0.35, 0.45), excursion=0.35)
+    return {**found, **_times(Fibre())}
 
-    Returns
-    -------
-    list of tuple
-        The input, and (N, N) relays ``[alpha, beta]``: 1 on, -1 off, NaN where there is none.
+
+def marker_diagrams() -> list[tuple[str, FloatArray]]:
+    """Return the inputs of the paper's example, Fig 2, and the relays that are on after each.
+
+    Relays (N, N) are by ``[alpha, beta]``: 1 on, -1 off, NaN where there is none.
     """
     levels = np.arange(1.0, MARKER_LEVELS + 1)
     there = np.tri(MARKER_LEVELS)

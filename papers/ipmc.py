@@ -35,14 +35,13 @@ from minorloop.report import Table
 from minorloop.twins.ipmc import Ipmc
 from minorloop.twins.ipmc_laser import NOISE
 from papers.drawing import ABOVE, HOUR, draw, panel
-from papers.facts import ProbeInputs, identify_settled, twin_facts
+from papers.facts import identify_settled, twin_facts
 from papers.harness import Results, Study, rms
 
 VOLTAGE, BANDS, SETTLED = 1.2, 10, 200.0
 """Largest voltage in V, bands of the models, and seconds of a settled hold."""
 FREQUENCIES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0)
 HALF_HERTZ, HERTZ = 0.5, 1.0
-PROBES = ProbeInputs(-VOLTAGE, VOLTAGE, BANDS, SETTLED, loop=(0.1, 0.6), excursion=-0.24)
 SWEEP_PERIOD = 40.0
 """Period of the trajectory in seconds."""
 SHORT, TARGETS = 10.0, 14
@@ -77,7 +76,7 @@ def run_study(seed: int) -> Results:
     tracking = run_tracking(seed)
     repetition = _repetition(seed, laser)
     short_holds = run_short_holds(seed)
-    facts = twin_facts(Ipmc, PROBES)
+    facts = strip_facts()
     found = repetition.found
     figures = {
         "twin": facts,
@@ -111,6 +110,12 @@ def run_study(seed: int) -> Results:
         drives=drives, responses=responses, dynamics=dynamics, sweep=sweep, tracking=tracking,
         repetition=repetition, short_holds=short_holds,
     )  # fmt: skip
+
+
+def strip_facts() -> dict[str, Any]:
+    """Return the measured properties of the nominal strip, as of `twin_facts`."""
+    grid = uniform_levels(-VOLTAGE, VOLTAGE, BANDS)
+    return twin_facts(Ipmc, grid, SETTLED, loop=(0.1, 0.6), excursion=-0.24)
 
 
 def _ratios(result: Positioning) -> dict[str, float]:

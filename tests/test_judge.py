@@ -9,9 +9,10 @@ import pytest
 
 from benchmarks.judge import _wave_kernels as kernels
 from benchmarks.judge import scenes, sound, surface
+from benchmarks.judge.score import outdated
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from papers.catheter.detection import JUDGE, outdated
+from papers.catheter.detection import JUDGE
 
 SPEED = 1500.0
 ROOT = Path(__file__).parents[1]

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.judge import scenes
 from benchmarks.judge.scenes import Scene
-from papers.catheter.detection import JUDGED_SCENES, outdated
+from papers.catheter.detection import JUDGED_SCENES
 
 SAMPLES = 8
 """Paths through a pixel: their noise is then below that of the camera in direct light."""
@@ -101,7 +101,7 @@ def report(seeds: range, folder: Path, as_json: bool) -> None:
 
     Cracks are searched in all scenes, holes in those that have no crack.
     """
-    from benchmarks.judge.score import crack_searched, figures, tried
+    from benchmarks.judge.score import crack_searched, figures, outdated, tried
     from papers.catheter.crack_trials import crack_figures, outcome_of
 
     trials, outcomes = [], []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +22,7 @@ from minorloop_head.vision.frame_checks import GOOD
 from minorloop_head.vision.reflectance_map import LitFrame
 from papers.catheter.crack_scenes import FINE as CRACK_STEP
 from papers.catheter.crack_trials import shown_on_map
-from papers.catheter.detection import FAR, NEAR, wilson
+from papers.catheter.detection import FAR, JUDGE, NEAR, wilson
 from papers.harness import Results
 
 
@@ -111,3 +111,22 @@ def figures(trials: Sequence[Trial], least: float | None = None) -> dict[str, An
         "centre_mm_p90": float(np.quantile(off, 0.9)) if off else math.nan,
         "size_within_15pct": float(np.mean(np.array(size) < 0.15)) if size else math.nan,
     }
+
+
+_DECIMALS = {"size_within_15pct": 2}
+"""Digits of these kept figures; the others have three."""
+
+
+def outdated(found: Mapping[str, Any]) -> list[str]:
+    """Return a line for each kept figure that has changed.
+
+    ``found`` has figures under ``all``, and of each kind of wall and of hole under its name.
+    """
+    parts = {name: each for name, each in JUDGE.items() if isinstance(each, Mapping)}
+    return [
+        f"{name}.{key} is {found[name][key]:.3f}, and {kept:g} is kept: correct it in "
+        "papers.catheter.detection, README.md and docs/head/reference/studies.md"
+        for name, each in {"all": JUDGE, **parts}.items()
+        for key, kept in each.items()
+        if isinstance(kept, float) and round(found[name][key], _DECIMALS.get(key, 3)) != kept
+    ]

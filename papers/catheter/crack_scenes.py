@@ -30,12 +30,8 @@ _EDGE = 12.0
 def draw_crack_view(seed: int, *, crack: bool, lit: bool = False) -> SceneView:
     """Draw a view of a wall with a crack, 30 to 200 um wide and 2 to 15 mm long, or without.
 
-    A ``lit`` crack is a groove whose flanks return light.
-
-    Raises
-    ------
-    ParameterError
-        If no view could be drawn, as of `first_view`.
+    A ``lit`` crack is a groove whose flanks return light. Raises a `ParameterError` if no view
+    could be drawn, as of `first_view`.
     """
     rng = np.random.default_rng([seed, int(crack), 21])
 

@@ -29,7 +29,7 @@ from minorloop_head.vision.defects import Findings, find_holes
 from papers.catheter import scoring
 from papers.catheter.crack_scenes import FINE, draw_crack_view, fine_course
 from papers.catheter.detection import misjudged, shots, wilson
-from papers.catheter.scan_trials import CAMERA_SD, FLOODED, Scanned, draw_probe, scan, strayed
+from papers.catheter.scan_trials import CAMERA_SD, FLOODED, draw_probe, scan, strayed
 from papers.catheter.scene_view import SceneView
 from papers.harness import Results, mean, median
 
@@ -121,9 +121,10 @@ def scanned_depth(
     twin = Ultrasound(pipe, mount, probe.transducer, temperature=warm, specimen=seed, seed=seed)
     known = places + error
     centre = (float(known[at, 0]), float(known[at, 1]))
-    trial = Scanned(
-        probe=probe, centre=centre, twin=twin, pipe=pipe, mount=mount, rng=rng, specimen=seed
-    )
+    trial = Results(
+        probe=probe, centre=centre, twin=twin, pipe=pipe, mount=mount, rng=rng, pose="camera",
+        specimen=seed,
+    )  # fmt: skip
     used, bursts = scan(trial)
     return crack_depth(bursts, used, known, width)
 
@@ -183,7 +184,6 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
         "scans": len(scans),
         "depth_share": mean([math.isfinite(one.depth_error) for one in scans]),
         "depth_error_mm": median(deep),
-        "depth_error_mm_worst": max(deep, default=math.nan),
         "verdicts": dict(Counter(one.scan for one in scans)),
     }
     for name, (low, high) in CLASSES.items():

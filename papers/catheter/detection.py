@@ -155,19 +155,15 @@ def misjudged(view: SceneView, rng: np.random.Generator) -> CalibratedCamera:
     return CalibratedCamera(lens.in_water() if view.flooded else lens, mount, view.camera.leds)
 
 
-def score_scene(
-    seed: int, hole: bool, modes: Sequence[str] = (SWITCHED, SINGLE, DITHER)
-) -> list[SceneOutcome]:
-    """Search one scene in every mode, and compare with the truth."""
-    searches = search_scene(seed, hole, modes)
-    return [_outcome(seed, mode, one) for mode, one in zip(modes, searches, strict=True)]
+def score_scene(seed: int, hole: bool, kind: str = "") -> list[SceneOutcome]:
+    """Search one scene and compare with the truth: in every mode, or only under switched lights.
 
-
-def score_kind(seed: int, hole: bool, kind: str) -> SceneOutcome:
-    """Search a scene in water, ``FLOODED``, or of all sizes, ``SIZED``; compare with the truth."""
-    options: dict[str, Any] = {"flooded" if kind == FLOODED else "sized": True}
-    (search,) = search_scene(seed, hole, **options)
-    return _outcome(seed, kind, search)
+    That is so for a ``kind``: in water, ``FLOODED``, or of all sizes, ``SIZED``.
+    """
+    modes = (SWITCHED,) if kind else (SWITCHED, SINGLE, DITHER)
+    options: dict[str, Any] = {FLOODED: {"flooded": True}, SIZED: {"sized": True}}.get(kind, {})
+    searches = search_scene(seed, hole, modes, **options)
+    return [_outcome(seed, kind or mode, one) for mode, one in zip(modes, searches, strict=True)]
 
 
 def plain_edges(seed: int) -> FloatArray:
@@ -308,20 +304,3 @@ JUDGE: Mapping[str, Any] = {
 all walls, on corroded and on bare ones, and of holes full of soil; seeds 0 to 199. It shares no
 code with the twin of the camera, and a study does not run it. They do not contain its scenes with
 cracks and with more marks; it has no scenes in water. They are quoted beside each recall."""
-_DECIMALS = {"size_within_15pct": 2}
-"""Digits of these kept figures; the others have three."""
-
-
-def outdated(found: Mapping[str, Any]) -> list[str]:
-    """Return a line for each kept figure that has changed.
-
-    ``found`` has figures under ``all``, and of each kind of wall and of hole under its name.
-    """
-    parts = {name: each for name, each in JUDGE.items() if isinstance(each, Mapping)}
-    return [
-        f"{name}.{key} is {found[name][key]:.3f}, and {kept:g} is kept: correct it in "
-        "papers.catheter.detection, README.md and docs/head/reference/studies.md"
-        for name, each in {"all": JUDGE, **parts}.items()
-        for key, kept in each.items()
-        if isinstance(kept, float) and round(found[name][key], _DECIMALS.get(key, 3)) != kept
-    ]

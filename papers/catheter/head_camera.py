@@ -96,17 +96,14 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray, arbitrary: 
     power = (commands * CURRENT / COMMAND) ** 2
     predicted = seen.wires[0].simulate(arbitrary.t, arbitrary.command * CURRENT / COMMAND)
     controls = {name: seen_control(name, seen) for name in LAWS}
-    used: list[PictureSensor] = []
     steps = {
-        (name, target): run_step(
-            seed, name, control, target, given_camera(seed, seen.view, used=used)
-        )
+        (name, target): run_step(seed, control, target, _camera(seed, seen.view))
         for name, control in controls.items()
         for target in (STEPS if name in LAWS[:2] else STEPS[-1:])
     }
     circles = {}
     for name, circle in CIRCLES.items():
-        camera = given_camera(seed, seen.view, used=used, bores=(circle.hole,))
+        camera = _camera(seed, seen.view, circle.hole)
         circles[name] = run_circle(seed, controls[LAWS[0]], circle, camera)
     runs = [*steps.values(), *(circle.run for circle in circles.values())]
     errors = np.concatenate([run.read[AGE:] - run.truth.angle[:-AGE] for run in runs])
@@ -121,10 +118,6 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray, arbitrary: 
         "internal_model": worst[LAWS[1]],
         **{name: {"rms_mm": each.rms} for name, each in circles.items()},
         "reading_rms_deg": rms(np.sqrt(np.nanmean(errors**2, axis=0))),
-        "pictures_missed_pct": 100.0
-        * sum(len(sensor.missed) for sensor in used)
-        / sum(sensor.ticks for sensor in used),
-        "holds_lost": seen.lost,
         "seconds": time.process_time() - began,
     }
     return Results(figures, steps=steps, circles=circles, runs=tuple(runs))
@@ -136,26 +129,13 @@ def seen_control(name: str, seen: Results) -> HeadControl:
     return camera_control(laws.LAWS[name], seen.wires, coupling=seen.coupling, **options)
 
 
-def given_camera(
-    seed: int,
-    view: HeadCalibration,
-    *,
-    used: list[PictureSensor] | None = None,
-    bores: tuple[Bore, ...] = (),
-) -> Callable[[Head], PictureSensor]:
-    """Return a function that gives a head its camera, and stores it in a list."""
-    kept = [] if used is None else used
-
-    def give(head: Head) -> PictureSensor:
-        kept.append(PictureSensor(head, seed, view=view, bores=bores))
-        return kept[-1]
-
-    return give
+def _camera(seed: int, view: HeadCalibration, *bores: Bore) -> Callable[[Head], PictureSensor]:
+    """Return a function that gives a head its camera."""
+    return partial(PictureSensor, seed=seed, view=view, bores=bores)
 
 
 def run_step(
     seed: int,
-    law: str,
     control: HeadControl,
     target: float,
     camera: Callable[[Head], PictureSensor],
@@ -163,9 +143,7 @@ def run_step(
 ) -> HeadRun:
     """Step pan of a cold head to a target in degrees, by the camera alone."""
     options: dict[str, Any] = {"surroundings": surroundings, "camera": camera}
-    return run_loop(
-        law, control, constant(target), STEP_SECONDS, specimen=seed, seed=seed, **options
-    )
+    return run_loop(control, constant(target), STEP_SECONDS, specimen=seed, seed=seed, **options)
 
 
 def run_circle(
@@ -206,7 +184,7 @@ def run_circle(
         return pan, tilt
 
     seconds = WAIT + circle.period
-    run = run_loop(LAWS[0], control, way, seconds, specimen=seed, seed=seed, camera=give)
+    run = run_loop(control, way, seconds, specimen=seed, seed=seed, camera=give)
     late, sensor = run.t > WAIT, sensors[0]
     wanted = 1e3 * np.array([off(t) for t in run.t[late]])
     reached = 1e3 * places_seen(
@@ -219,20 +197,19 @@ def run_circle(
 def identify_seen(seed: int) -> Results:
     """Identify the ``wires`` of one specimen and their ``coupling`` (2, 2) from pictures.
 
-    ``view`` is the calibration of the camera, corrected by pictures of a sweep; ``lost`` counts
-    holds at whose end no picture showed the angles.
+    ``view`` is the calibration of the camera, corrected by pictures of a sweep.
     """
     view = PictureSensor(Head(seed), seed).survey()
     sensor = PictureSensor(Head(seed), seed, view=view)
-    found, moves, lost = zip(
+    found, moves = zip(
         *(
             identify_axis(axis, partial(_settled, sensor, axis), partial(_step, sensor, axis))
             for axis in range(2)
         ),
         strict=True,
     )
-    wires, coupling = tuple(one.model for one in found), identify_coupling(moves)
-    return Results(wires=wires, coupling=coupling, view=view, lost=sum(lost))
+    wires = tuple(one.model for one in found)
+    return Results(wires=wires, coupling=identify_coupling(moves), view=view)
 
 
 def _settled(
@@ -277,13 +254,12 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> dic
     seen, circle = identify_seen(seed), CIRCLES["circle_30s"]
     rivals = {}
     for law in LAWS:
-        control, camera = seen_control(law, seen), given_camera(seed, seen.view)
-        steps = [run_step(seed, law, control, target, camera) for target in STEPS]
+        control, camera = seen_control(law, seen), _camera(seed, seen.view)
+        steps = [run_step(seed, control, target, camera) for target in STEPS]
         disturbed = [
-            run_step(seed, law, control, STEPS[-1], camera, around) for around in DISTURBED.values()
+            run_step(seed, control, STEPS[-1], camera, around) for around in DISTURBED.values()
         ]
-        by_hole = given_camera(seed, seen.view, bores=(circle.hole,))
-        round_hole = run_circle(seed, control, circle, by_hole)
+        round_hole = run_circle(seed, control, circle, _camera(seed, seen.view, circle.hole))
         rivals[law] = {**controller_figures(steps, disturbed), "circle_rms_mm": round_hole.rms}
         told(law)
     return {"rivals": rivals, "seconds": time.perf_counter() - began}

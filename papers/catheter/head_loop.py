@@ -49,8 +49,6 @@ class Alarm:
 class HeadRun:
     """One run of a loop."""
 
-    name: str
-    """Name of the controller."""
     t: FloatArray
     """Shape (T,). Ends of the ticks, in seconds."""
     wanted: FloatArray
@@ -100,7 +98,6 @@ class HeadRun:
 
 
 def run_loop(
-    name: str,
     control: HeadControl,
     reference: Reference,
     seconds: float,
@@ -112,7 +109,7 @@ def run_loop(
 ) -> HeadRun:
     """Run a control loop on a cold head and return it with its truth.
 
-    The named controller follows targets in degrees. ``camera`` gives a head the camera that is then
+    The controller follows targets in degrees. ``camera`` gives a head the camera that is then
     its only sensor; specimen, seed and options are those of `Head`.
     """
     options = {"delay": DELAY, **options}
@@ -139,7 +136,7 @@ def run_loop(
         ]
         before = verdicts
     t = TICK * np.arange(1.0, steps + 1.0)
-    return HeadRun(name, t, wanted, read, current, truth(head), tuple(alarms), state.log, took)
+    return HeadRun(t, wanted, read, current, truth(head), tuple(alarms), state.log, took)
 
 
 def step_figures(runs: Sequence[HeadRun]) -> dict[str, float]:

@@ -9,9 +9,7 @@ its convection varies too, and its heat warms a body of the head, of assumed siz
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from minorloop_head.twins.surroundings import Cooling, Surroundings
 from papers.catheter.head_loop import NOISE, TICK
 from papers.catheter.head_static import COMMAND, CURRENT, heating_lag, identify_mesh
 from papers.catheter.scoring import body_temperature
-from papers.harness import rms
+from papers.harness import Results, rms
 
 LOW, HIGH, RAMPS, PERIOD, BEFORE = 5.0, 40.0, 10, 120.0, 30.0
 """Ends of the ramps in degrees, the upper one within the stroke of the weakest wire; their number;
@@ -36,51 +34,12 @@ the last ramp in seconds, from `PERIOD` to that of the faster circle. The first 
 other runs, the last the hypothesis."""
 
 
-@dataclass(frozen=True, eq=False)
-class Ramps:
-    """Ramps in open loop."""
+def run_ramps(seed: int) -> dict[str, Results]:
+    """Identify the paper's model in each kind of head, and drive the ramps by its inverse.
 
-    t: FloatArray
-    wanted: FloatArray
-    angle: FloatArray
-    command: FloatArray
-    """Shape (T,). Seconds, degrees, measured degrees, and V."""
-    ends: FloatArray
-    """Shape (n + 1,). Times at which the ramps begin, and the end of the last, in seconds."""
-    body: FloatArray
-    """Shape (n,). Temperature of the body of the head at the end of each ramp, in degrees Celsius.
+    ``t`` (T,) in seconds, ``wanted``, measured ``angle`` and ``error`` (T,) in degrees; ``rms``
+    (n, 2) is the error of each ramp up and down. ``body_K`` is the warming of the body in kelvin.
     """
-    lag: float
-    """Identified lag of the heating, in seconds."""
-
-    @property
-    def error(self) -> FloatArray:
-        """(T,) measured angles minus wanted ones, in degrees."""
-        return np.asarray(self.angle - self.wanted)
-
-    @property
-    def rms(self) -> FloatArray:
-        """(n, 2) rms error of each ramp up and down, in degrees."""
-        middles = 0.5 * (self.ends[:-1] + self.ends[1:])
-        cuts = np.searchsorted(self.t, np.sort(np.concatenate([self.ends, middles])))
-        return np.array([rms(self.error[a:b]) for a, b in pairwise(cuts)]).reshape(-1, 2)
-
-    def figures(self) -> dict[str, float]:
-        """Return the errors of the first and the last ramp, up and down, and their ratio."""
-        whole = np.sqrt(np.mean(self.rms**2, axis=1))
-        return {
-            "error_first_ramp_deg": float(whole[0]),
-            "error_last_ramp_deg": float(whole[-1]),
-            "ratio": float(whole[-1] / whole[0]),
-            "first_rise_deg": float(self.rms[0, 0]),
-            "last_fall_deg": float(self.rms[-1, 1]),
-            "body_K": float(self.body[-1] - 20.0),
-            "lag_s": self.lag,
-        }
-
-
-def run_ramps(seed: int) -> dict[str, Ramps]:
-    """Identify the paper's model in each kind of head, and drive the ramps by its inverse."""
     models: dict[Cooling | None, tuple[Preisach, float]] = {}
     for cooling, _ in CASES.values():
         if cooling not in models:
@@ -111,7 +70,7 @@ def stepping_inverse(model: Preisach, wanted: FloatArray, step: float) -> FloatA
 
 def _driven(
     seed: int, cooling: Cooling | None, fastest: float, model: Preisach, lag: float
-) -> Ramps:
+) -> Results:
     periods = np.geomspace(PERIOD, fastest, RAMPS)
     ends = BEFORE + np.concatenate([[0.0], np.cumsum(periods)])
     t = TICK * np.arange(round(ends[-1] / TICK) + 1)
@@ -130,10 +89,15 @@ def _driven(
     for a, b in zip(cuts[:-1], np.append(cuts[1:-1], t.size - 1), strict=True):
         currents = np.array([command[a : b + 1] * CURRENT / COMMAND, np.zeros(b + 1 - a)])
         angle[a : b + 1] = head.drive(t[a : b + 1], currents).y[0]
-    return Ramps(t, wanted, angle, command, ends, body_temperature(head)[1:], lag)
-
-
-def ramp_figures(ramps: dict[str, Ramps]) -> dict[str, Any]:
-    """Return the figures of the usual head, and those of the other cases by their names."""
-    own, *others = (run.figures() for run in ramps.values())
-    return {**own, **dict(zip(list(ramps)[1:], others, strict=True))}
+    error, middles = angle - wanted, 0.5 * (ends[:-1] + ends[1:])
+    halves = np.searchsorted(t, np.sort(np.concatenate([ends, middles])))
+    each = np.array([rms(error[a:b]) for a, b in pairwise(halves)]).reshape(-1, 2)
+    whole = np.sqrt(np.mean(each**2, axis=1))
+    figures = {
+        "error_first_ramp_deg": float(whole[0]),
+        "error_last_ramp_deg": float(whole[-1]),
+        "ratio": float(whole[-1] / whole[0]),
+        "first_rise_deg": float(each[0, 0]),
+        "body_K": float(body_temperature(head)[-1] - 20.0),
+    }
+    return Results(figures, t=t, wanted=wanted, angle=angle, error=error, rms=each)

@@ -13,7 +13,7 @@ from minorloop.drawing.operators import draw_density
 from minorloop.operators.relays import RelayModel
 from minorloop.report import Table
 from minorloop_head.control.head import AGE
-from minorloop_head.heated_wire import HeatedWire
+from papers.catheter.control.internal_model import mean_lag
 from papers.catheter.head import (
     DEFAULT,
     IMPOSSIBLE,
@@ -28,7 +28,6 @@ from papers.catheter.head_loop import (
     DISTURBED,
     HIGHEST,
     HOTTEST,
-    NOISE,
     STEADY,
     TICK,
     HeadRun,
@@ -62,43 +61,28 @@ class ControllerFigure(NamedTuple):
     """A figure of a controller; a smaller one is better."""
 
     key: str
-    words: str
-    unit: str
+    heading: str
     digits: int = 2
     """Digits after the decimal point."""
-    least: float = 0.0
-    """Largest difference that does not count."""
-
-    @property
-    def heading(self) -> str:
-        """Heading of a column."""
-        return f"{self.words}, {self.unit}"
 
     def text(self, figures: Mapping[str, float]) -> str:
         """Return the figure of one controller as a cell of a table."""
         return cell(figures[self.key], f".{self.digits}f")
 
-    def less(self, one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-        """Return whether one controller is better than another by a difference that counts."""
-        low, high = float(one[self.key]), float(other[self.key])
-        shown = round(low, self.digits) < round(high, self.digits)
-        return shown and not high - low <= self.least + 1e-9  # of times that are whole ticks
-
 
 STEP = (
-    ControllerFigure("settle_s", "settling", "s", 1, least=TICK),
-    # The noise of a reading is most of the overshoot of the lowest step.
-    ControllerFigure("overshoot_pct", "overshoot", "%", 1, least=100 * NOISE / TARGETS[0]),
-    ControllerFigure("steady_rms_deg", "steady rms", "deg"),
+    ControllerFigure("settle_s", "settling, s", 1),
+    ControllerFigure("overshoot_pct", "overshoot, %", 1),
+    ControllerFigure("steady_rms_deg", "steady rms, deg"),
 )
 """Figures of steps."""
 RIVALS = (
     *STEP,
-    ControllerFigure("disturbed_settle_s", "settling when disturbed", "s", 1, least=TICK),
-    ControllerFigure("disturbed_rms_deg", "steady rms when disturbed", "deg"),
-    ControllerFigure("ambient_ramp_max_deg", "worst with ambient +10 K", "deg"),
-    ControllerFigure("circle_rms_deg", f"circle in {PERIODS[1]:g} s, rms", "deg"),
-    ControllerFigure("energy_A2s", "energy", "A²s", 1),
+    ControllerFigure("disturbed_settle_s", "settling when disturbed, s", 1),
+    ControllerFigure("disturbed_rms_deg", "steady rms when disturbed, deg"),
+    ControllerFigure("ambient_ramp_max_deg", "worst with ambient +10 K, deg"),
+    ControllerFigure("circle_rms_deg", f"circle in {PERIODS[1]:g} s, rms, deg"),
+    ControllerFigure("energy_A2s", "energy, A²s", 1),
 )
 """Figures of the controllers in the table of Fig 10."""
 
@@ -116,6 +100,7 @@ def names(study: Results, *_: Any) -> dict[str, Any]:
         "HIGHEST": HIGHEST,
         "HOTTEST": HOTTEST,
         "AGE": AGE,
+        "mean_lag": mean_lag,
         "DROPPED": DROPPED,
     }
 
@@ -129,25 +114,6 @@ def rivals_table(
         (WORDS[name], *(each.text(own) for each in quantities)) for name, own in figures.items()
     ]
     return Table(columns, rows)
-
-
-def where_better(
-    quantities: Sequence[ControllerFigure], figures: Mapping[str, Mapping[str, float]], default: str
-) -> str:
-    """Return in words on which figures another controller is better than the default.
-
-    Figures are compared as shown: a difference beyond the last digit does not count. Nor does a
-    difference of up to a tick of the loop in a time, or of the noise of a reading in an overshoot.
-    """
-    said = ""
-    for each in quantities:
-        better = [name for name, of in figures.items() if each.less(of, figures[default])]
-        if better:
-            parts = [f"{WORDS[name]} {each.text(figures[name])}" for name in (default, *better)]
-            said += f" {each.words[0].upper()}{each.words[1:]} in {each.unit}: {', '.join(parts)}."
-    if not said:
-        return f"No other controller is better than the {WORDS[default]} on any of these figures."
-    return f"On these figures others are better than the {WORDS[default]}:{said}"
 
 
 def holds(*values: float | str) -> str:
@@ -400,12 +366,6 @@ def draw_hopeless(study: Results) -> Any:
 def to_rounding(error: float) -> str:
     """Return the error of an exact inverse, in percent of the range, in words."""
     return "is exact to rounding" if error < 1e-9 else f"errs by {error:.2g} %"
-
-
-def mean_lag(wire: HeatedWire) -> float:
-    """Return the heating lag of a wire that moves, in seconds, on average over its levels."""
-    low, high = wire.operator.range
-    return wire.lag + wire.latent * float((high - low) / np.ptp(wire.operator.levels))
 
 
 def circle_speeds(figures: Mapping[str, Any]) -> str:

@@ -19,7 +19,6 @@ from minorloop.dynamics.linear import Linear
 from minorloop.identification import Identification, excitation
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
-from minorloop_head.control.controller import mean_slope
 from minorloop_head.control.heating import (
     HeatedIdentification,
     identify_coupling,
@@ -30,6 +29,7 @@ from minorloop_head.control.heating import (
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings
+from papers.catheter.control.internal_model import mean_lag
 from papers.catheter.head_loop import NOISE, TICK
 from papers.facts import identify_settled
 from papers.harness import Results, rms
@@ -83,7 +83,6 @@ def run_static(seed: int) -> Results:
             "rms_deg": rms(errors["power"]),
             "mesh_rms_deg": rms(errors["mesh"]),
             "dots_rms_deg": rms(errors["dots"]),
-            "max_deg": float(np.abs(errors["power"]).max()),
             "moving_rms_deg": rms(errors["power"][between]),
             "moving_holds": int(between.sum()),
         },
@@ -94,8 +93,6 @@ def run_static(seed: int) -> Results:
             "rms_pct": 100 * rms(found.y - targets) / (high - low),
             "driven_rms_deg": rms(driven[name] - targets),
         }
-    stepping, exact = (figures[f"{name}_inverse"] for name in inverses)
-    exact["times_better"] = stepping["rms_pct"] / max(exact["rms_pct"], 1e-13)
     return Results(
         figures, paper=paper, wires=wires, coupling=coupling, inputs=inputs, settled=settled,
         predictions=predictions, targets=targets, driven=driven, arbitrary=arbitrary,
@@ -138,12 +135,11 @@ def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Results:
     current = command * CURRENT / COMMAND
     head = Head(seed, NOISE, 2 * seed)
     heated = Linear.lags(heating_lag(seed, mesh)).simulate(t, command)
-    lag = wire.lag + wire.latent * mean_slope(wire)
     angle = np.asarray(head.drive(t, np.array([current, np.zeros(t.size)])).y[0])
     predicted = {
         "power": wire.simulate(t, current),
         "mesh": mesh.simulate(heated),
-        "ideal": Linear.lags(lag).simulate(t, wire.operator.simulate(current**2)),
+        "ideal": Linear.lags(mean_lag(wire)).simulate(t, wire.operator.simulate(current**2)),
     }
     figures = arbitrary_figures(t, angle, predicted)
     return Results(figures, t=t, command=command, angle=angle, predicted=predicted)
@@ -195,31 +191,25 @@ def _identified(seed: int) -> tuple[tuple[HeatedIdentification, ...], FloatArray
 
 def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:
     """Identify one axis by its sensors."""
-    found, readings, _ = identify_axis(
+    return identify_axis(
         axis,
         lambda currents, first: _settled(seed, axis, currents),
         lambda: step_record(seed, axis),
     )
-    return found, readings
 
 
 def identify_axis(
     axis: int,
     settled: Callable[[FloatArray, bool], FloatArray],
     step: Callable[[], tuple[FloatArray, FloatArray, FloatArray]],
-) -> tuple[HeatedIdentification, FloatArray, int]:
+) -> tuple[HeatedIdentification, FloatArray]:
     """Identify one axis from a first loop, holds where it moves, minor loops too, and a step.
 
-    Returns the model, the readings (2, n) of both axes while only this one moved, and the number of
-    holds without a reading.
+    Returns the model, and the readings (2, n) of both axes while only this one moved.
 
-    Parameters
-    ----------
-    settled : callable
-        Returns readings (n, 2) in degrees at the ends of holds of currents (n,) in A, the other
-        axis cold, NaN without a reading; its last argument says whether it is the first loop.
-    step : callable
-        Returns the same as `step_record`.
+    ``settled`` returns readings (n, 2) in degrees at the ends of holds of currents (n,) in A, the
+    other axis cold, NaN without a reading; its last argument says whether it is the first loop.
+    ``step`` returns the same as `step_record`.
     """
     up = np.linspace(0.0, CURRENT, 25)
     loop = np.concatenate([up, up[-2::-1]])
@@ -229,8 +219,7 @@ def identify_axis(
     holds = wire_holds(levels, minor_loops=True)
     readings = settled(holds, False)
     found = identify_heating(holds, readings[:, axis], step=step(), levels=levels)
-    lost = int(np.isnan(readings[:, axis]).sum() + (~good).sum())
-    return found, readings[np.isfinite(readings).all(axis=1)].T, lost
+    return found, readings[np.isfinite(readings).all(axis=1)].T
 
 
 def _settled(

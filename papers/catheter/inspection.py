@@ -22,6 +22,7 @@ from minorloop.threads import one_thread
 from minorloop_head.procedures.inspected_view import AROUND
 from minorloop_head.procedures.sweep_map import draw_pipe_map
 from minorloop_head.vision.defects import DITHER, LEAST_EVIDENCE, SINGLE, SIZED, SWITCHED, Hole
+from papers.catheter import mission, scan_trials, sweep_trials
 from papers.catheter.crack_trials import CrackOutcome, crack_figures, score_cracks, search_cracks
 from papers.catheter.detection import (
     FLOODED,
@@ -32,15 +33,11 @@ from papers.catheter.detection import (
     detection_figures,
     plain_edges,
     recall_curve,
-    score_kind,
     score_scene,
     search_scene,
 )
 from papers.catheter.inspection_servo import SETTLED_PX, SWAY_WAIT, Scene, servo_figures
-from papers.catheter.mission import gather as gather_missions
-from papers.catheter.mission import reach_figures, run_mission
-from papers.catheter.scan_trials import SCANS, ScoredScan, run_scans, scan_figures
-from papers.catheter.sweep_trials import c_scan_figures, run_sweep
+from papers.catheter.scan_trials import SCANS, ScoredScan
 from papers.drawing import Paint, draw, level, on_axes, panel, photo
 from papers.harness import Results, Study, for_each, mean, medians
 
@@ -95,6 +92,10 @@ def _servo(seed: int, *_: int) -> dict[str, Any]:
     return {"servo": servo, "runs": runs}
 
 
+def _mission(seed: int, *_: int) -> dict[str, Any]:
+    return {"mission": mission.run_mission(seed), "reach": mission.reach_figures(seed)}
+
+
 def _holes(seed: int, scenes: int, *_: int) -> dict[str, Any]:
     # Plain scenes are a quarter as many: by trial.
     plain, first = -(-scenes // 4), seed * scenes
@@ -102,11 +103,8 @@ def _holes(seed: int, scenes: int, *_: int) -> dict[str, Any]:
         outcome
         for k in range(first, first + scenes)
         for hole in (True, False)
-        for outcome in (
-            *score_scene(50_000 + k, hole),
-            score_kind(4_000_000 + k, hole, FLOODED),
-            score_kind(5_000_000 + k, hole, SIZED),
-        )
+        for begin, kind in ((50_000, ""), (4_000_000, FLOODED), (5_000_000, SIZED))
+        for outcome in score_scene(begin + k, hole, kind)
     ]
     edges = np.concatenate([plain_edges(2_000_000 + seed * plain + k) for k in range(plain)])
     return {"outcomes": tuple(outcomes), "edges": edges}
@@ -124,9 +122,9 @@ def _cracks(seed: int, scenes: int, *_: int) -> dict[str, Any]:
 
 _SHARES: Sequence[tuple[str, Callable[[int, int, int], dict[str, Any]]]] = (
     ("servo", _servo),
-    ("mission", lambda seed, *_: {"mission": run_mission(seed), "reach": reach_figures(seed)}),
-    ("sweep", lambda seed, *_: {"sweep": run_sweep(seed)}),
-    ("scans of pits", lambda seed, _, scans: run_scans(seed, scans)),
+    ("mission", _mission),
+    ("sweep", lambda seed, *_: sweep_trials.run_study(seed)),
+    ("scans of pits", lambda seed, _, scans: scan_trials.run_scans(seed, scans)),
     ("scenes of holes", _holes),
     ("scenes of cracks", _cracks),
 )
@@ -145,9 +143,9 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
         },
         "cracks": crack_figures([one for run in runs for one in run["cracks"]]),
-        **scan_figures([run["scored"] for run in runs]),
-        **gather_missions([run["mission"] for run in runs]),
-        "cscan": c_scan_figures([run["sweep"] for run in runs]),
+        **scan_trials.gather(runs),
+        **mission.gather([run["mission"] for run in runs]),
+        **sweep_trials.gather(runs),
         "reach": {key: mean([run["reach"][key] for run in runs]) for key in runs[0]["reach"]},
     }
 
@@ -319,7 +317,7 @@ def names(
         "missions": f"mission{'s' if missions['of'] > 1 else ''}",
         "JUDGE": JUDGE,
         "JUDGED_SCENES": JUDGED_SCENES,
-        "swept": draw_pipe_map(study.sweep.fused, picture=study.sweep.fused.picture),
+        "swept": draw_pipe_map(study.sweep.fused, picture=study.sweep.picture),
         "outcomes": outcomes,
         "missed": missed_holes(outcomes),
         "missed_cracks": [one for one in cracks if one.width > 0 and not one.found],
@@ -336,21 +334,21 @@ def save_beside(study: Results, folder: Path) -> list[str]:
     return [f"written: {folder / 'inspection' / 'report.html'}"]
 
 
-def mission_table(mission: Results) -> Table:
+def mission_table(found: Results) -> Table:
     """Return the findings of an inspection."""
     rows = []
-    for row in mission.content["findings"]:
+    for row in found.content["findings"]:
         numbers = ("width [mm]", "length [mm]", "depth [mm]")
         cells = ("-" if row[name] is None else f"{row[name]:.3f}" for name in numbers)
         rows.append((row["kind"], row["grade"], *cells, row["verdict"]))
     return Table(("finding", "grade", "width, mm", "length, mm", "depth, mm", "verdict"), rows)
 
 
-def log_table(mission: Results) -> Table:
+def log_table(found: Results) -> Table:
     """Return the steps of an inspection after it has looked round."""
     rows = [
         (f"{step.t:.0f} s", step.what, step.outcome, "" if step.succeeded else "failed")
-        for step in mission.log
+        for step in found.log
         if not step.what.startswith(AROUND)
     ]
     return Table(("time", "step", "outcome", ""), rows)
@@ -380,8 +378,7 @@ def draw_servo(study: Results) -> Any:
     t = swayed.t[late] - SWAY_WAIT
     lines = [(still.t, still.off, "C0", "constant angles, without camera")]
     lines.append((t, swayed.off[late], "C1", "tracked and held"))
-    if swayed.left is not None:
-        lines.append((t, swayed.left[late], "C2", "and the picture shifted"))
+    lines.append((t, swayed.left[late], "C2", "and the picture shifted"))
     most = 1.5 * float(max(still.off.max(), swayed.off[late].max(initial=0.0)))
     words, limit = ("time [s]", "off the middle [px]"), level(SETTLED_PX, "0.3 -- 0.8")
     frame: dict[str, Any] = {"title": "sway of 1 degree", "ylim": (0.0, most)}

@@ -73,13 +73,11 @@ class ServoRun:
     t: FloatArray
     off: FloatArray
     verdicts: tuple[str, ...]
-    left: FloatArray | None = None
-    place: FloatArray | None = None
+    left: FloatArray
+    place: FloatArray
 
     def offset(self, after: float) -> float:
         """Return the distance of the mean place from the middle after a time, in pixels."""
-        if self.place is None:
-            return np.nan
         return float(np.hypot(*self.place[self.t > after].mean(axis=0)))
 
     @property
@@ -93,9 +91,7 @@ class ServoRun:
         return rms(self.off[self.t > after])
 
     def stabilised_rms(self, after: float) -> float:
-        """Return the same in images shifted by the tracked motion; NaN without tracked frames."""
-        if self.left is None:
-            return np.nan
+        """Return the same in images shifted by the tracked motion."""
         return rms(self.left[self.t > after])
 
     @property
@@ -219,8 +215,7 @@ def run_servo(
     gain = Centring.integral_gain if integral else 0.0
     options: dict[str, Any] = {"patience": patience, "integral_gain": gain, "by_image": not sensor}
     centring = law(calibration=rig.calibration, still=math.inf, **options)
-    picked = clicked(scene, rig)
-    point = Centred(place=picked.place, shown=picked.pixel)
+    point = clicked(scene, rig)
     watch = Watch(scene, rig, point)
 
     def at_once(request: Request, now: Reading | None) -> Request:
@@ -245,11 +240,10 @@ def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
 
 def clicked(
     scene: Scene, rig: InspectionRig, true_pixel: Callable[[], FloatArray] | None = None
-) -> Results:
+) -> Centred:
     """Bring the head to its start, and pick the hole like an operator who clicks beside it.
 
-    ``true`` (2,) is the pixel of the hole, ``click`` (2,) that of the click; ``pixel`` and
-    ``place`` (2,) are those of the point that the procedure moves to the outline.
+    The procedure moves the point to the outline.
     """
     rig.run(go(angles=scene.start, still=math.inf, turning=APPROACH - 1.0))
     rig.run(meter(rig.calibration, rig.light, 1.0))
@@ -260,7 +254,7 @@ def clicked(
     pixel = Centring(calibration=rig.calibration).outlined(frames, click, reading)
     camera = rig.calibration.camera_at(reading.place)
     place = np.asarray(camera.place(pixel, frames[-1].pan, frames[-1].tilt))
-    return Results(true=true, click=click, pixel=pixel, place=place)
+    return Centred(place=place, shown=pixel)
 
 
 def changed(
@@ -307,14 +301,11 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
         "servo": {
             "settle_s_with_sensor": runs["sensor"].settle,
             "settle_s_camera_only": runs["camera"].settle,
-            "steady_rms_px_camera_only": runs["camera"].rms(SERVO - STEADY),
             "steady_rms_px": runs["sensor"].rms(SERVO - STEADY),
         },
         "sway": {
             "ratio": held / still,
             "stabilised_ratio": runs["swayed"].stabilised_rms(SWAY_WAIT) / still,
-            "held_px": held,
-            "still_px": still,
         },
         "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
     }
@@ -332,35 +323,24 @@ PRINTED_SECONDS = 12.0
 """Duration of the run with the printed sign."""
 
 
-@dataclass(frozen=True, eq=False)
-class IntegralStudy:
-    """Runs of one specimen by name: cases with the integral and without, and the printed sign."""
-
-    runs: Mapping[str, ServoRun]
-
-    def figures(self) -> dict[str, Any]:
-        """Return the effect of the integral, in pixels of 320 and seconds."""
-
-        def left(name: str, after: float) -> float:
-            return self.runs[name].rms(after)
-
-        found = {
-            "sway_ratio": left("sway", SWAY_WAIT) / left(f"sway{WITHOUT}", SWAY_WAIT),
-            "printed_px": left(PRINTED, PRINTED_SECONDS - 4.0),
+def integral_results(runs: Mapping[str, ServoRun]) -> Results:
+    """Return the effect of the integral in pixels of 320 and seconds, by the ``runs`` by name."""
+    found = {"printed_px": runs[PRINTED].rms(PRINTED_SECONDS - 4.0)}
+    for key, words in (("", ""), ("without_", WITHOUT)):
+        still, drift, sway = (runs[f"{case}{words}"] for case in CASES)
+        found |= {
+            f"{key}settle_s": still.settle,
+            f"{key}offset_px": still.offset(SERVO - STEADY),
+            f"{key}still_px": still.rms(SERVO - STEADY),
+            f"{key}drift_px": drift.rms(8.0),  # the point has long been centred
+            f"{key}sway_px": sway.rms(SWAY_WAIT),
         }
-        for key, words in (("", ""), ("without_", WITHOUT)):
-            found |= {
-                f"{key}settle_s": self.runs[f"still{words}"].settle,
-                f"{key}offset_px": self.runs[f"still{words}"].offset(SERVO - STEADY),
-                f"{key}still_px": left(f"still{words}", SERVO - STEADY),
-                f"{key}drift_px": left(f"drift{words}", 8.0),  # the point has long been centred
-                f"{key}sway_px": left(f"sway{words}", SWAY_WAIT),
-            }
-        return {"integral": found}
+    found["sway_ratio"] = found["sway_px"] / found["without_sway_px"]
+    return Results({"integral": found}, runs=runs)
 
 
-def run_integral(seed: int, told: Callable[[str], None] = lambda part: None) -> IntegralStudy:
-    """Hold a point in all cases with the specimen of a seed."""
+def run_integral(seed: int, told: Callable[[str], None] = lambda part: None) -> Results:
+    """Hold a point with the integral and without in all cases, and with the printed sign."""
     scene = Scene(seed)
     runs: dict[str, ServoRun] = {}
     for case, (sway, seconds) in CASES.items():
@@ -369,7 +349,7 @@ def run_integral(seed: int, told: Callable[[str], None] = lambda part: None) -> 
                 scene, sensor=False, sway=sway, seconds=seconds, integral=not words
             )
         told(case)
-    return IntegralStudy({**runs, PRINTED: run_printed(scene)})
+    return integral_results({**runs, PRINTED: run_printed(scene)})
 
 
 class _PrintedHold(PointHold):
@@ -390,7 +370,7 @@ def run_printed(scene: Scene) -> ServoRun:
     return run_servo(scene, sensor=False, seconds=PRINTED_SECONDS, law=_PrintedCentring)
 
 
-def draw_integral(study: IntegralStudy) -> Any:
+def draw_integral(study: Results) -> Any:
     """Draw distances against time by the camera alone: still, drifting and swayed base."""
     cases = {"still": "still base", "drift": "base turns slowly", "sway": "sway of 1 degree"}
     panels = []

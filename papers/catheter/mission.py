@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from minorloop.arrays import FloatArray
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.threads import one_thread
 from minorloop_head.control.head import head_control
-from minorloop_head.geometry import Mount, Probe, wall_distance, wall_lengths
+from minorloop_head.geometry import Mount, wall_distance, wall_lengths
 from minorloop_head.inspection.heads import InspectedHead
 from minorloop_head.inspection.inspect_pipe import inspect
 from minorloop_head.procedures.calibration import HeadCalibration
@@ -39,7 +39,6 @@ from minorloop_head.twins.pipe import Bore, Crack, Pipe, draw_crack
 from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import FULL, Filling, Surroundings, Sway
 from minorloop_head.twins.turbid_water import TurbidWater
-from minorloop_head.ultrasound.pits import raster
 from papers.catheter import scoring
 from papers.catheter.crack_scenes import fine_course
 from papers.catheter.inspection_servo import wires_of
@@ -255,25 +254,19 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def water(temperature: float) -> Surroundings:
     """Return the surroundings of sleeved wires in a flooded pipe at a temperature."""
-    view = _nominal(Probe())
-    return Filling(level=FULL * view.radius, temperature=temperature).around(Surroundings())
+    return Filling(level=FULL * RADIUS, temperature=temperature).around(Surroundings())
 
 
-def needed(probe: Probe | None = None) -> FloatArray:
-    """Return the least and largest reading (2, 2) of the joints in a raster, in degrees.
-
-    With ``probe``, the raster is bent only, with a catheter at rest, square to the wall at a tilt
-    of 0; otherwise it is that of the default probe, whose rows are rolled.
-    """
-    view = _nominal(probe or Probe())
-    if probe is None:
-        pairs = RasterScan(calibration=view).needs.T
-    else:
-        square = probe.perpendicular(view.mount_at(np.zeros(2)), 0.0)
-        phi, z = view.probe_at(np.zeros(2)).spots([[square, 0.0]])[0, :2].tolist()
-        pairs = raster(view.probe_at(np.zeros(2)), (phi, z))
+def extremes(view: HeadCalibration, pairs: Iterable[FloatArray]) -> FloatArray:
+    """Return the least and largest reading (2, 2) of the joints for lines of sight, in degrees."""
     joints = np.array([view.joints(pair) for pair in pairs])
     return np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
+
+
+def needed() -> FloatArray:
+    """Return the readings of the joints in a raster of the nominal head, as of `extremes`."""
+    view = HeadCalibration(lens=LENS, leds=np.empty((0, 3)))
+    return extremes(view, RasterScan(calibration=view).needs.T)
 
 
 def reach_figures(seed: int) -> dict[str, float]:
@@ -286,11 +279,6 @@ def reach_figures(seed: int) -> dict[str, float]:
         f"at_{temperature:.0f}_c": float(scoring.reaches(Head(seed), water(temperature), needs))
         for temperature in TEMPERATURES
     }
-
-
-def _nominal(probe: Probe) -> HeadCalibration:
-    """Return the calibration of a nominal head with a probe."""
-    return HeadCalibration(lens=LENS, leds=np.empty((0, 3)), probe=probe)
 
 
 STUDY = Study("missions", "Unattended inspections of flooded pipes", run_mission, gather)

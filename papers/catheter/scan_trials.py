@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth, measure_pit
 from minorloop_head.vision.calibrated_camera import Image
-from papers.harness import Study, deviation, mean, median
+from papers.harness import Results, Study, deviation, mean, median
 
 JOINT_NOISE = GYROSCOPE_NOISE = math.radians(0.05)
 """Standard deviations of a reading of a joint, as in a mission, and of a gyroscope in the base."""
@@ -48,70 +49,20 @@ _Z, _TICK = 20e-3, 0.04
 """Place of the pits along the pipe in metres, and interval of the loop in seconds."""
 
 
-@dataclass(eq=False, kw_only=True)
-class Scanned:
-    """A calibrated probe before a place of a pipe, and its truth."""
-
-    probe: CalibratedProbe
-    centre: tuple[float, float]
-    """Phi and z of the place by the camera."""
-    twin: Ultrasound
-    pipe: Pipe
-    """Pipe with water, if any."""
-    mount: Mount
-    """True mount. For scoring only."""
-    rng: np.random.Generator
-    """Random numbers of sway, noise of the angles, and picture."""
-    pose: str = "camera"
-    """Source of the pose of a burst besides the joints: "camera" for pictures, "gyroscope" for one
-    in the base, or "joints" without one."""
-    specimen: int = 0
-    """Seed of camera and wall."""
-
-
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class ScanSite:
-    """A place of a pipe: known data, and its truth."""
+    """Truth of a place of a pipe. For scoring only."""
 
-    probe: CalibratedProbe
-    centre: tuple[float, float]
-    """Phi and z of the mouth by the camera."""
-    diameter: float
-    """Diameter by the camera, in metres."""
     truth: Bore
-    """Truth for scoring only."""
     dry: bool
     """Whether there is no water."""
     strayed: tuple[float, float] = (0.0, 0.0)
-    """Known minus true roll and advance of the mount. For scoring only."""
+    """Known minus true roll and advance of the mount."""
 
     @property
     def depth(self) -> float:
-        """True mean depth of the floor, in metres. For scoring only."""
+        """True mean depth of the floor, in metres."""
         return self.truth.depth - self.truth.dish / 2
-
-
-@dataclass(eq=False, kw_only=True)
-class ScanTrial(ScanSite, Scanned):
-    """A place with a probe before it, and the temperature of its water."""
-
-    temperature: float
-
-    @property
-    def site(self) -> ScanSite:
-        """The place without the twin of the probe, which fills 19 MB."""
-        return ScanSite(self.probe, self.centre, self.diameter, self.truth, self.dry, self.strayed)
-
-    def picture(self, patch: Patch) -> FloatArray:
-        """Return the logarithm (rows, columns) of the unrolled image with a dark mouth.
-
-        Place and size have the camera's errors; edges are a texel wide, and each texel has its own
-        noise, drawn anew for each call.
-        """
-        off = np.linalg.norm(patch.off(*self.centre), axis=-1)
-        dark = 1 / (1 + np.exp(np.clip((off - self.diameter / 2) / 0.05e-3, -30.0, 30.0)))
-        shade: FloatArray = -1.2 * dark + 0.08 * self.rng.standard_normal(off.shape)
-        return shade
 
 
 def draw_trial(
@@ -121,20 +72,14 @@ def draw_trial(
     lens: bool = True,
     bore: Bore | None = None,
     pose: str = "camera",
-) -> ScanTrial:
+) -> Results:
     """Draw a pit of 0.85 to 1.5 mm by 0.2 to 1 mm, or another defect, in a pipe by seed.
 
-    Parameters
-    ----------
-    kind : {"pit", "dished", "dented", "hole", "mark", "dry"}
-        A pit with a flat floor, a pit that is 0.1 mm shallower at its rim, a pit in or beside a
-        dent, a through-hole, a spot of dirt, or a pit in a dry pipe.
-    lens : bool
-        Whether the probe has its lens.
-    pose : {"camera", "gyroscope", "joints"}
-        As of `Scanned`.
-    bore : Bore, optional
-        Its diameter and depth replace the drawn ones.
+    ``kind`` is "pit" with a flat floor; "dished", a pit that is 0.1 mm shallower at its rim;
+    "dented", in or beside a dent; "hole", through the wall; "mark", a spot of dirt; or "dry", a pit
+    in a dry pipe. ``lens``: whether the probe has its lens. Diameter and depth of a ``bore``
+    replace the drawn ones. ``pose`` and the results are as of `scan`; beside them there are the
+    ``temperature`` of the water, the ``diameter`` by the camera in metres, and the true ``site``.
     """
     rng = np.random.default_rng([seed, 77])
     phi = float(rng.uniform(-np.pi, np.pi))
@@ -158,9 +103,10 @@ def draw_trial(
     # The camera has the same mount, so that its places have the error of the mount.
     probe, (turned, moved) = strayed(rng, probe)
     centre = (phi + around / pipe.radius + turned, _Z + along + moved)
-    return ScanTrial(
-        probe, centre, seen, pit, kind == "dry", (turned, moved),
-        twin=twin, pipe=pipe, mount=true, temperature=warm, rng=rng, pose=pose, specimen=seed,
+    return Results(
+        probe=probe, centre=centre, diameter=seen, twin=twin, pipe=pipe, mount=true, rng=rng,
+        temperature=warm, pose=pose, specimen=seed,
+        site=ScanSite(pit, kind == "dry", (turned, moved)),
     )  # fmt: skip
 
 
@@ -209,8 +155,14 @@ def strayed(
     return replace(probe, mount=known), (turned, moved)
 
 
-def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
+def scan(trial: Results) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     """Scan a raster by the procedure of mission and console, while flow sways the head.
+
+    The calibrated ``probe`` is before a place of a ``pipe`` with water, if any, which has phi and z
+    ``centre`` by the camera. ``twin`` is the true probe on the true ``mount``; ``rng`` draws sway,
+    noise of the angles, and picture; ``specimen`` is the seed of camera and wall. ``pose`` is the
+    source of the pose of a burst besides the joints: "camera" for pictures, "gyroscope" for one in
+    the base, or "joints" without one.
 
     Joints and catheter follow at once; the joints are measured with noise. The returned probe is at
     the place of the scan.
@@ -231,7 +183,7 @@ class _Head:
     ``view`` is its known calibration; ``light`` that of its camera, None without a camera.
     """
 
-    def __init__(self, trial: Scanned) -> None:
+    def __init__(self, trial: Results) -> None:
         self._trial, self._wet = trial, False
         self._place = self._start = np.array([trial.probe.mount.advance, trial.probe.mount.roll])
         self._joints, self._begin = np.zeros(2), float(trial.rng.uniform(0.0, PHASES))
@@ -305,7 +257,7 @@ class _Head:
             return self._base.at(t)
         if self._trial.pose != "gyroscope":
             return np.zeros(2)
-        return self._sway(t) + GYROSCOPE_NOISE * self._trial.rng.standard_normal(2)
+        return np.asarray(self._sway(t) + GYROSCOPE_NOISE * self._trial.rng.standard_normal(2))
 
 
 def _calibration(probe: CalibratedProbe) -> HeadCalibration:
@@ -340,24 +292,33 @@ class ScoredScan:
         """Distance of the place from the true one, in metres."""
         found, truth = self.found, self.site.truth
         places = (found.phi, found.z), (truth.phi, truth.z)
-        return float(wall_distance(*places, self.site.probe.radius))
+        return float(wall_distance(*places, Pipe.radius))
 
 
-def run_trial(trial: ScanTrial) -> ScoredScan:
+def run_trial(trial: Results) -> ScoredScan:
     """Scan, measure and fuse one place."""
-    probe, bursts = scan(trial)
-    coupled = has_coupling(bursts)
-    return measured(replace(trial, probe=probe), bursts, "ultrasound" if coupled else "camera")
+    trial.probe, bursts = scan(trial)
+    return measured(trial, bursts, "ultrasound" if has_coupling(bursts) else "camera")
 
 
-def measured(trial: ScanTrial, bursts: Sequence[Burst], modality: str = "ultrasound") -> ScoredScan:
+def measured(trial: Results, bursts: Sequence[Burst], modality: str = "ultrasound") -> ScoredScan:
     """Measure and fuse the bursts of one place."""
     before = time.process_time()
     about = trial.probe, trial.centre, trial.diameter
     found = measure_pit(bursts, *about)
     seconds = time.process_time() - before
-    wall = wall_about(found, bursts, *about, seen=trial.picture)
+    wall = wall_about(found, bursts, *about, seen=partial(_picture, trial))
     return ScoredScan(trial.site, found, seconds, wall, modality)
+
+
+def _picture(trial: Results, patch: Patch) -> FloatArray:
+    """Return the logarithm (rows, columns) of the unrolled image with a dark mouth.
+
+    Place and size have the camera's errors; edges are a texel wide, and each texel has its noise.
+    """
+    off = np.linalg.norm(patch.off(*trial.centre), axis=-1)
+    dark = 1 / (1 + np.exp(np.clip((off - trial.diameter / 2) / 0.05e-3, -30.0, 30.0)))
+    return np.asarray(-1.2 * dark + 0.08 * trial.rng.standard_normal(off.shape))
 
 
 def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
@@ -375,11 +336,6 @@ def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     }
 
 
-def dished_figure(scored: Iterable[ScoredScan]) -> float:
-    """Return the largest error in millimetres of the mean depth of unflagged dished floors."""
-    return max((1e3 * abs(run.error) for run in scored if run.found.measured), default=math.nan)
-
-
 def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return the largest errors of findings, and the share of texels inside their 90 % band."""
     runs = [run for run in scored if run.found.measured]
@@ -388,7 +344,7 @@ def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     return {
         "position_mm": max((1e3 * run.miss for run in runs), default=math.nan),
         "diameter_error_pct": max(sizes, default=math.nan),
-        "depth_error_mm": dished_figure(runs),
+        "depth_error_mm": depth_figures(runs)["worst_um"] / 1e3,
         "texel_coverage": float(texels.mean()),
     }
 
@@ -456,13 +412,10 @@ def run_scans(seed: int, scans: int = SCANS) -> dict[str, Any]:
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the figures over the scans of several specimens."""
-    return scan_figures([run["scored"] for run in runs])
-
-
-def scan_figures(scored: Sequence[Mapping[str, Sequence[ScoredScan]]]) -> dict[str, Any]:
-    """Return bias, deviation and bands of depths, and the number of false depths."""
-    kinds = {kind: [one for each in scored for one in each[kind]] for kind in scored[0]}
+    """Return bias, deviation and bands of the depths of all specimens, and of false depths."""
+    kinds = {
+        kind: [one for run in runs for one in run["scored"][kind]] for kind in runs[0]["scored"]
+    }
     return {
         "depth": {
             **depth_figures(kinds["pit"]),
@@ -471,7 +424,7 @@ def scan_figures(scored: Sequence[Mapping[str, Sequence[ScoredScan]]]) -> dict[s
                 for kind in ("gyroscope", "joints", "unfocused", "dented")
                 for key, value in depth_figures(kinds[kind]).items()
             },
-            "dished_error_mm": dished_figure(kinds["dished"]),
+            "dished_error_mm": depth_figures(kinds["dished"])["worst_um"] / 1e3,
             "seconds_worst": max(one.seconds for each in kinds.values() for one in each),
         },
         "fusion": {
@@ -479,8 +432,7 @@ def scan_figures(scored: Sequence[Mapping[str, Sequence[ScoredScan]]]) -> dict[s
             **band_figures([*kinds["pit"], *kinds["fused"]]),
         },
         "modality": {
-            "wrong": sum(bool(np.isfinite(one.found.depth)) for one in kinds["hole"])
-            + modality_wrong(kinds["dry"]),
+            "wrong": modality_wrong([*kinds["hole"], *kinds["dry"]]),
             "scans": len(kinds["hole"]) + len(kinds["dry"]),
         },
     }

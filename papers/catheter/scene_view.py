@@ -83,20 +83,11 @@ def draw_view(
     The gain varies by 4 to 1 about the metered one. The diameter of the hole is 0.85 to 1.15 mm,
     its minor axis at least 9 pixels of a 320 by 240 image.
 
-    Parameters
-    ----------
-    inside : {"dark", "backlit", "white"}, optional
-        Inside of the hole; drawn if not given.
-    plain : bool
-        Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
-        saturated pixel within 3 mm of the place; the hole is dark.
-    flooded : bool
-        Fill the pipe with water, clear or turbid.
+    ``inside`` of the hole is "dark", "backlit" or "white", and drawn if not given. A ``plain`` view
+    has no dents, beads, scratches, dirt, chamfer of the hole, and no saturated pixel within 3 mm of
+    the place; the hole is dark. A ``flooded`` pipe is full of water, clear or turbid.
 
-    Raises
-    ------
-    ParameterError
-        If no view could be drawn, as of `first_view`.
+    Raises a `ParameterError` if no view could be drawn, as of `first_view`.
     """
     rng, lens = np.random.default_rng([seed, int(hole)]), LENS.in_water() if flooded else LENS
 
@@ -131,10 +122,7 @@ def draw_view(
 def draw_sized_view(seed: int, *, hole: bool) -> SceneView:
     """Draw a view with a hole or, as often, a pit of any size, or the same kind of wall without.
 
-    Raises
-    ------
-    ParameterError
-        If no view could be drawn, as of `first_view`.
+    Raises a `ParameterError` if no view could be drawn, as of `first_view`.
     """
     rng = np.random.default_rng([seed, int(hole), 17])
     wide = math.exp(rng.uniform(*np.log(DIAMETERS)))
@@ -167,12 +155,8 @@ def first_view(
     """Return the first possible view of drawn heads and places.
 
     The head turns 18 to 30 degrees from the axis of the pipe, its pivot is up to 1 mm off it, and
-    the place is away from the edges of the picture.
-
-    Raises
-    ------
-    ParameterError
-        If no view is possible in 400 tries, which is so for fewer than one seed in 100,000.
+    the place is away from the edges of the picture. Raises a `ParameterError` if no view is
+    possible in 400 tries, which is so for fewer than one seed in 100,000.
     """
     for _ in range(_TRIES):
         away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -89,12 +88,6 @@ def reaches(head: Head, surroundings: Surroundings, needs: FloatArray) -> bool:
         for pair in itertools.product(*needs)
         for own in (np.linalg.solve(couple, np.array(pair)),)
     )
-
-
-def off_middle(tip: Any, bore: Bore) -> float:
-    """Return the distance of a bore from the true optical axis in the image, in pixels."""
-    middle = np.array(tip.camera._optics.centre)
-    return float(np.linalg.norm(true_pixel(tip.camera, bore.phi, bore.z) - middle))
 
 
 def places_seen(mount: Mount, joints: FloatArray, bore: Bore, radius: float) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -49,10 +49,9 @@ _TICK = 0.04
 def run_pick(scene: Scene) -> dict[str, float]:
     """Click on a hole, put the point on its outline, centre, expose for it and focus on it.
 
-    ``clicked``, ``outlined`` and ``final`` are distances in pixels of the point from the true
-    middle of the hole: at the click, on the outline, and tracked once it is centred and in focus;
-    ``off`` is that of the true middle from the middle of the image then. ``focus`` is the relative
-    error of the distance by the autofocus, NaN if it failed.
+    ``final`` is the distance in pixels of the point from the true middle of the hole, tracked once
+    it is centred and in focus. ``focus`` is the relative error of the distance by the autofocus,
+    NaN if it failed.
     """
     rig = scene.rig()
     tip, hole = rig.tip, scene.hole
@@ -60,7 +59,7 @@ def run_pick(scene: Scene) -> dict[str, float]:
     assert isinstance(rig.plant, Rig)
     seen = partial(scoring.true_pixel, tip.camera, hole.phi, hole.z)
     picked, centring = clicked(scene, rig, seen), Centring(calibration=rig.calibration)
-    state = rig.run(centring.centre(Centred(place=picked.place, shown=picked.pixel)))
+    state = rig.run(centring.centre(picked))
     meter(rig, state.place)
     lens = rig.calibration.lens
     found = rig.run(focus(lens, lens.centre, wall_ahead(rig.calibration, rig.reading())))
@@ -71,10 +70,7 @@ def run_pick(scene: Scene) -> dict[str, float]:
     point = scoring.middle_of(scene.mount, rig.plant, (hole.phi, hole.z), scene.pipe.radius)
     sharp = found.verdict == "sharp"
     return {
-        "clicked": 0.5 * math.dist(picked.click, picked.true),
-        "outlined": 0.5 * math.dist(picked.pixel, picked.true),
         "final": 0.5 * math.dist(track.pixel, now) if track.verdict == TRACKED else math.inf,
-        "off": 0.5 * math.dist(now, lens.centre),
         "focus": found.distance / float(point[2]) - 1 if sharp else math.nan,
     }
 
@@ -173,21 +169,18 @@ def _turned(
     return shots, np.array(errors), np.array(seen)
 
 
-def sight_figures(
-    picks: Sequence[Mapping[str, float]], insertions: Sequence[Results]
-) -> dict[str, Any]:
-    """Return the figures of points picked by hand and of Fig 14."""
+def gather_sight(found: Sequence[Results]) -> dict[str, Any]:
+    """Return the figures over all points, picks and pictures of Fig 14 of several specimens."""
+    picks, insertions = [one.pick for one in found], [one.insertion for one in found]
     each = {key: [one[key] for one in picks] for key in picks[0]}
     known = [abs(focus) for focus in each["focus"] if math.isfinite(focus)]
     errors = [one.error[one.tracked] for one in insertions]
     tracked = np.concatenate([one.tracked for one in insertions])
     return {
+        "tracking": tracking_figures([one for run in found for one in run.followed]),
         "pick": {
-            "click_px": median(each["clicked"]),
-            "outline_px": max(each["outlined"]),
             "final_error_px": max(each["final"]),
             "final_median_px": median(each["final"]),
-            "off_middle_px": max(each["off"]),
             "focus_error_pct": 100 * max(known, default=math.nan),
             "focus_failed": len(picks) - len(known),
         },
@@ -207,14 +200,6 @@ def run_sight(seed: int, control: HeadControl) -> Results:
         pick=run_pick(Scene(seed)),
         insertion=run_insertion(seed, control),
     )
-
-
-def gather_sight(found: Sequence[Results]) -> dict[str, Any]:
-    """Return the figures over all points, pictures and touches of several specimens."""
-    return {
-        "tracking": tracking_figures([one for each in found for one in each.followed]),
-        **sight_figures([each.pick for each in found], [each.insertion for each in found]),
-    }
 
 
 def walls_table(followed: Sequence[Results]) -> Table:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -58,21 +58,14 @@ _VIEWS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class PipeMap(CScan):
-    """Echoes of the flooded part of a pipe, and a picture of the rest."""
-
-    picture: FloatArray
-    """Shape (rows, columns). Logarithm of the reflectance where the camera saw drained wall; NaN
-    elsewhere."""
-
-
-@dataclass(frozen=True, eq=False)
 class ScoredSweep:
     """One sweep with its truth."""
 
     scan: CScan
-    fused: PipeMap
+    fused: CScan
     """Map fused with the pictures of the drained part."""
+    picture: FloatArray
+    """The pictures, as of `pipe_map`."""
     pipe: Pipe
     """For scoring only."""
     level: float
@@ -225,8 +218,8 @@ def pictures(trial: Results, patch: Patch) -> list[FloatArray]:
     return seen
 
 
-def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:
-    """Merge the map of a sweep with pictures.
+def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> tuple[CScan, FloatArray]:
+    """Merge the map of a sweep with pictures; return it, and the pictures merged (rows, columns).
 
     Views (rows, columns) are logarithms of the reflectance on the patch of the sweep, such as
     `resampled` returns; NaN where unknown. Water refracts a picture, so that the camera counts only
@@ -243,10 +236,7 @@ def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:
             count[seen] += 1
     picture = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
     camera = camera_map(patch, count > 0, np.zeros(count.shape))
-    fused = replace(scan, wall=blend(camera, scan.wall))
-    return PipeMap(
-        **{each.name: getattr(fused, each.name) for each in fields(fused)}, picture=picture
-    )
+    return replace(scan, wall=blend(camera, scan.wall)), picture
 
 
 def blend(first: DepthMap, second: DepthMap) -> DepthMap:
@@ -266,13 +256,14 @@ def blend(first: DepthMap, second: DepthMap) -> DepthMap:
     return DepthMap(first.patch, depth, np.where(through, np.nan, sd), source)
 
 
-def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
-    """Look at the drained part, sweep the flooded one, and map both."""
-    trial = draw_sweep(seed, pits)
+def run_study(seed: int) -> dict[str, ScoredSweep]:
+    """Look at the drained part of a pipe, sweep the flooded one, and map both."""
+    trial = draw_sweep(seed)
     bursts, patch = sweep(trial).bursts, Patch.ring(*ALONG)
     scan = c_scan(bursts, trial.calibration.probe_at((0.0, 0.0)), patch)
-    fused = pipe_map(scan, pictures(trial, patch))
-    return ScoredSweep(scan, fused, trial.pipe, trial.level, bursts[-1].t - bursts[0].t)
+    maps = pipe_map(scan, pictures(trial, patch))
+    seconds = bursts[-1].t - bursts[0].t
+    return {"sweep": ScoredSweep(scan, *maps, trial.pipe, trial.level, seconds)}
 
 
 def pit_found(run: ScoredSweep, bore: Bore) -> EchoFind | None:
@@ -333,13 +324,14 @@ def map_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
     return {f"{name}_coverage": mean(each) for name, each in every.items()}
 
 
-def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
-    """Return recall, false finds, errors, and the mapped share with its time.
+def gather(results: Sequence[Mapping[str, ScoredSweep]]) -> dict[str, dict[str, float]]:
+    """Return recall, false finds, errors, and the mapped share with its time, of several pipes.
 
     A find without a pit or a crack is false; a pit found as a crack, or a crack found as a pit, is
     of the wrong kind. A find cut by the edge does not count. A crack counts as found if a part of
     it is found.
     """
+    runs = [each["sweep"] for each in results]
     pits = [(pit_found(run, bore), bore) for run in runs for bore in run.pipe.bores]
     hits = [(find, bore) for find, bore in pits if find is not None]
     every = [(run, find) for run in runs for find in run.scan.finds]
@@ -355,7 +347,7 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
         for run in runs
         if any(within_reach(run, crack) for crack in run.pipe.cracks)
     ]
-    return {
+    found = {
         "recall": len(hits) / max(len(pits), 1),
         "pits": len(pits),
         "false_per_cm2": sum(not (on_pit(*one) or on_crack(*one)) for one in finds) / area,
@@ -376,16 +368,7 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
         "water_mm": max(1e3 * abs(run.scan.water.height - run.level) for run in runs),
         **map_figures(runs),
     }
-
-
-def run_study(seed: int) -> dict[str, ScoredSweep]:
-    """Sweep one pipe; return its results."""
-    return {"sweep": run_sweep(seed)}
-
-
-def gather(runs: Sequence[Mapping[str, ScoredSweep]]) -> dict[str, dict[str, float]]:
-    """Return the figures over the sweeps of several pipes."""
-    return {"cscan": c_scan_figures([run["sweep"] for run in runs])}
+    return {"cscan": found}
 
 
 STUDY = Study("sweeps", "Sweeps of half-flooded pipes", run_study, gather)

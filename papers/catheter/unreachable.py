@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,10 @@ from minorloop_head.control.head import head_control
 from minorloop_head.control.reach import STROKE_SHARE, Reason, Unreachable
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings
-from papers.catheter.head_loop import Alarm, constant, run_loop
+from papers.catheter.head_loop import constant, run_loop
 from papers.catheter.head_static import CURRENT, HOLD, identify_head
 from papers.catheter.scoring import truth
-from papers.harness import Study, mean, median
+from papers.harness import Results, Study, mean, median
 
 BOTH: Reason = "colder surroundings or stronger cooling"
 """Reason of the guard if the readings do not distinguish the two causes."""
@@ -28,28 +27,12 @@ CLEARLY = 5.0
 """Least distance out of reach in degrees at which a target must be found."""
 
 
-@dataclass(frozen=True)
-class ImpossibleTarget:
-    """A target, the final angle under full current, and the alarms of the guard."""
-
-    cause: Reason
-    """The true one."""
-    target: float
-    reach: float
-    """Angles in degrees."""
-    alarm: Alarm | None
-    """The first of the axis."""
-    others: int
-    """Alarms of the other axis."""
-
-    @property
-    def short(self) -> float:
-        """Distance of the target out of reach, in degrees."""
-        return self.target - self.reach
-
-
 def run_study(seed: int) -> dict[str, Any]:
     """Run the targets of one specimen; the seed draws noise, surroundings and targets too.
+
+    Each of the ``cases`` has the true ``cause``; ``short``, the distance of the target out of
+    ``reach``, both in degrees; the first ``alarm`` of the axis; and the number of those of the
+    ``others``.
 
     The ambient, and the convection, of which still air has 75 W/(m^2 K), are such that the reach
     falls between the ends of the stroke. A target is up to 8 degrees beyond it, about `CLEARLY`, or
@@ -73,10 +56,13 @@ def run_study(seed: int) -> dict[str, Any]:
         for off in (rng.uniform(1.5, 8.0), -rng.uniform(0.5, 3.0)):
             target = min(reach + float(off), top)
             options: dict[str, Any] = {"specimen": seed, "seed": seed, "surroundings": around}
-            run = run_loop("observer", control, constant(target), 30.0, **options)
+            run = run_loop(control, constant(target), 30.0, **options)
             own = [alarm for alarm in run.alarms if alarm.axis == 0]
-            first, others = own[0] if own else None, len(run.alarms) - len(own)
-            cases.append(ImpossibleTarget(cause, target, reach, first, others))
+            said: dict[str, Any] = {
+                "alarm": own[0] if own else None,
+                "others": len(run.alarms) - len(own),
+            }
+            cases.append(Results(cause=cause, short=target - reach, reach=reach, **said))
     return {"cases": tuple(cases), "seconds": time.perf_counter() - began}
 
 

@@ -11,7 +11,8 @@ def held_points(off=0.1, without=0.4, printed=90.0):
     def run(distance):
         t = 0.04 * np.arange(1.0, 1001.0)
         place = np.stack([np.full(t.size, distance), np.zeros(t.size)], axis=1)
-        return ServoRun(t, np.full(t.size, distance), ("tracked",) * t.size, place=place)
+        off = np.full(t.size, distance)
+        return ServoRun(t, off, ("tracked",) * t.size, off, place)
 
     each = {f"{case}{words}": d for case in CASES for words, d in (("", off), (WITHOUT, without))}
     return {name: run(distance) for name, distance in {**each, PRINTED: printed}.items()}

@@ -57,4 +57,5 @@ def test_rows_of_the_file_have_bounds_and_those_of_parts():
     recall = claims["cracks.recall_100um"]
     assert (recall.least, recall.most, recall.percent) == (0.95, math.inf, True)
     assert (recall.count, recall.enough, recall.bound) == ("cracks.scenes_100um", 20, "ours")
+    assert [claims[f"reach.at_{t}_c"].what[-4:] for t in (20, 40)] == ["20 C", "40 C"]
     assert {claim.bound for claim in claims_of("head")} == {"ours", "the paper's"}

@@ -1,14 +1,13 @@
 import numpy as np
 import pytest
 
-from minorloop.twins.fibre import Fibre
 from minorloop.twins.ipmc import Ipmc
 from papers import fibre, ipmc
-from papers.facts import ProbeInputs, twin_facts
+from papers.facts import twin_facts
 
 
 def test_the_strip_is_as_published_and_no_preisach_operator():
-    facts = twin_facts(Ipmc, ipmc.PROBES)
+    facts = ipmc.strip_facts()
     np.testing.assert_allclose(facts["quadratic_fit"], [-0.36, 8.20, 0.34], rtol=0.05)
     np.testing.assert_allclose(facts["range"], [-9.5, 9.4], rtol=0.05)
     assert facts["loop_gap"] == pytest.approx(0.20, rel=0.05)
@@ -17,7 +16,7 @@ def test_the_strip_is_as_published_and_no_preisach_operator():
 
 
 def test_the_fibre_has_its_loop_and_is_no_preisach_operator():
-    facts = twin_facts(Fibre, fibre.PROBES)
+    facts = fibre.fibre_facts()
     assert facts["loop_gap"] == pytest.approx(0.20, rel=0.05)
     assert facts["congruency"] > 0.02
     assert facts["wiping_out"] > 0.005
@@ -32,7 +31,7 @@ class Ideal(Ipmc):
 
 
 def test_what_remembers_nothing_violates_nothing():
-    facts = twin_facts(Ideal, ProbeInputs(-1.0, 1.0, 5, 10.0, (0.1, 0.6), -0.2))
+    facts = twin_facts(Ideal, np.linspace(-1, 1, 6), 10.0, loop=(0.1, 0.6), excursion=-0.2)
     np.testing.assert_allclose(facts["quadratic_fit"], [0, 2, 1], atol=1e-12)
     for name in ("loop_gap", "congruency", "wiping_out"):
         assert facts[name] == pytest.approx(0.0, abs=1e-12)

@@ -31,7 +31,7 @@ def test_prints_claim_run_and_verdict_and_writes_the_report(run):
 
 
 def test_figures_of_several_specimens_are_medians(run, monkeypatch):
-    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    monkeypatch.setitem(study.STUDIES, "made", "made_study")
     status, out, err = run("made --specimens 2 --seed 4 --json")
     assert status == 0
     assert re.fullmatch(r"specimen 1 of 2, seed 4: \d+ s\nspecimen 2 of 2, seed 5: \d+ s\n", err)
@@ -66,7 +66,7 @@ def one_by_one(work, count, seed):
 def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept):
     made = Specimen(ends)
     monkeypatch.setitem(sys.modules, "made_study", made)
-    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    monkeypatch.setitem(study.STUDIES, "made", "made_study")
     monkeypatch.setattr(harness, "begun", one_by_one)
     status, out, err = run("made --specimens 4 --seed 7 --out made")
     assert (status, out) == (130, "")
@@ -82,7 +82,7 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
 
 def test_a_specimen_that_cannot_be_done_is_named_and_the_others_are_kept(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "made_study", Specimen(None, fails=8))
-    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    monkeypatch.setitem(study.STUDIES, "made", "made_study")
     monkeypatch.setattr(harness, "begun", one_by_one)
     status, out, err = run("made --specimens 4 --seed 7 --out made")
     assert (status, out) == (2, "")

@@ -20,9 +20,10 @@ from minorloop_head.heated_wire import HeatedState, HeatedWire
 
 
 @dataclass(frozen=True, eq=False)
-class AdaptiveEstimate:
-    """Estimate of the model."""
+class AdaptiveState:
+    """State of the loop."""
 
+    observer: ObserverState
     control: ObserverControl
     """The law with the estimated operator."""
     recursion: RecursiveState
@@ -32,27 +33,17 @@ class AdaptiveEstimate:
     """Estimated and identified wire, simulated with the current and the slow bias."""
     ambient: float
     """Slow bias in A^2: the common part of settled samples."""
-    score: float = 0.0
-    identified_score: float = 0.0
-    """Smoothed absolute errors of these two wires at settled samples, in degrees."""
-    updates: int = 0
-    rollbacks: int = 0
-    """Numbers of changes and of resets of the weights."""
-
-
-@dataclass(frozen=True, eq=False)
-class AdaptiveState:
-    """State of the loop."""
-
-    observer: ObserverState
-    adapted: AdaptiveEstimate
-    still: float
-    """Seconds for which the wire has been settled at its target."""
     anchor: float
     learnt: float
-    """Effective powers in A^2: at the beginning of that time, and of the last sample used."""
+    """Effective powers in A^2: where the wire has settled at its target, and of the last sample
+    used."""
     applied: float
     """Present current in A."""
+    still: float = 0.0
+    """Seconds for which the wire has been settled at its target."""
+    score: float = 0.0
+    identified_score: float = 0.0
+    """Smoothed absolute errors of the two wires at settled samples, in degrees."""
 
     @property
     def estimate(self) -> Estimate:
@@ -103,14 +94,17 @@ class AdaptiveControl:
         """Return the state of a wire that has settled at an angle under a current."""
         observer = self.control.begin(measurement, current)
         wire = observer.estimate.wire
-        adapted = AdaptiveEstimate(
+        return AdaptiveState(
+            observer=observer,
             control=self.control,
             recursion=self._recursive.begin(model=self.control.wire.operator),
             free=wire,
             identified=wire,
             ambient=observer.estimate.ambient,
+            anchor=wire.power,
+            learnt=wire.power,
+            applied=current,
         )
-        return AdaptiveState(observer, adapted, 0.0, wire.power, wire.power, current)
 
     def step(
         self, state: AdaptiveState, reference: float, measurement: float
@@ -120,24 +114,22 @@ class AdaptiveControl:
         A wire is settled within 0.4 degrees of its target and 1 % of the range of power; samples
         that are nearer than 2 % of this range to the last one add no information.
         """
-        # The two free wires are simulated for an interval.
-        adapted, options = state.adapted, {"ambient": state.adapted.ambient}
-        for_interval = (state.applied**2, self.interval)
-        adapted = replace(
-            adapted,
-            free=adapted.control.wire.step(adapted.free, *for_interval, **options),
-            identified=self.control.wire.step(adapted.identified, *for_interval, **options),
-        )
         before = replace(state.observer, applied=state.applied)
-        current, observer = adapted.control.step(before, reference, measurement)
-        power = observer.estimate.wire.power
+        current, observer = state.control.step(before, reference, measurement)
+        for_interval, options = (state.applied**2, self.interval), {"ambient": state.ambient}
+        new = replace(
+            state,
+            observer=observer,
+            applied=current,
+            free=state.control.wire.step(state.free, *for_interval, **options),
+            identified=self.control.wire.step(state.identified, *for_interval, **options),
+        )
+        power, span = observer.estimate.wire.power, width(self.control.wire)
         near = abs(reference - measurement) < 0.4
-        span = width(self.control.wire)
         if not (near and abs(power - state.anchor) < 0.01 * span):
-            return current, AdaptiveState(observer, adapted, 0.0, power, state.learnt, current)
-        still = state.still + self.interval
-        new = AdaptiveState(observer, adapted, still, state.anchor, state.learnt, current)
-        if still < self.settling or abs(power - state.learnt) < 0.02 * span:
+            return current, replace(new, still=0.0, anchor=power)
+        new = replace(new, still=state.still + self.interval)
+        if new.still < self.settling or abs(power - state.learnt) < 0.02 * span:
             return current, new
         return current, self._learnt(new, reference)
 
@@ -147,49 +139,43 @@ class AdaptiveControl:
         Before that, it updates the slow bias with a weight of a fifth, and the errors of the two
         free wires with a weight of a tenth.
         """
-        adapted, estimate = state.adapted, state.observer.estimate
-        own, first = abs(adapted.free.angle - angle), abs(adapted.identified.angle - angle)
-        adapted = replace(
-            adapted,
-            ambient=adapted.ambient + 0.2 * (estimate.ambient - adapted.ambient),
-            score=adapted.score + 0.1 * (own - adapted.score),
-            identified_score=adapted.identified_score + 0.1 * (first - adapted.identified_score),
+        estimate, operator = state.observer.estimate, self.control.wire.operator
+        own, first = abs(state.free.angle - angle), abs(state.identified.angle - angle)
+        state = replace(
+            state,
+            ambient=state.ambient + 0.2 * (estimate.ambient - state.ambient),
+            learnt=estimate.wire.power,
+            score=state.score + 0.1 * (own - state.score),
+            identified_score=state.identified_score + 0.1 * (first - state.identified_score),
         )
-        if adapted.score > adapted.identified_score + self.tolerance:
-            adapted = replace(
-                self._with(adapted, self.control.wire.operator),
-                recursion=self._recursive.begin(model=self.control.wire.operator),
-                score=adapted.identified_score,
-                rollbacks=adapted.rollbacks + 1,
-            )
+        if state.score > state.identified_score + self.tolerance:
+            recursion = self._recursive.begin(model=operator)
+            state = replace(state, recursion=recursion, score=state.identified_score)
+            state = self._with(state, operator)
         else:
-            adapted = self._updated(adapted, angle)
-        observer = replace(
-            state.observer,
-            estimate=replace(estimate, wire=_moved_to(estimate.wire, adapted.control.wire)),
-        )
-        return replace(state, observer=observer, adapted=adapted, learnt=estimate.wire.power)
+            state = self._updated(state, angle)
+        estimate = replace(estimate, wire=_moved_to(estimate.wire, state.control.wire))
+        return replace(state, observer=replace(state.observer, estimate=estimate))
 
-    def _updated(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
+    def _updated(self, state: AdaptiveState, angle: float) -> AdaptiveState:
         """Change the weights to explain the sample, within the limit of one update."""
-        memory = adapted.free.tracker.memory
-        before = replace(adapted.recursion, memory=memory, updates=0)
+        memory = state.free.tracker.memory
+        before = replace(state.recursion, memory=memory, updates=0)
         after = self._recursive.update(before, memory.u, angle)
         change = after.theta - before.theta
         size, (low, high) = float(np.abs(change).sum()), self.control.wire.operator.range
         if not np.isfinite(size) or size == 0.0:
-            return adapted
+            return state
         theta = before.theta + min(1.0, self.largest_update * (high - low) / size) * change
-        updates = adapted.updates + 1
-        recursion = replace(after, theta=theta, updates=updates)
-        learnt = replace(adapted, recursion=recursion, updates=updates)
+        recursion = replace(after, theta=theta)
+        learnt = replace(state, recursion=recursion)
         return self._with(learnt, self._recursive.model(recursion))
 
-    def _with(self, adapted: AdaptiveEstimate, operator: Preisach) -> AdaptiveEstimate:
-        """Return the estimate with another operator, its free wire at the same effective power."""
+    def _with(self, state: AdaptiveState, operator: Preisach) -> AdaptiveState:
+        """Return the state with another operator, its free wire at the same effective power."""
         wire = replace(self.control.wire, operator=operator)
-        control = replace(adapted.control, wire=wire)
-        return replace(adapted, control=control, free=_moved_to(adapted.free, wire))
+        control = replace(state.control, wire=wire)
+        return replace(state, control=control, free=_moved_to(state.free, wire))
 
 
 def _moved_to(state: HeatedState, wire: HeatedWire) -> HeatedState:

@@ -19,16 +19,16 @@ from minorloop_head.control.controller import MOST_DELAY, Loop, mean_slope
 from minorloop_head.heated_wire import HeatedWire
 
 
+def mean_lag(wire: HeatedWire) -> float:
+    """Return the heating lag of a wire that moves, in seconds, on average over its levels."""
+    return wire.lag + wire.latent * mean_slope(wire)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InverseLoop(Loop):
     """A loop around the inverse of an operator."""
 
     wire: HeatedWire
-
-    @property
-    def wire_lag(self) -> float:
-        """Lag of the wire in seconds, with the latent heat of its mean slope."""
-        return self.wire.lag + self.wire.latent * mean_slope(self.wire)
 
     def found(self, measurement: float, current: float) -> tuple[Tracker, float]:
         """Return the memory of a wire that has settled under a current, and the model's angle."""
@@ -89,7 +89,7 @@ class InternalModel(InverseLoop):
     @property
     def model_lag(self) -> float:
         """tau_H in seconds."""
-        return self.wire_lag if self.lag is None else self.lag
+        return mean_lag(self.wire) if self.lag is None else self.lag
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> InternalModelState:
         """Return a state that keeps the present current if the reference is the measurement."""
@@ -197,7 +197,7 @@ def robust_margins(law: InternalModel) -> Margins:
     occur together: if the slope is large, so is the latent heat.
     """
     cold = law.wire.lag / law.model_lag
-    found = [margins(law, gain=slope_ratios(law.wire)[1]), margins(law, lag=cold)]
+    found = [margins(law, gain=slope_ratio(law.wire)), margins(law, lag=cold)]
     return Margins(
         min(each.gain for each in found),
         min(each.delay for each in found),
@@ -214,8 +214,8 @@ def _edge(radius: Callable[[float], float], far: float) -> float:
     return inside
 
 
-def slope_ratios(wire: HeatedWire) -> tuple[float, float]:
-    """Return the least and the greatest ratio of the slopes of the two branches of the major loop.
+def slope_ratio(wire: HeatedWire) -> float:
+    """Return the greatest ratio of the slopes of the two branches of the major loop.
 
     An inverse that mistakes one branch for the other meets this gain. Slopes are compared at
     equal angles, over the middle 80 % of the stroke: at the ends both branches are flat.
@@ -229,5 +229,4 @@ def slope_ratios(wire: HeatedWire) -> tuple[float, float]:
         1.0 / np.gradient(np.interp(at, np.maximum.accumulate(angle), up), at)
         for angle in (angles[: up.size], angles[up.size :][::-1])
     )
-    ratios = np.concatenate([rising / falling, falling / rising])
-    return float(ratios.min()), float(ratios.max())
+    return float(np.maximum(rising / falling, falling / rising).max())

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from papers.catheter.control.internal_model import InverseLoop, InverseState
+from papers.catheter.control.internal_model import InverseLoop, InverseState, mean_lag
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class ModelReference(InverseLoop):
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> ModelReferenceState:
         """Return a state that keeps the present current if the reference is the measurement."""
         tracker, angle = self.found(measurement, current)
-        ratio = self.wire_lag / self.response
+        ratio = mean_lag(self.wire) / self.response
         weights = (ratio, 1.0 - ratio, angle - measurement)
         past = (measurement,) * self.delay
         return ModelReferenceState(tracker, past, current, weights, measurement, measurement)
@@ -94,7 +94,7 @@ class ModelReference(InverseLoop):
         """
         low, high = self.wire.operator.range
         # The weight of the target for the identified wire: its lag over that of the model.
-        stroke, ratio = high - low, self.wire_lag / self.response
+        stroke, ratio = high - low, mean_lag(self.wire) / self.response
         beyond = math.copysign(max(abs(error) - 0.1, 0.0), error)
         phi = np.array([target, reading, stroke]) / stroke
         rate = self.adaptation * self.interval * beyond / (stroke * (1.0 + phi @ phi))

@@ -34,7 +34,6 @@ def run(control, target, seconds, disturb=None):
         return used[0]
 
     step = run_loop(
-        "observer",
         control,
         constant(*np.atleast_1d(target)),
         seconds,

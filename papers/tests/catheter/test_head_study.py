@@ -19,7 +19,7 @@ from papers.catheter import (
     tracking_trials,
 )
 from papers.catheter.head_loop import constant, run_loop
-from papers.catheter.inspection_servo import IntegralStudy
+from papers.catheter.inspection_servo import integral_results
 from papers.catheter.picture_sensor import PictureSensor
 from papers.harness import Results
 from servo_runs import held_points
@@ -57,7 +57,9 @@ def study():
         }  # fmt: skip
         for name, value in by_camera.items():
             patch.setattr(head_camera, name, value)
-        patch.setattr(inspection_servo, "run_integral", lambda seed: IntegralStudy(held_points()))
+        patch.setattr(
+            inspection_servo, "run_integral", lambda seed: integral_results(held_points())
+        )
         yield head.run_study(1)
 
 
@@ -66,12 +68,12 @@ def seen_wires(seed):
     found, moves = zip(*(head_static._wire(seed, axis) for axis in range(2)), strict=True)
     view = PictureSensor(Head(seed), seed).survey()
     wires, coupling = [one.model for one in found], identify_coupling(moves)
-    return Results(wires=wires, coupling=coupling, view=view, lost=0)
+    return Results(wires=wires, coupling=coupling, view=view)
 
 
 def circled(seed, control, circle, camera):
     """A circle that is not driven."""
-    run = run_loop("observer", control, constant(0.0), 0.2, specimen=seed, seed=seed)
+    run = run_loop(control, constant(0.0), 0.2, specimen=seed, seed=seed)
     around = np.stack([4 * np.cos(run.t), 4 * np.sin(run.t)], axis=1)
     return Results(t=run.t, wanted=around, reached=around + 0.1, rms=0.1 * 2**0.5, run=run)
 
@@ -105,7 +107,7 @@ def test_the_report_has_every_figure(study, figures):
     order = [page.index(f"<h2>Fig {number}") for number in (*range(2, 13), 14)]
     assert order == sorted(order)
     assert page.count("<img") >= 11
-    for said in ("20 to 25 mm across", "better than the observer", "no bound is set"):
+    for said in ("20 to 25 mm across", "no bound is set"):
         assert said in page
     assert not re.search(r"<td[^>]*>(nan|inf)</td>", page)
 
@@ -123,7 +125,7 @@ class Full:
 
 def test_a_wire_that_gets_too_hot_is_counted():
     hot = Surroundings(ambient=90.0)
-    run = run_loop("full", Full(), constant(30.0), 60.0, specimen=None, seed=0, surroundings=hot)
+    run = run_loop(Full(), constant(30.0), 60.0, specimen=None, seed=0, surroundings=hot)
     assert run.truth.hottest.max() > 150.0
     assert run.violations == 2
     assert run.settle == np.inf

@@ -37,18 +37,18 @@ def merged():
 
 
 def test_each_texel_has_its_source(merged):
-    found = merged.wall.source[0, [0, 1, 4, 8, -1]].tolist()
+    found = merged[0].wall.source[0, [0, 1, 4, 8, -1]].tolist()
     assert found == [UNSEEN, CAMERA, BOTH, ECHOES, UNSEEN]
 
 
 def test_the_camera_does_not_see_under_water(merged):
     wet = PATCH.places[..., 0] > 1e-6
-    assert np.isnan(merged.picture[wet]).all()
-    assert np.isfinite(merged.picture[1, :5]).all()
+    assert np.isnan(merged[1][wet]).all()
+    assert np.isfinite(merged[1][1, :5]).all()
 
 
 def test_each_source_has_its_uncertainty(merged):
-    sd = merged.wall.sd
+    sd = merged[0].wall.sd
     assert sd[1, 1] == pytest.approx(0.05e-3)
     assert sd[1, 8] == pytest.approx(10e-6)
     assert sd[1, 4] == pytest.approx((0.05e-3**-2 + 10e-6**-2) ** -0.5)

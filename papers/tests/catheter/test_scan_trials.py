@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop_head.geometry import Mount, Probe, wrapped
+from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.scan import DWELL, NO_COUPLING, SHOTS, RasterScan
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.fusion import fuse
 from minorloop_head.twins.pipe import Bore
-from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth, raster
 from papers.catheter.scan_trials import (
     ScanSite,
@@ -29,9 +28,7 @@ PATCH = Patch.around(0.0, 20e-3, size=1.6e-3)
 
 
 def run(found=FOUND, truth=TRUTH, *, dry=False, modality="ultrasound"):
-    probe = CalibratedProbe(Probe(), Mount())
-    place = ScanSite(probe, (0.0, 20e-3), 1e-3, truth, dry)
-    return ScoredScan(place, found, 1.0, fuse(found, None, PATCH), modality)
+    return ScoredScan(ScanSite(truth, dry), found, 1.0, fuse(found, None, PATCH), modality)
 
 
 def test_bias_and_deviation_are_those_of_what_was_measured():

@@ -35,7 +35,7 @@ def run():
         seen = pictures(trial, patch)
     seconds = state.bursts[-1].t - state.bursts[0].t
     pipe = replace(trial.pipe, cracks=())
-    return ScoredSweep(scan, pipe_map(scan, seen), pipe, trial.level, seconds), state
+    return ScoredSweep(scan, *pipe_map(scan, seen), pipe, trial.level, seconds), state
 
 
 @pytest.mark.whole
@@ -63,4 +63,4 @@ def test_the_map_has_picture_and_echoes_and_is_drawn(run):
     assert {CAMERA, ECHOES} <= sources
     assert BOTH not in sources  # the sweep is far from the water line
     assert len(finds_table(fused).rows) == 1
-    assert len(draw_pipe_map(fused, picture=fused.picture).axes) == 8
+    assert len(draw_pipe_map(fused, picture=run[0].picture).axes) == 8

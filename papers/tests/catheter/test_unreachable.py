@@ -2,16 +2,16 @@ import pytest
 
 from minorloop_head.control.reach import Unreachable
 from papers.catheter.head_loop import Alarm
-from papers.catheter.unreachable import BOTH, ImpossibleTarget, gather
+from papers.catheter.unreachable import BOTH, gather
+from papers.harness import Results
 
 COLD, COOLED = "ambient too cold", "convection too high"
 
 
 def case(cause, target, said=None, *, at=8.0, reach=40.0, others=0):
     verdict = None if said is None else Unreachable(said, target, reach, at, reach - 5, reach + 5)
-    return ImpossibleTarget(
-        cause, target, 40.0, None if verdict is None else Alarm(at, 0, verdict), others
-    )
+    alarm = None if verdict is None else Alarm(at, 0, verdict)
+    return Results(cause=cause, short=target - 40.0, reach=40.0, alarm=alarm, others=others)
 
 
 def test_shares_are_over_the_cases_of_all_specimens():

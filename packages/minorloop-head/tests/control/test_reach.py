@@ -45,7 +45,6 @@ def test_a_cold_head_whose_identified_branch_rises_too_late_is_not_given_up():
     # Its holds ended 3.5 degrees short where it turns most; it reaches 43.4 degrees in the end.
     wires, coupling = identified_head(95544)
     run = run_loop(
-        "observer",
         head_control("observer", wires, coupling=coupling),
         constant(42.83),
         25.0,
