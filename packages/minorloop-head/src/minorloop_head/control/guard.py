@@ -49,7 +49,7 @@ Cause: TypeAlias = Literal[
 ]
 COOLED = ("lost", "stuck", "unconfirmed", "reversed")
 """Faults of the sensor at which the wire cools."""
-FAULTS: dict[Fault, str] = {
+_FAULTS: dict[Fault, str] = {
     "lost": "the sensor is lost; the wire cools",
     "stuck": "the sensor is stuck; the wire cools",
     "implausible": "the sensor is implausible: {odd}; the wire goes by its model",
@@ -485,7 +485,7 @@ class Guard:
         if reading.believed:
             odd = f"readings are not from {self.sensor.low:g} to {self.sensor.high:g} degrees"
         if reading.fault:
-            yield "sensor", FAULTS[reading.fault].format(odd=odd, late=state.lateness.late)
+            yield "sensor", _FAULTS[reading.fault].format(odd=odd, late=state.lateness.late)
         elif not reading.used and max(reading.missing, reading.odd) >= _UNREAD:
             what = "there is no reading" if reading.missing >= _UNREAD else odd
             yield "unread", f"{what}; the wire goes by its model"

@@ -52,10 +52,8 @@ def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> t
     return running.result
 
 
-def nearest(
-    holes: Sequence[Hole], place: npt.ArrayLike, radius: float, reach: float = SAME
-) -> Hole | None:
-    """Return the hole nearest to phi and z (2,) in a pipe of a radius; None beyond the reach."""
+def nearest(holes: Sequence[Hole], place: npt.ArrayLike, radius: float) -> Hole | None:
+    """Return the hole nearest to phi and z (2,) in a pipe of a radius; None beyond `SAME`."""
     off = [float(wall_distance(hole.place, place, radius)) for hole in holes]
     best = min(range(len(holes)), key=off.__getitem__, default=None)
-    return None if best is None or off[best] > reach else holes[best]
+    return None if best is None or off[best] > SAME else holes[best]

@@ -41,10 +41,10 @@ class _LightLimits:
         """Return a distance, clipped to the limits of the focus."""
         return float(np.clip(distance, self.nearest, self.farthest))
 
-    def gain(self, before: float, image: Image, share: float = 0.7) -> float:
-        """Return the next gain after an image, by a share of the way on a logarithmic scale."""
+    def gain(self, before: float, image: Image) -> float:
+        """Return the next gain after an image, by 0.7 of the way on a logarithmic scale."""
         mean = max(float(image[::4, ::4].mean()), 1.0)
-        wanted = before * (self.grey / mean) ** share
+        wanted = before * (self.grey / mean) ** 0.7
         return float(np.clip(wanted, self.least_gain, self.most_gain))
 
 

@@ -25,7 +25,7 @@ _MOST_FACES = 160  # along a side of a surface
 _WIDE = 7.0  # inches, the width of a map of the pipe
 _FINEST = 4  # largest number of parts of a side of a texel, for smooth rims
 SOURCES = ("unseen", "camera", "echoes", "both")
-SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
+_SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CONTRAST = 0.5
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _LOUD, _DEEP = (0.0, 1.1), (-0.1, 1.0)
@@ -135,7 +135,7 @@ def _draw_source(figure: Any, axes: Any, scan: CScan, shown: _Shown) -> None:
     from matplotlib.colors import ListedColormap
 
     source = scan.wall.source[:, shown.columns]
-    drawn = axes.imshow(source, cmap=ListedColormap(SHADES), vmin=-0.5, vmax=3.5, **shown.options)
+    drawn = axes.imshow(source, cmap=ListedColormap(_SHADES), vmin=-0.5, vmax=3.5, **shown.options)
     bar = figure.colorbar(drawn, ax=axes, ticks=range(4))
     bar.ax.set_yticklabels(SOURCES)
     axes.set_title(f"source; {np.mean(source == UNSEEN):.0%} without any")
@@ -262,7 +262,7 @@ def draw_c_scan(scan: CScan) -> Any:
 def _draw_sources(axes: Any, wall: DepthMap, extent: tuple[float, float, float, float]) -> None:
     from matplotlib.colors import ListedColormap
 
-    colours = {"cmap": ListedColormap(SHADES), "vmin": -0.5, "vmax": 3.5}
+    colours = {"cmap": ListedColormap(_SHADES), "vmin": -0.5, "vmax": 3.5}
     shown = axes.imshow(wall.source, origin="lower", extent=extent, **colours)
     bar = axes.figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
     bar.ax.set_yticklabels(SOURCES)

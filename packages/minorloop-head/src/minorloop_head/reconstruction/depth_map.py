@@ -316,7 +316,7 @@ def faces_of(wall: DepthMap) -> npt.NDArray[np.int64]:
     return np.concatenate([first, second]).astype(np.int64)
 
 
-def colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
+def _colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
     """Return colours (rows, columns, 4): grey by sensor, red by depth, dark where unseen."""
     table = np.array([_COLOURS[n] for n in range(4)], dtype=np.float64)
     base = table[wall.source]
@@ -334,7 +334,7 @@ def mesh_of(wall: DepthMap) -> Any:
     return trimesh.Trimesh(
         vertices=vertices_of(wall).reshape(-1, 3),
         faces=faces_of(wall),
-        vertex_colors=colours_of(wall).reshape(-1, 4),
+        vertex_colors=_colours_of(wall).reshape(-1, 4),
         process=False,
     )
 
