@@ -25,7 +25,6 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MinorloopError, OutputError, counted
 from minorloop_head.geometry import Pinhole, wall_distance
-from minorloop_head.procedures.extract import SAME, nearest
 from minorloop_head.procedures.inspected_view import (
     AGAIN,
     AROUND,
@@ -53,7 +52,9 @@ from minorloop_head.procedures.steps import (
     search,
 )
 from minorloop_head.procedures.trace import (
+    SAME,
     likely,
+    nearest,
     one_course,
     traced_again,
     traces_of,
