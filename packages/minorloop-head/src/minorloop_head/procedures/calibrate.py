@@ -29,7 +29,7 @@ from minorloop_head.procedures.target_pictures import (
     look_through,
 )
 from minorloop_head.procedures.values import ALL_LIGHTS
-from minorloop_head.vision.hand_eye import HandEyeFit, fit_hand_eye
+from minorloop_head.vision.hand_eye import fit_hand_eye
 from minorloop_head.vision.lens_calibration import (
     LensFit,
     TargetPose,
@@ -135,7 +135,7 @@ def calibrate_mount(
 
 def calibrate_hand_eye(
     pictures: TargetPictures, lens: Pinhole, robot: PathLike, *, corner_sd: float = _CORNER_SD
-) -> HandEyeFit:
+) -> tuple[Measured, ...]:
     """Fit the pose of the camera on the flange of a robot to pictures of a target at rest.
 
     Raises a `RecordError` if the table or a row is missing, or the pictures do not determine the
@@ -322,7 +322,7 @@ def calibrate_head(
     known = lens.lens if lens else _lens_of(before)
     if mount and angles and _of_flange(angles):
         found = looked(mount, "the flange")
-        measured = calibrate_hand_eye(found, known, angles, corner_sd=sd).measured
+        measured = calibrate_hand_eye(found, known, angles, corner_sd=sd)
     elif mount:
         found = looked(mount, "the mount")
         fit = calibrate_mount(
