@@ -27,6 +27,7 @@ from minorloop_head.inspection.journal import (
     untold,
 )
 from minorloop_head.inspection.lines import (
+    FARTHEST,
     InspectionLine,
     LostRow,
     PoseRow,
@@ -74,8 +75,6 @@ _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measu
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and settings that the camera refuses."""
 _MOST_WALL = 0.1  # m, as of a calibration
-_FARTHEST = 10.0
-"""Longest advance in m: a catheter is some metres long."""
 
 
 _Value = TypeVar("_Value")
@@ -169,10 +168,8 @@ def inspect(
 def _begun(advances: Sequence[float], pipe: str | None, least_wall: float | None) -> dict[str, Any]:
     """Return the options of an inspection for its journal; refuse impossible ones."""
     for place in advances:
-        if not 0.0 <= place <= _FARTHEST:
-            raise ParameterError(
-                f"--advances has {1e3 * place:g}; give 0 to {1e3 * _FARTHEST:g} mm"
-            )
+        if not 0.0 <= place <= FARTHEST:
+            raise ParameterError(f"--advances has {1e3 * place:g}; give 0 to {1e3 * FARTHEST:g} mm")
     if len(set(advances)) < len(advances):
         raise ParameterError(
             f"--advances is {', '.join(f'{1e3 * each:g}' for each in advances)}; give each place "
