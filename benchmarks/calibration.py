@@ -52,6 +52,7 @@ def _calibrate(seed: int, errors: dict[str, list[float]], within: dict[str, list
     """Calibrate one head; return the processor time, and add to errors and uncertainties."""
     from benchmarks.target_pictures import CalibrationScene
     from minorloop_head.procedures import calibrate as steps
+    from minorloop_head.procedures.target_pictures import led_folders, look_through
     from minorloop_head.vision.targets import Target
 
     target = Target("charuco", 9, 7, 3e-3)
@@ -62,13 +63,13 @@ def _calibrate(seed: int, errors: dict[str, list[float]], within: dict[str, list
         scene.mount(folder / "mount")
         scene.leds(folder / "leds")
         began = time.process_time()
-        lens = steps.calibrate_lens(steps.look_through(folder / "lens", target))
+        lens = steps.calibrate_lens(look_through(folder / "lens", target))
         sd = lens.rms / 2**0.5
         mount = steps.calibrate_mount(
-            steps.look_through(folder / "mount", target), lens.lens, None,
+            look_through(folder / "mount", target), lens.lens, None,
             corner_sd=sd, on_axis=True, centre_sd=steps.centre_sd_of(lens.measured),
         )  # fmt: skip
-        lights = [steps.look_through(each, target) for each in steps.led_folders(folder / "leds")]
+        lights = [look_through(each, target) for each in led_folders(folder / "leds")]
         _, leds = steps.calibrate_leds(lights, lens.lens, sd)
         took = time.process_time() - began
     found = {each.name: each for each in (*lens.measured, *mount.measured, *leds)}

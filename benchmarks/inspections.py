@@ -24,9 +24,8 @@ from minorloop_head.console.plant import open_tip
 from minorloop_head.geometry import Probe, wall_distance
 from minorloop_head.inspection.heads import Water, inspected_head
 from minorloop_head.inspection.inspect_pipe import inspect
-from minorloop_head.procedures.extract import SAME
 from minorloop_head.procedures.probe_steps import CONFIRMED
-from minorloop_head.procedures.trace import one_course
+from minorloop_head.procedures.trace import SAME, one_course
 from minorloop_head.twins.pipe import Bore, Pipe
 from papers.catheter.crack_scenes import fine_course
 

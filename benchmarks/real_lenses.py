@@ -40,12 +40,8 @@ def lens(sets: Sequence[str]) -> None:
 
 
 def _lens_of(folder: Path, side: float) -> None:
-    from minorloop_head.procedures.calibrate import (
-        ExpectedTarget,
-        calibrate_lens,
-        find_target,
-        look_through,
-    )
+    from minorloop_head.procedures.calibrate import calibrate_lens
+    from minorloop_head.procedures.target_pictures import ExpectedTarget, find_target, look_through
 
     pictures = look_through(folder, find_target(folder, ExpectedTarget(side)))
     fit = calibrate_lens(pictures)

@@ -5,12 +5,8 @@ import pytest
 
 from benchmarks import real_lenses as real
 from benchmarks.lens_sets import deviations
-from minorloop_head.procedures.calibrate import (
-    ExpectedTarget,
-    calibrate_lens,
-    find_target,
-    look_through,
-)
+from minorloop_head.procedures.calibrate import calibrate_lens
+from minorloop_head.procedures.target_pictures import ExpectedTarget, find_target, look_through
 
 
 @pytest.mark.whole

@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.judge.camera import RenderedCamera, calibrated, metered
 from benchmarks.judge.scenes import FINE, Scene, wall
 from minorloop_head.geometry import wrapped
-from minorloop_head.procedures.extract import acquire
+from minorloop_head.procedures.meter import acquire
 from minorloop_head.procedures.trace import traces_of
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import LEAST_EVIDENCE, SWITCHED, Hole, find_holes

@@ -26,11 +26,10 @@ from minorloop_head.geometry import Mount, wall_distance, wall_lengths
 from minorloop_head.inspection.heads import InspectedHead
 from minorloop_head.inspection.inspect_pipe import inspect
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.extract import SAME
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.seen_base import SeenBase
-from minorloop_head.procedures.trace import one_course
+from minorloop_head.procedures.trace import SAME, one_course
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.twins.camera import LENS, Camera
 from minorloop_head.twins.catheter import Catheter

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from minorloop_head.control.heating import identify_heating, moving_levels, wire_holds
     from minorloop_head.control.limits import WireLimits
     from minorloop_head.heated_wire import HeatedWire
-    from minorloop_head.inspection.heads import drive_head, inspected_head, swept_head
+    from minorloop_head.inspection.heads import HeadAddress, drive_head, inspected_head, swept_head
     from minorloop_head.inspection.identification import identify_head
     from minorloop_head.inspection.inspect_pipe import inspect
     from minorloop_head.inspection.sweep_wall import sweep
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Course",
+    "HeadAddress",
     "HeadControl",
     "HeatedWire",
     "RecordedScan",
@@ -48,7 +49,7 @@ __all__ = [
 
 _MODULES = {
     "heated_wire": ("HeatedWire",),
-    "inspection.heads": ("drive_head", "inspected_head", "swept_head"),
+    "inspection.heads": ("HeadAddress", "drive_head", "inspected_head", "swept_head"),
     "inspection.identification": ("identify_head",),
     "inspection.inspect_pipe": ("inspect",),
     "inspection.sweep_wall": ("sweep",),

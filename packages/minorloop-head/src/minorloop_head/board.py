@@ -29,6 +29,7 @@ from minorloop.lab.records import Quantity
 from minorloop.operators.memory import ROOM
 from minorloop.operators.preisach import Preisach
 from minorloop.version import __version__
+from minorloop_head.control.controller import INTERVAL
 from minorloop_head.geometry import AXES
 from minorloop_head.heated_wire import SMALLEST_CHANGE, SOLVES, HeatedWire
 from minorloop_head.procedures.head_file import FORMAT, read_head
@@ -39,7 +40,6 @@ _MOST_AXES = 4
 """Largest number of axes whose numbers fit into a line of the protocol."""
 _MOST_LINES = 8
 """Largest number of digital lines: a port of eight pins. One digit of the protocol allows ten."""
-_INTERVAL = 0.04
 _LOW, _HIGH = -10.0, 90.0
 """Angles in degrees beyond which a reading of a head is an error."""
 _FILES = (
@@ -270,7 +270,7 @@ def board_of(
     warn: Callable[[Sequence[str]], None],
     *,
     rate: float | None = None,
-    interval: float = _INTERVAL,
+    interval: float = INTERVAL,
     **options: Any,
 ) -> BoardSource:
     """Return the firmware for the file of a head, or for model files, one for each axis.

@@ -380,7 +380,7 @@ SEES = "head identify --actuator twin:pipe --specimen 3"
         (f"{CALIBRATES} --force", "there is nothing to calibrate"),
         (f"{CALIBRATES} --leds 1,2,3 --head new.json", "the lens is not calibrated; give its pic"),
         (f"{CALIBRATES} --print-target target.doc", "end its name in .pdf, .svg, .png"),
-        (f"{TAKES} --out new --plan count=0", "count of --plan is 0; give 1 to 1000"),
+        (f"{TAKES} --out new --plan count=0", "count is 0; give 1 to 1000"),
         (f"{TAKES} --out new --exposure 0", "--exposure is 0; give 0.01 to 1000 ms"),
         (f"{TAKES} --out new --exposure 2", "camera:0 does not let its exposure be set from here"),
         (f"{TAKES} --out new --actuator twin:head --plan highest=9", "beyond the limits"),
@@ -463,7 +463,7 @@ class Still:
 def test_pictures_are_named_by_the_angles_of_the_joints_or_by_their_number(
     run, answer, monkeypatch
 ):
-    monkeypatch.setattr("minorloop_head.procedures.photograph.LiveCamera", Still)
+    monkeypatch.setattr("minorloop_head.procedures.target_pictures.LiveCamera", Still)
     take = "head photograph --camera camera:0"
     shown = answer(f"{take} --out mount --actuator twin:head --plan steps=2,hold=20")
     assert shown["pictures"] == 4

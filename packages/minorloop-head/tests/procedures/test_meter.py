@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
-from minorloop_head.procedures.meter import LIMITS, Light, meter
+from minorloop_head.procedures.meter import LIMITS, Light, acquisition, meter
 from minorloop_head.procedures.values import Reading, Running
+from minorloop_head.vision.defects import SEQUENCE
+from minorloop_head.vision.reflectance_map import ALONE
 
-from .fakes import CALIBRATION, TICK
+from .fakes import CALIBRATION, TICK, Loop
 
 
 def metered(light):
@@ -41,3 +43,14 @@ def test_a_place_is_exposed_for_though_the_rest_of_the_picture_is_dark():
     whole, near, away = (light.gain for light in lights)
     assert near == pytest.approx((LIMITS.grey / 200) ** 0.7)
     assert away == whole > 1.5 * near
+
+
+def test_each_frame_is_under_its_lights_and_all_are_on_afterwards():
+    loop = Loop(sees=True)
+    frames = loop.run(acquisition(3.0))
+    assert [frame.lights for frame in frames] == list(SEQUENCE)
+    asked = [request for request in loop.asked if request.lights is not None]
+    assert [request.lights for request in asked] == list(SEQUENCE)
+    longer = [request.exposure[0] / loop.asked[-1].exposure[0] for request in asked]
+    np.testing.assert_allclose(longer, [ALONE] * 4 + [1.0])
+    assert {request.exposure[1] for request in asked} == {3.0}

@@ -17,11 +17,10 @@ from minorloop_head.procedures import rig as module
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip, CameraTip
 from minorloop_head.procedures.calibration import STRAIGHT
 from minorloop_head.procedures.centre import Centred, Centring
-from minorloop_head.procedures.extract import acquisition
 from minorloop_head.procedures.focus import focus
 from minorloop_head.procedures.go import go
 from minorloop_head.procedures.head_file import HeadFile, save_head
-from minorloop_head.procedures.meter import meter
+from minorloop_head.procedures.meter import acquisition, meter
 from minorloop_head.procedures.rig import InspectionRig, rig_at
 from minorloop_head.procedures.values import Request
 from minorloop_head.sources import Frame

@@ -2,8 +2,16 @@ import numpy as np
 import pytest
 
 from minorloop_head.procedures import trace
-from minorloop_head.procedures.trace import between, one_course, patch_about, whole_course
+from minorloop_head.procedures.trace import (
+    SAME,
+    between,
+    nearest,
+    one_course,
+    patch_about,
+    whole_course,
+)
 from minorloop_head.vision.cracks import TracedCrack
+from minorloop_head.vision.defects import Hole
 
 RADIUS = 10e-3
 
@@ -36,3 +44,15 @@ def test_courses_beside_one_another_are_one_and_a_patch_holds_them():
     assert between(here[:1], beside[:1], RADIUS) == pytest.approx(0.4e-3)
     patch = patch_about(here, RADIUS)
     assert patch.z < 0.02 < patch.z + patch.rows * patch.step
+
+
+def hole(z, evidence=1.0, phi=0.5):
+    return Hole(np.array([phi, z]), 1e-3, evidence, "dark", np.empty((0, 2)))
+
+
+def test_the_nearest_hole_is_chosen_unless_it_is_too_far():
+    holes = [hole(20e-3, 9.0), hole(21e-3, 1.0)]
+    assert nearest(holes, (0.5, 20.9e-3), 10e-3) is holes[1]
+    assert nearest(holes, (0.5 + 2 * np.pi, 20e-3), 10e-3) is holes[0]
+    assert nearest(holes, (0.5, 21e-3 + 1.1 * SAME), 10e-3) is None
+    assert nearest([], (0.5, 20e-3), 10e-3) is None

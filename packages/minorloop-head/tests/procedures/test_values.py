@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from minorloop_head.geometry import Tool
 from minorloop_head.procedures.centre import Centred, Centring
-from minorloop_head.procedures.extract import acquisition
 from minorloop_head.procedures.focus import focus
 from minorloop_head.procedures.go import go
 from minorloop_head.procedures.mark import Marking, Touch
-from minorloop_head.procedures.meter import Light, meter
+from minorloop_head.procedures.meter import Light, acquisition, meter
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.scan import RasterScan, ScannedRaster
 from minorloop_head.procedures.sweep import ProbeSweep

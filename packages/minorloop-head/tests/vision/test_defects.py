@@ -8,7 +8,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import wrapped
-from minorloop_head.procedures.extract import acquire
+from minorloop_head.procedures.meter import acquire
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import Hole, find_holes, strongest
 from papers.catheter.scene_view import draw_view

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from minorloop_head.procedures.calibrate import look_through
+from minorloop_head.procedures.target_pictures import look_through
 from minorloop_head.vision.target_search import markers_in, search_target
 from minorloop_head.vision.targets import SeenTarget, Target, plane_misfit
 

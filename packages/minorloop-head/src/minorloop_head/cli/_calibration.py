@@ -15,8 +15,9 @@ from minorloop.values import called, parsed
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
-    from minorloop_head.procedures.calibrate import CalibratedHead, ExpectedTarget
+    from minorloop_head.procedures.calibrate import CalibratedHead
     from minorloop_head.procedures.head_file import HeadFile
+    from minorloop_head.procedures.target_pictures import ExpectedTarget
 
 _NEAREST, _FARTHEST = 0.2, 50.0
 """Distances of an LED from the lens in mm: the smallest camera modules are 0.6 mm wide, and an LED
@@ -56,8 +57,8 @@ def photograph(
 ) -> None:
     """Take pictures for head calibrate, by hand or at several angles of the joints."""
     from minorloop_head.procedures.identify import check_head
-    from minorloop_head.procedures.photograph import at_angles, by_hand
-    from minorloop_head.procedures.photograph import photograph as keep
+    from minorloop_head.procedures.target_pictures import at_angles, by_hand
+    from minorloop_head.procedures.target_pictures import photograph as keep
     from minorloop_head.vision.video import check_camera
 
     if exposure is not None and not 0.01 <= exposure <= 1000:
@@ -181,7 +182,7 @@ def calibrate(
         raise ParameterError("no file of a head is given; name it with --head")
     before = _before(head, serial, force)
     _common.check_outputs([report], inputs=[head], force=force)
-    places, folder = _leds_of(leds)
+    places = _leds_of(leds)
     with _common.working("looking for the target") as now:
         result = calibrate_head(
             before,
@@ -191,7 +192,6 @@ def calibrate(
             angles=angles,
             angle_sd=angle_sd,
             leds=places,
-            led_pictures=folder,
             **_pipe_of(pipe),
             told=now,
         )
@@ -220,7 +220,7 @@ def _before(path: Path, serial: str | None, force: bool) -> HeadFile:
 def _target_of(text: str) -> ExpectedTarget:
     """Return the target of ``auto,side=3``."""
     from minorloop.arrays import as_finite
-    from minorloop_head.procedures.calibrate import AUTO, ExpectedTarget
+    from minorloop_head.procedures.target_pictures import AUTO, ExpectedTarget
     from minorloop_head.vision.targets import KINDS
 
     given = parsed(text)
@@ -256,12 +256,12 @@ def _pipe_of(text: str) -> dict[str, float]:
     return called(made, "--pipe", parsed(text).options)
 
 
-def _leds_of(text: str | None) -> tuple[FloatArray | None, Path | None]:
+def _leds_of(text: str | None) -> FloatArray | Path | None:
     """Return positions (N, 3) in metres of ``x,y,z;x,y,z`` in mm, or a folder of pictures."""
     import numpy as np
 
     if text is None or Path(text).is_dir():
-        return None, None if text is None else Path(text)
+        return None if text is None else Path(text)
     form = "x,y,z in mm for each LED, with ; between them, or a folder of pictures"
     places = [_common.numbers("leds", part, (3,), form) for part in text.split(";")]
     found = np.array(places)
@@ -270,7 +270,7 @@ def _leds_of(text: str | None) -> tuple[FloatArray | None, Path | None]:
         raise ParameterError(
             f"--leds is {text!r}; give places {_NEAREST:g} to {_FARTHEST:g} mm from the lens, in mm"
         )
-    return 1e-3 * found, None
+    return 1e-3 * found
 
 
 def _show(found: CalibratedHead, path: Path, as_json: bool) -> None:

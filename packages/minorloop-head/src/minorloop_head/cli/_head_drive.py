@@ -38,7 +38,7 @@ class UnfinishedDrive:
         self._found = found
         kept = "nothing is kept without --save"
         if self._save is not None:
-            save_drive(found, self._save, self._force)
+            _save_drive(found, self._save, self._force)
             kept = f"the record is kept in {self._save}"
         self._said = f"the drive ended after {found.t[-1]:.1f} s, and {kept}"
         if safe:
@@ -59,11 +59,11 @@ class UnfinishedDrive:
                     _common.print_beside_error({"unfinished": _numbers(self._found)})
                 else:
                     _show(self._found, f"{_MEANS}, or of the drive in it")
-                show_warnings(self._found)
+                _show_warnings(self._found)
             raise
 
 
-def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
+def _save_drive(found: SteeredHead, path: Path, force: bool) -> None:
     """Write the record of all ticks as a table."""
     import numpy as np
 
@@ -80,15 +80,15 @@ def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
 def finish_drive(result: SteeredHead, save: Path | None, force: bool, as_json: bool) -> None:
     """Save a drive, print the angles at the end of each hold, and warn of problems."""
     if save is not None:
-        save_drive(result, save, force)
+        _save_drive(result, save, force)
     if as_json:
         _common.print_json(_numbers(result))
     else:
         _show(result, _MEANS)
-    show_warnings(result)
+    _show_warnings(result)
 
 
-def show_warnings(result: SteeredHead) -> None:
+def _show_warnings(result: SteeredHead) -> None:
     """Print the problems on stderr, one per line."""
     for said in result.warnings:
         typer.echo(f"warning: {said}", err=True)

@@ -173,19 +173,15 @@ def identify(
 
     The exit status is 1 if a model is off by more than 5 % of the range of its wire in the check.
     """
-    from minorloop_head.inspection import identify_head
+    from minorloop_head.inspection import HeadAddress, identify_head
     from minorloop_head.procedures.identify import HeadExcitation
 
     found = identify_head(
-        actuator,
+        HeadAddress(actuator, camera, specimen, noise, seed),
         store,
         head,
         called(HeadExcitation, "--inputs", parsed(inputs).options),
         serial=serial,
-        camera=camera,
-        specimen=specimen,
-        noise=noise,
-        seed=seed,
         force=force,
         told=_said,
         carry_out=lambda plant, store: carry_out_levels(plant, store, None, again=_AGAIN)[0],
@@ -247,7 +243,7 @@ def drive(
     from minorloop.lab.conversion import read_column
     from minorloop_head.cli import _head_drive
     from minorloop_head.geometry import AXES
-    from minorloop_head.inspection import drive_head
+    from minorloop_head.inspection import HeadAddress, drive_head
     from minorloop_head.procedures.head_file import read_head
 
     _common.check_outputs([save], inputs=[file, head], force=force)
@@ -258,12 +254,8 @@ def drive(
         result = drive_head(
             np.column_stack(columns),
             hold,
-            actuator,
+            HeadAddress(actuator, camera, specimen, noise, seed),
             head,
-            camera=camera,
-            specimen=specimen,
-            noise=noise,
-            seed=seed,
             told=_said,
             unfinished=unfinished,
         )

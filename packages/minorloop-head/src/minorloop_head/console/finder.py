@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop_head.console.messages import Spot
 from minorloop_head.console.units import Position, to_si
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.extract import nearest
+from minorloop_head.procedures.trace import nearest
 from minorloop_head.vision.defects import Findings, Hole, find_holes, strongest
 from minorloop_head.vision.reflectance_map import LitFrame
 

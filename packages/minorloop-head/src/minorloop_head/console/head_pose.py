@@ -120,14 +120,14 @@ def aimed(config: HeadPoseMap, state: HeadPoseState, turned: Pair) -> Pair:
     )
 
 
-def angle_between(one: Quaternion, other: Quaternion) -> float:
+def _angle_between(one: Quaternion, other: Quaternion) -> float:
     """Return the angle of the turn from one pose to another, in radians."""
     return float(_between(one, other).magnitude())
 
 
 def jumped(before: Quaternion, after: Quaternion, passed: float) -> bool:
     """Return whether a turn between two poses in a time in seconds is too fast for a head."""
-    return angle_between(before, after) > max(_LEAST_JUMP, _FASTEST * passed)
+    return _angle_between(before, after) > max(_LEAST_JUMP, _FASTEST * passed)
 
 
 def pose_of(yaw: float, pitch: float, roll: float) -> Quaternion:

@@ -27,11 +27,11 @@ from minorloop_head.console.units import Position
 from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import Centring
-from minorloop_head.procedures.extract import acquisition, nearest
 from minorloop_head.procedures.focus import FocusPeak, focus
 from minorloop_head.procedures.mark import Touch, seen_mark
-from minorloop_head.procedures.meter import LIMITS, Light, meter, wall_ahead
+from minorloop_head.procedures.meter import LIMITS, Light, acquisition, meter, wall_ahead
 from minorloop_head.procedures.seen_angles import SeenAngles
+from minorloop_head.procedures.trace import nearest
 from minorloop_head.procedures.values import (
     ALL_LIGHTS,
     Procedure,

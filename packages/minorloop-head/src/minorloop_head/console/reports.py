@@ -20,8 +20,8 @@ from minorloop_head.console.modes import TeleopConfig
 from minorloop_head.console.units import degrees, mm
 from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.extract import SAME
 from minorloop_head.procedures.pictures import CRACK
+from minorloop_head.procedures.trace import SAME
 from minorloop_head.reconstruction import findings as tables
 from minorloop_head.reconstruction.findings import kind_of
 

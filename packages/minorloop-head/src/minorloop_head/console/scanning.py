@@ -39,7 +39,7 @@ _LOOK_AT_THE_WALL = (
     "a sweep maps the wall in the middle of the picture; look at a place of it that is at least "
     f"{1e3 * ALONG:g} mm from the start of the catheter and at most {1e3 * FARTHEST:g} mm ahead"
 )
-STOPPED = (
+_STOPPED = (
     "the sweep was stopped; its bursts are mapped; press Head or Track, and the head first goes "
     "back to where it was"
 )
@@ -213,7 +213,7 @@ class Scanning:
             self._out.notice("the head was stopped on its way back from the sweep")
         else:
             self._left = scan
-            self._out.notice(STOPPED)
+            self._out.notice(_STOPPED)
 
     def progress(self) -> messages.ScanProgress | None:
         """Return the progress for the pages."""

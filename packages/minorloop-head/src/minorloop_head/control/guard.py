@@ -49,7 +49,7 @@ Cause: TypeAlias = Literal[
 ]
 COOLED = ("lost", "stuck", "unconfirmed", "reversed")
 """Faults of the sensor at which the wire cools."""
-FAULTS: dict[Fault, str] = {
+_FAULTS: dict[Fault, str] = {
     "lost": "the sensor is lost; the wire cools",
     "stuck": "the sensor is stuck; the wire cools",
     "implausible": "the sensor is implausible: {odd}; the wire goes by its model",
@@ -275,16 +275,12 @@ class Guard:
         if self.controller and current != requested:
             inner = replace(inner, applied=current)
         number = as_number(whole)
-        moving = number != state.asked and math.isfinite(number)
-        at_limit = current >= self.observer.highest or current <= 0.0
-        behind = at_limit and moving and abs(wanted - reading.value) > _BEHIND_BY
-        above = reading.value > wanted + _BEHIND_BY and not state.fault
-        idle = current <= 0.0 and above
-        new = GuardState(
+        behind, idle = self._waits(state, number, wanted, reading.value, current)
+        new = replace(
+            state,
             estimate=estimate,
             heated=heated,
             driven=driven,
-            bias=state.bias,
             reference=wanted,
             applied=current,
             inner=inner,
@@ -294,10 +290,8 @@ class Guard:
             asked=number,
             steps=state.steps + 1,
             clock=clock,
-            behind=state.behind + self.observer.interval if behind else 0.0,
-            idle=state.idle + self.observer.interval if idle else 0.0,
-            active=state.active,
-            log=state.log,
+            behind=behind,
+            idle=idle,
         )
         if cool < requested:
             notes["hot"] = (
@@ -465,6 +459,24 @@ class Guard:
             return 0.0
         return self.observer.highest
 
+    def _waits(
+        self, state: GuardState, asked: float, wanted: float, reading: float, current: float
+    ) -> tuple[float, float]:
+        """Return the seconds for which the wire is behind a moving target, or too warm for it.
+
+        ``asked`` and ``wanted``: requested angle, and the target computed from it, in degrees;
+        ``reading``: in degrees, NaN if it is not used; ``current``: of the next interval, in A.
+        """
+        moving = asked != state.asked and math.isfinite(asked)
+        at_limit = current >= self.observer.highest or current <= 0.0
+        behind = at_limit and moving and abs(wanted - reading) > _BEHIND_BY
+        idle = current <= 0.0 and reading > wanted + _BEHIND_BY and not state.fault
+        interval = self.observer.interval
+        return (
+            state.behind + interval if behind else 0.0,
+            state.idle + interval if idle else 0.0,
+        )
+
     def _logged(self, old: GuardState, new: GuardState, notes: dict[Cause, str]) -> GuardState:
         """Return the new state with its log; a persistent cause is logged when it begins."""
         present = dict(self._present_causes(new)) | notes
@@ -485,7 +497,7 @@ class Guard:
         if reading.believed:
             odd = f"readings are not from {self.sensor.low:g} to {self.sensor.high:g} degrees"
         if reading.fault:
-            yield "sensor", FAULTS[reading.fault].format(odd=odd, late=state.lateness.late)
+            yield "sensor", _FAULTS[reading.fault].format(odd=odd, late=state.lateness.late)
         elif not reading.used and max(reading.missing, reading.odd) >= _UNREAD:
             what = "there is no reading" if reading.missing >= _UNREAD else odd
             yield "unread", f"{what}; the wire goes by its model"

@@ -19,9 +19,7 @@ from minorloop.identification import Plane, Smooth, excitation, identify
 from minorloop.identification.levels import adaptive_levels
 from minorloop.identification.plane_result import Identification
 from minorloop.lab.records import Record
-from minorloop.operators.memory import Start
-from minorloop.operators.plane import Relay
-from minorloop.operators.preisach import Diagonal, Preisach
+from minorloop.operators.preisach import Preisach
 from minorloop_head.heated_wire import HeatedWire
 
 LAGS = (0.3, 60.0)
@@ -160,10 +158,6 @@ def identify_heating(
     *,
     step: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
     levels: npt.ArrayLike,
-    relay: Relay = "unipolar",
-    diagonal: Diagonal = "uniform",
-    start: Start = "negative",
-    holdout: float = 0.0,
 ) -> HeatedIdentification:
     """Identify a heated wire from settled holds and one transient.
 
@@ -179,10 +173,6 @@ def identify_heating(
         samples in a lag. A step up and down again separates the lag from the latent heat best.
     levels : (L + 1,) array_like
         Thresholds in A; their squares are those of the operator.
-    relay, diagonal, start
-        As in `Preisach`.
-    holdout : float
-        Share of the holds, at their end, that is not fitted but scored, as in `identify`.
 
     Returns
     -------
@@ -194,16 +184,13 @@ def identify_heating(
         If the records cannot be used: too few holds, or holds outside of the levels; a step of
         fewer than ten samples, of a constant current, with little motion, or without a lag
         between 0.3 and 60 s that follows it.
-    ParameterError
-        If an option is out of its range.
     """
     currents, angles = _as_holds(current, angle, gaps=True)
     grid = as_levels(levels)
     _check_holds(currents, angles, grid)
     transient = _as_transient(step, grid)
-    law = Plane(grid**2, relay, diagonal, slope=False, lag=0)
-    record = Record(currents**2, angles, start=start)
-    steady = identify(record, law, prior=Smooth(0.0), holdout=holdout)
+    law = Plane(grid**2, "unipolar", "uniform", slope=False, lag=0)
+    steady = identify(Record(currents**2, angles), law, prior=Smooth(0.0))
     width = float(np.ptp(steady.model.range))
     if not width > 0:
         raise SignalError(
@@ -212,7 +199,7 @@ def identify_heating(
         )
     _check_motion(transient, width)
     model, rms = _fit_lag(steady.model, transient)
-    check_lag(transient, model.lag, rms)
+    _check_lag(transient, model.lag, rms)
     return HeatedIdentification(model, steady, rms)
 
 
@@ -238,7 +225,7 @@ def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
     return coupling
 
 
-def _fit_lag(operator: Preisach, step: Transient) -> tuple[HeatedWire, float]:
+def _fit_lag(operator: Preisach, step: _Transient) -> tuple[HeatedWire, float]:
     """Fit lag and latent heat to a transient; return the wire and the remaining error."""
     from scipy.optimize import least_squares
 
@@ -259,7 +246,7 @@ def _fit_lag(operator: Preisach, step: Transient) -> tuple[HeatedWire, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Transient:
+class _Transient:
     """A record of a step of the current."""
 
     t: FloatArray
@@ -316,7 +303,7 @@ def _check_holds(current: FloatArray, angle: FloatArray, levels: Levels) -> None
 
 def _as_transient(
     step: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], levels: Levels
-) -> Transient:
+) -> _Transient:
     """Return the record of a step; refuse one that shows no lag.
 
     Raises a `SignalError` if it is not t, current and angle of 10 to 100,000 samples within an
@@ -344,7 +331,7 @@ def _as_transient(
             f"the current of the step is {currents[0]:g} A throughout; begin cold, at 0 A, and "
             "switch on a current that moves the wire"
         )
-    return Transient(times, currents, y)
+    return _Transient(times, currents, y)
 
 
 def moves_enough(angle: FloatArray, width: float) -> bool:
@@ -352,7 +339,7 @@ def moves_enough(angle: FloatArray, width: float) -> bool:
     return bool(np.ptp(angle) >= _LEAST_MOTION * width > 0)
 
 
-def _check_motion(step: Transient, width: float) -> None:
+def _check_motion(step: _Transient, width: float) -> None:
     """Refuse a step that moves the wire by too little of its range, in degrees."""
     if not moves_enough(step.angle, width):
         moved = float(np.ptp(step.angle))
@@ -362,7 +349,7 @@ def _check_motion(step: Transient, width: float) -> None:
         )
 
 
-def check_lag(step: Transient, lag: float, rms: float) -> None:
+def _check_lag(step: _Transient, lag: float, rms: float) -> None:
     """Refuse a lag that the step does not determine: at a bound, undersampled, or of a poor fit."""
     low, high = LAGS
     if min(lag / low, high / lag) < 1 + _AT_BOUND:

@@ -4,13 +4,14 @@ Inspections and sweeps resume from any line of their journal, an identification 
 
 ::
 
-    identify_head("bench:head.toml", "runs", "head.json")
+    identify_head(HeadAddress("bench:head.toml"), "runs", "head.json")
     head = inspected_head("bench:head.toml", "camera:0", "head.json")
     found = inspect(head, "inspected", (0.0, 5e-3))
     found.findings, found.seen, found.report
 """
 
 from minorloop_head.inspection.heads import (
+    HeadAddress,
     InspectedHead,
     Water,
     drive_head,
@@ -24,6 +25,7 @@ from minorloop_head.inspection.inspect_pipe import Inspection, inspect
 from minorloop_head.inspection.sweep_wall import SweptWall, sweep
 
 __all__ = [
+    "HeadAddress",
     "InspectedHead",
     "Inspection",
     "SweptWall",

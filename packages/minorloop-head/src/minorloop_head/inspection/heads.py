@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -245,16 +245,48 @@ _CAMERA_HELPS = "; for a head whose angles a camera gives, name it with --camera
 _WAITS = "waiting until the head without current stands still: its angles are counted from there"
 
 
+@dataclass(frozen=True)
+class HeadAddress:
+    """Address of a head that is identified or driven.
+
+    Raises a `ParameterError` if a camera is given for the simulated pipe, which has its own, or
+    noise of sensors for a head whose angles a camera gives.
+    """
+
+    actuator: str
+    """Address of its currents, and of its sensors if there is no camera."""
+    camera: str | None = None
+    """Address of the camera that gives its angles; none for sensors, and for the simulated pipe."""
+    specimen: int | None = None
+    noise: float = 0.0
+    seed: int = 0
+    """Of a simulated head; noise of its sensors in degrees."""
+
+    def __post_init__(self) -> None:
+        if self.in_pipe and self.camera is not None:
+            raise ParameterError(f"{self.actuator} has its own camera; leave --camera out")
+        if self.by_camera and self.noise:
+            raise ParameterError(
+                f"--noise is {self.noise:g}, and the angles are those of pictures; leave it out"
+            )
+
+    @property
+    def in_pipe(self) -> bool:
+        """Whether it is the simulated head in its pipe."""
+        return is_pipe(self.actuator)
+
+    @property
+    def by_camera(self) -> bool:
+        """Whether a camera gives the angles of the head."""
+        return self.camera is not None or self.in_pipe
+
+
 def drive_head(
     targets: npt.ArrayLike,
     hold: float,
-    actuator: str,
+    address: HeadAddress,
     head: Path,
     *,
-    camera: str | None = None,
-    specimen: int | None = None,
-    noise: float = 0.0,
-    seed: int = 0,
     told: Told = lambda said: None,
     unfinished: Unfinished = lambda found, safe: None,
 ) -> SteeredHead:
@@ -263,67 +295,40 @@ def drive_head(
     Parameters and errors are as of `steer`, with the file of the head in ``head``, and as of
     `opened_head`; ``told`` also receives doubts about the models of the wires.
     """
-    known, seen = read_head(head), by_camera(actuator, camera, noise)
-    control = known.control(by_camera=seen)
+    known = read_head(head)
+    control = known.control(by_camera=address.by_camera)
     for doubt in () if known.identified is None else known.identified.untrusted:
         told(f"! {doubt}")
     check_targets(control, targets, hold)
     with opened_head(
-        actuator,
-        camera,
+        address,
         known.calibration,
-        specimen=specimen,
-        noise=noise,
-        seed=seed,
         cold=control.cold,
         check=lambda plant: known.check_fits(getattr(plant, "serial", None), head),
         told=told,
     ) as plant:
-        control = known.control(interval=plant.tick, by_camera=seen)
+        control = known.control(interval=plant.tick, by_camera=address.by_camera)
         return steer(plant, control, targets, hold, unfinished=unfinished)
-
-
-def by_camera(actuator: str, camera: str | None, noise: float) -> bool:
-    """Return whether a camera gives the angles of the head at an address.
-
-    Raises a `ParameterError` if it does, and there is noise of sensors.
-    """
-    seen = camera is not None or is_pipe(actuator)
-    if seen and noise:
-        raise ParameterError(
-            f"--noise is {noise:g}, and the angles are those of pictures; leave it out"
-        )
-    return seen
 
 
 @contextmanager
 def opened_head(
-    address: str,
-    camera: str | None,
+    address: HeadAddress,
     view: HeadCalibration | None,
     *,
-    specimen: int | None = None,
-    noise: float = 0.0,
-    seed: int = 0,
     cold: npt.ArrayLike = (0.0, 0.0),
     check: Callable[[Actuator], object] = lambda plant: None,
     told: Told = lambda said: None,
 ) -> Iterator[Actuator]:
     """Yield the head at an address, with the angles of its sensors or camera; close it at the end.
 
-    Raises a `ParameterError` if it has neither, there is no calibration, or a camera is given for
-    the simulated pipe, which has its own.
+    Raises a `ParameterError` if it has neither, or there is no calibration.
 
     Parameters
     ----------
-    address : str
-        Of the actuator.
-    camera : str, optional
-        Address of the camera that gives the angles; none for sensors, and for the simulated pipe.
+    address : HeadAddress
     view : HeadCalibration, optional
         Of the camera; without it the simulated pipe knows its own.
-    specimen, noise, seed : int, float, int
-        Of a simulated head.
     cold : (2,) array_like
         Pan and tilt of the cold head in degrees.
     check : callable
@@ -331,52 +336,42 @@ def opened_head(
     told : callable
         Called with the reason of each wait, and with warnings.
     """
-    if is_pipe(address):
-        if camera is not None:
-            raise ParameterError(f"{address} has its own camera; leave --camera out")
-        yield _in_pipe(address, view, specimen, seed, check, cold=cold, waits=lambda: told(_WAITS))
-    elif camera is None:
-        with opened(address, say=told, specimen=specimen, noise=noise, seed=seed) as plant:
+    if address.in_pipe:
+        yield _in_pipe(address, view, check, cold=cold, waits=lambda: told(_WAITS))
+    elif address.camera is None:
+        simulated = {name: getattr(address, name) for name in ("specimen", "noise", "seed")}
+        with opened(address.actuator, say=told, **simulated) as plant:
             check_head(plant, seen=_CAMERA_HELPS)
             check(plant)
             yield plant
+    elif view is None:
+        raise ParameterError(
+            "the file of the head has no calibration of the camera; calibrate it with "
+            "minorloop head calibrate first"
+        )
     else:
-        if view is None:
-            raise ParameterError(
-                "the file of the head has no calibration of the camera; calibrate it with "
-                "minorloop head calibrate first"
-            )
         from minorloop.lab.drivers.bench import WallClock
         from minorloop_head.procedures.seen_angles import SeenHead
         from minorloop_head.vision.video import LiveCamera
 
-        live = LiveCamera(camera, _PATIENCE)
-        try:
-            with opened(address, say=told) as plant:
-                check(plant)
-                if plant.outputs:
-                    sensors = ", ".join(str(channel) for channel in plant.outputs)
-                    told(
-                        f"the camera gives the angles; the sensors of the actuator, {sensors}, are "
-                        "not used"
-                    )
-                yield SeenHead(
-                    plant,
-                    live.frame,
-                    view,
-                    clock=WallClock(),
-                    cold=cold,
-                    waits=lambda: told(_WAITS),
+        with (
+            closing(LiveCamera(address.camera, _PATIENCE)) as live,
+            opened(address.actuator, say=told) as plant,
+        ):
+            check(plant)
+            if plant.outputs:
+                sensors = ", ".join(str(channel) for channel in plant.outputs)
+                told(
+                    f"the camera gives the angles; the sensors of the actuator, {sensors}, are "
+                    "not used"
                 )
-        finally:
-            live.close()
+            clock, waits = WallClock(), partial(told, _WAITS)
+            yield SeenHead(plant, live.frame, view, clock=clock, cold=cold, waits=waits)
 
 
 def _in_pipe(
-    address: str,
+    address: HeadAddress,
     view: HeadCalibration | None,
-    specimen: int | None,
-    seed: int,
     check: Callable[[Actuator], object],
     **options: Any,
 ) -> Actuator:
@@ -384,9 +379,10 @@ def _in_pipe(
     from minorloop_head.procedures.seen_angles import SeenHead
     from minorloop_head.twins.rig import Rig, RigWires, SimulatedTip
 
-    rig = open_plant(address, specimen=specimen, seed=seed)
+    where, specimen, seed = address.actuator, address.specimen, address.seed
+    rig = open_plant(where, specimen=specimen, seed=seed)
     assert isinstance(rig, Rig)
-    tip, known = open_tip(address, specimen=specimen, seed=seed, scale=_TIP_SCALE)
+    tip, known = open_tip(where, specimen=specimen, seed=seed, scale=_TIP_SCALE)
     assert isinstance(tip, SimulatedTip)
     wires = RigWires(rig, tip)
     plant = cast("Actuator", wires)

@@ -14,8 +14,7 @@ from minorloop.errors import OutputError, ParameterError, StoreError
 from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.run import run
 from minorloop.values import as_duration
-from minorloop_head.console.settings import is_pipe
-from minorloop_head.inspection.heads import by_camera, opened_head
+from minorloop_head.inspection.heads import HeadAddress, opened_head
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile, read_head, save_head
 from minorloop_head.procedures.identify import CarryOut, HeadExcitation, HeadMeasurement, Told
@@ -31,16 +30,12 @@ _SWEPT = "camera.json"
 
 
 def identify_head(
-    actuator: str,
+    address: HeadAddress,
     store: PathLike,
     head: PathLike,
     excitation: HeadExcitation = _USUAL,
     *,
     serial: str | None = None,
-    camera: str | None = None,
-    specimen: int | None = None,
-    noise: float = 0.0,
-    seed: int = 0,
     force: bool = False,
     told: Told = lambda said: None,
     carry_out: CarryOut = lambda plant, store: run(plant, store.plan, store),
@@ -51,9 +46,7 @@ def identify_head(
 
     Parameters
     ----------
-    actuator, camera : str
-        Addresses. A head without a camera has sensors at its joints; the simulated pipe has its
-        own camera.
+    address : HeadAddress
     store : path
         Folder of the runs; those in it are continued.
     head : path
@@ -62,8 +55,6 @@ def identify_head(
         Inputs.
     serial : str, optional
         Serial number of the head, if the actuator does not know it.
-    specimen, noise, seed : int, float, int
-        Of a simulated head.
     force : bool
         Whether wires in the file are replaced.
     told : callable
@@ -86,6 +77,53 @@ def identify_head(
     store, head = Path(store), Path(head)
     if store.exists() and not store.is_dir():
         raise OutputError(f"--store is {store}, a file; give the name of a folder")
+    before = _file_before(head, serial, force=force)
+    view = None if before is None or address.in_pipe else before.calibration
+
+    def numbered(plant: Actuator) -> str:
+        number = _serial(plant, serial)
+        if before is not None:
+            replace(before, identified=None).check_fits(number, head)
+        if address.by_camera:
+            kept_view(store, number)
+        return number
+
+    def connected(seed: int) -> Any:
+        return opened_head(replace(address, seed=seed), view, check=numbered, told=told)
+
+    setup = {
+        "address": address.actuator,
+        "specimen": address.specimen,
+        "seed": address.seed,
+        "options": {"noise": address.noise},
+    }
+    simulated = address.in_pipe or is_simulated(address.actuator)
+    measurement = HeadMeasurement(store, setup, excitation, connected, carry_out, simulated)
+    left = measurement.left()
+    try:
+        with connected(address.seed) as plant:
+            number = numbered(plant)
+            begins = _runs_left(left, excitation.hold, told)
+            store.mkdir(parents=True, exist_ok=True)
+            if address.by_camera:
+                view = swept_view(store, plant, excitation.highest, number, told) or view
+    except KeyboardInterrupt:
+        told(_kept_in(store, seen=address.by_camera))
+        raise
+    wires = replace(measurement, told=begins).identified()
+    found = replace(before or HeadFile(serial=number), identified=wires)
+    if found.calibration is not None and not address.in_pipe:
+        found = replace(found, calibration=view)
+    found.check_fits(number, head)  # old runs may be older than the calibration
+    save_head(found, head, force=True)
+    return found
+
+
+def _file_before(head: Path, serial: str | None, *, force: bool) -> HeadFile | None:
+    """Return the content of the file of a head, None if there is none; refuse to overwrite wires.
+
+    Errors are as of `identify_head`, whose parameters these are.
+    """
     before = read_head(head) if head.exists() else None
     if serial is not None:
         replace(before or HeadFile(serial=serial), identified=None).check_fits(serial, head)
@@ -95,42 +133,7 @@ def identify_head(
             "camera"
         )
     check_writable(head, force=True)
-    seen, pipe = by_camera(actuator, camera, noise), is_pipe(actuator)
-    view = None if before is None or pipe else before.calibration
-
-    def numbered(plant: Actuator) -> str:
-        number = _serial(plant, serial)
-        if before is not None:
-            replace(before, identified=None).check_fits(number, head)
-        if seen:
-            kept_view(store, number)
-        return number
-
-    def connected(seed: int) -> Any:
-        options: Any = {"specimen": specimen, "noise": noise, "seed": seed}
-        return opened_head(actuator, camera, view, check=numbered, told=told, **options)
-
-    setup = {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}}
-    simulated = pipe or is_simulated(actuator)
-    measurement = HeadMeasurement(store, setup, excitation, connected, carry_out, simulated)
-    left = measurement.left()
-    try:
-        with connected(seed) as plant:
-            number = numbered(plant)
-            begins = _runs_left(left, excitation.hold, told)
-            store.mkdir(parents=True, exist_ok=True)
-            if seen:
-                view = swept_view(store, plant, excitation.highest, number, told) or view
-    except KeyboardInterrupt:
-        told(_kept_in(store, seen=seen))
-        raise
-    wires = replace(measurement, told=begins).identified()
-    found = replace(before or HeadFile(serial=number), identified=wires)
-    if found.calibration is not None and not pipe:
-        found = replace(found, calibration=view)
-    found.check_fits(number, head)  # old runs may be older than the calibration
-    save_head(found, head, force=True)
-    return found
+    return before
 
 
 def _serial(plant: Actuator, given: str | None) -> str:

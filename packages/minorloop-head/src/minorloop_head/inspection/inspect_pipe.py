@@ -27,6 +27,7 @@ from minorloop_head.inspection.journal import (
     untold,
 )
 from minorloop_head.inspection.lines import (
+    FARTHEST,
     InspectionLine,
     LostRow,
     PoseRow,
@@ -74,8 +75,6 @@ _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measu
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and settings that the camera refuses."""
 _MOST_WALL = 0.1  # m, as of a calibration
-_FARTHEST = 10.0
-"""Longest advance in m: a catheter is some metres long."""
 
 
 _Value = TypeVar("_Value")
@@ -139,23 +138,7 @@ def inspect(
         If a device fails, or the head did not confirm that it is safe (`SafetyError`).
     """
     folder = Path(out)
-    for place in advances:
-        if not 0.0 <= place <= _FARTHEST:
-            raise ParameterError(
-                f"--advances has {1e3 * place:g}; give 0 to {1e3 * _FARTHEST:g} mm"
-            )
-    if len(set(advances)) < len(advances):
-        raise ParameterError(
-            f"--advances is {', '.join(f'{1e3 * each:g}' for each in advances)}; give each place "
-            "once, since candidates in two views count more"
-        )
-    begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
-    if least_wall is not None and not 0.0 < least_wall <= _MOST_WALL:
-        raise ParameterError(
-            f"the least remaining wall is {1e3 * least_wall:g} mm; give more than 0, up to "
-            f"{1e3 * _MOST_WALL:g} mm"
-        )
-    begun |= {"pipe": pipe, "least wall [mm]": None if least_wall is None else 1e3 * least_wall}
+    begun = {**head.begun, **_begun(advances, pipe, least_wall)}
     before = Before.of(folder, begun, "inspection", InspectionLine) if resume else NEW
     known = _restored(before, head.view)
     kept: _Folder | None = None
@@ -180,6 +163,28 @@ def inspect(
     except OutputError as error:
         error.add_note(go_on(folder))
         raise
+
+
+def _begun(advances: Sequence[float], pipe: str | None, least_wall: float | None) -> dict[str, Any]:
+    """Return the options of an inspection for its journal; refuse impossible ones."""
+    for place in advances:
+        if not 0.0 <= place <= FARTHEST:
+            raise ParameterError(f"--advances has {1e3 * place:g}; give 0 to {1e3 * FARTHEST:g} mm")
+    if len(set(advances)) < len(advances):
+        raise ParameterError(
+            f"--advances is {', '.join(f'{1e3 * each:g}' for each in advances)}; give each place "
+            "once, since candidates in two views count more"
+        )
+    if least_wall is not None and not 0.0 < least_wall <= _MOST_WALL:
+        raise ParameterError(
+            f"the least remaining wall is {1e3 * least_wall:g} mm; give more than 0, up to "
+            f"{1e3 * _MOST_WALL:g} mm"
+        )
+    return {
+        "advances [mm]": [round(1e3 * advance, 4) for advance in advances],
+        "pipe": pipe,
+        "least wall [mm]": None if least_wall is None else 1e3 * least_wall,
+    }
 
 
 def _note_end(kept: _Folder | None, error: BaseException, folder: Path, *, resume: bool) -> None:

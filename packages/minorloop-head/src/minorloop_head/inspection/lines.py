@@ -49,12 +49,12 @@ from minorloop_head.ultrasound.wall_echoes import Profile, SweptBurst
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Hole
 
-_TURN, _FARTHEST, _ODDS = 2.0 * math.pi, 10.0, 1e3
+_TURN, FARTHEST, _ODDS = 2.0 * math.pi, 10.0, 1e3
 """Limits of angles in radians, of places along a pipe in metres, and of evidence."""
 Roll = Annotated[float, Meta(ge=-2.0 * _TURN, le=2.0 * _TURN)]
-Along = Annotated[float, Meta(ge=-_FARTHEST, le=_FARTHEST)]
+Along = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
 _HalfTurn = Annotated[float, Meta(ge=-180.0, le=180.0)]
-_AlongMm = Annotated[float, Meta(ge=-1e3 * _FARTHEST, le=1e3 * _FARTHEST)]
+_AlongMm = Annotated[float, Meta(ge=-1e3 * FARTHEST, le=1e3 * FARTHEST)]
 _EXACT = 9
 """Digits of a pose, so that a resumed inspection has the same map as one without interruption."""
 _FEWEST = 200
@@ -386,7 +386,7 @@ class RingLine(Line):
 
     def restored(self) -> RingSweep:
         """Return the sweep."""
-        spot = (-2.0 * _TURN, 2.0 * _TURN), (-_FARTHEST, _FARTHEST)
+        spot = (-2.0 * _TURN, 2.0 * _TURN), (-FARTHEST, FARTHEST)
         check(self.profile, {"spots": spot})
         if self.water.seen:
             check(self.water, {"height": ((-1.0, 1.0),), "sd": ((0.0, 1.0),)})
@@ -433,14 +433,14 @@ def _defect(values: dict[str, Any], calibration: HeadCalibration) -> Any:
     if "evidence" in known or "rim" in known or "places" in known:
         kind = Hole if "rim" in known else TracedCrack
     found = converted(known, kind)
-    place = (-_TURN, _TURN), (-_FARTHEST, _FARTHEST)
+    place = (-_TURN, _TURN), (-FARTHEST, FARTHEST)
     limits = {
         place: ("place", "rim", "places"),
         place[:1]: ("phi",),
         place[1:]: ("z",),
         ((0.0, 2.0 * calibration.radius),): ("diameter", "widths", "least_width"),
         ((0.0, calibration.thickness),): ("depth", "least_depth"),
-        ((0.0, _FARTHEST),): ("length", "depth_sd", "place_sd", "diameter_sd"),
+        ((0.0, FARTHEST),): ("length", "depth_sd", "place_sd", "diameter_sd"),
         ((-_ODDS, _ODDS),): ("contrast",),
         ((-_ODDS, math.inf),): ("evidence",),
     }

@@ -154,15 +154,13 @@ def inspection_report(
     report.add(
         "What was inspected", text=wall_words(content), table=Table(("", ""), _facts(content))
     )
-    if content["not done"]:
-        undone = table(content["not done"], _UNDONE_COLUMNS)
-        report.add("Not done, and why", table=Table(_UNDONE_COLUMNS, undone))
-    if content["not searched"]:
-        missed = table(content["not searched"], _MISSED_COLUMNS)
-        report.add("Not searched", table=Table(_MISSED_COLUMNS, missed))
-    if content["out of reach"]:
-        beyond = table(content["out of reach"], _BEYOND_COLUMNS)
-        report.add("Directions out of reach", table=Table(_BEYOND_COLUMNS, beyond))
+    for key, title, columns in (
+        ("not done", "Not done, and why", _UNDONE_COLUMNS),
+        ("not searched", "Not searched", _MISSED_COLUMNS),
+        ("out of reach", "Directions out of reach", _BEYOND_COLUMNS),
+    ):
+        if content[key]:
+            report.add(title, table=Table(columns, table(content[key], columns)))
     if seen is not None:
         drawn = draw_wall(seen, found, lost, water)
         report.add(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,34 +13,34 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError, RecordError, are, counted
+from minorloop.errors import ParameterError, RecordError, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import opened
 from minorloop.lab.headers import split_header
 from minorloop_head.geometry import AXES, Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile
+from minorloop_head.procedures.target_pictures import (
+    NAMED,
+    ExpectedTarget,
+    TargetPictures,
+    find_target,
+    led_folders,
+    look_through,
+)
 from minorloop_head.procedures.values import ALL_LIGHTS
-from minorloop_head.vision.calibrated_camera import Image
-from minorloop_head.vision.hand_eye import HandEyeFit, fit_hand_eye
+from minorloop_head.vision.hand_eye import fit_hand_eye
 from minorloop_head.vision.lens_calibration import (
     LensFit,
     TargetPose,
-    find_reflection,
     fit_led,
     fit_lens,
     target_pose,
 )
 from minorloop_head.vision.measured import Measured
 from minorloop_head.vision.mount_calibration import MountFit, fit_mount
-from minorloop_head.vision.target_search import markers_in, search_target
-from minorloop_head.vision.targets import KINDS, NONE, SeenTarget, Target
-from minorloop_head.vision.video import frames, names
+from minorloop_head.vision.targets import Target
 
-AUTO = "auto"
-"""Kind of a target that is detected from the pictures."""
-_SAMPLE, _EXPLAINED = 16, 5
-"""Most pictures that are searched to detect the target, and most whose lack of one is explained."""
 _CORNER_SD = 0.1
 """Standard deviation of a corner in pixels, for a lens that was calibrated before."""
 _FEWEST = 6
@@ -48,58 +48,11 @@ _FEWEST = 6
 _IN_NAME = re.compile(r"pan([+-]?\d+(?:\.\d+)?)_?tilt([+-]?\d+(?:\.\d+)?)")
 _LED = "LED "
 """Prefix of the names of results for LEDs."""
-_NAMED = 5
-"""Largest number of pictures that a message names."""
 _FAR, _CONTRADICTED = 4.0, 2.0
 """Residual above which a message names an angle, and rms above which angles contradict pictures, in
 standard deviations. With Gaussian angles of six pictures, the fewest, each is rarer than 0.1 %."""
 _ALIGNED, _ASIDE = 1.0, 0.3
 """Least deviations of the mount from the ideal one that are reported, in degrees and mm."""
-
-
-@dataclass(frozen=True)
-class ExpectedTarget:
-    """A target as described by the user, before it is searched in pictures."""
-
-    side: float
-    """Side of a square, or distance of circles, in metres. Pictures do not show it."""
-    kind: str = AUTO
-    """One of `minorloop_head.vision.targets.KINDS`, or `AUTO`."""
-    squares: tuple[int, int] | None = None
-    """Columns and rows."""
-    on_axis: bool = False
-    """Whether the target of the mount is square to the pipe with its middle on the axis."""
-
-    def printed(self) -> Target:
-        """Return the target to print: by default the first of `KINDS` with 9 by 7 squares."""
-        return Target(
-            KINDS[0] if self.kind == AUTO else self.kind, *(self.squares or (9, 7)), self.side
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class TargetPictures:
-    """A target as found in the pictures of a folder."""
-
-    folder: str
-    target: Target
-    size: tuple[int, int]
-    """Width and height, in pixels."""
-    seen: tuple[SeenTarget, ...]
-    left_out: dict[str, str]
-    """Names of the pictures that cannot be used, and why."""
-    reflections: dict[str, FloatArray]
-    """The one saturated spot of a picture, in pixels."""
-
-    def explained(self) -> str:
-        """Return the end of a message: which pictures are left out, and why."""
-        if not self.left_out:
-            return ""
-        shown = [f"{name} ({why})" for name, why in list(self.left_out.items())[:_NAMED]]
-        more = len(self.left_out) - len(shown)
-        rest = f" and {more} more" if more else ""
-        count = len(self.left_out)
-        return f"; {count} {are(count)} left out: {', '.join(shown)}{rest}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,114 +77,6 @@ class CalibratedHead:
     def warnings(self) -> tuple[str, ...]:
         """Parameters that the pictures hardly determine, and why the mount cannot be trusted."""
         return (*(self.lens.warnings if self.lens else ()), *self.doubts)
-
-
-def find_target(folder: PathLike, expected: ExpectedTarget) -> Target:
-    """Return the target that the pictures of a folder show.
-
-    Raises a `RecordError` if the pictures show no target, or another one than expected.
-    """
-    kind, squares, square = expected.kind, expected.squares, expected.side
-    called = _pictures_in(folder)
-    chosen = set(np.linspace(0, len(called) - 1, min(len(called), _SAMPLE)).astype(int).tolist())
-    read = (frame.image for frame in frames(str(folder), damaged=True))
-    images = [image for number, image in enumerate(read) if number in chosen and image.size]
-    found = search_target(images, square)
-    said = None
-    if squares is not None and (kind != AUTO or found is not None):
-        said = Target(found.kind if kind == AUTO and found else kind, *squares, square)
-    if found is None:
-        if said is not None:
-            return said  # it may be found where its size is known
-        raise RecordError(f"no picture of {folder} shows a target{_why_none(images)}")
-    if kind not in (AUTO, found.kind):
-        raise RecordError(f"{folder} shows {found}, and --target is {kind}; leave it out")
-    if said is None or sorted(squares or ()) == sorted((found.columns, found.rows)):
-        return found
-    if found.kind == "charuco" and found.columns == said.columns and found.rows < said.rows:
-        return replace(found, rows=said.rows)
-    if found.kind == "charuco" or not any(
-        isinstance(said.find(image, ""), SeenTarget) for image in images
-    ):
-        raise RecordError(
-            f"{folder} shows {found}, and --target has squares={said.columns}x{said.rows}: it is "
-            "another target, or cut in every picture"
-        )
-    return said
-
-
-def look_through(folder: PathLike, target: Target) -> TargetPictures:
-    """Find the target in each picture of a folder.
-
-    Raises a `ParameterError` if there is no such folder; a `RecordError` if the pictures have
-    different sizes, none can be read, or none shows the target.
-    """
-    size: tuple[int, int] | None = None
-    seen: list[SeenTarget] = []
-    left_out, reflections = {}, {}
-    called = _pictures_in(folder)
-    first = ""
-    for name, frame in zip(called, frames(str(folder), damaged=True), strict=True):
-        if not frame.image.size:
-            left_out[name] = "it cannot be read as an image"
-            continue
-        first = first or name
-        height, width = frame.image.shape
-        size = size or (width, height)
-        if size != (width, height):
-            raise RecordError(
-                f"{name} in {folder} has {width} by {height} pixels and {first} {size[0]} by "
-                f"{size[1]}; give pictures of one camera at one size"
-            )
-        found = target.find(frame.image, name)
-        if isinstance(found, str):
-            explain = len(left_out) < _EXPLAINED
-            left_out[name] = _why_not(frame.image, target) if explain else found
-            continue
-        seen.append(found)
-        spot = find_reflection(frame.image)
-        if spot is not None:
-            reflections[name] = spot
-    if size is None:
-        raise RecordError(f"no picture of {folder} can be read as an image; take them again")
-    pictures = TargetPictures(str(folder), target, size, tuple(seen), left_out, reflections)
-    if not seen:
-        raise RecordError(
-            f"no picture of {folder} shows {target}{pictures.explained()}; check "
-            "--target, and that the whole picture is sharp and not too dark"
-        )
-    return pictures
-
-
-def _pictures_in(folder: PathLike) -> list[str]:
-    if not Path(folder).is_dir():
-        raise ParameterError(f"there is no folder {folder}; give one with pictures of the target")
-    return names(str(folder))
-
-
-def _why_none(images: Sequence[Image]) -> str:
-    """Return the end of a message: why no target is found in pictures."""
-    turned = search_target([np.ascontiguousarray(image[:, ::-1]) for image in images], 1e-3)
-    if turned is not None and turned.kind == "charuco":
-        return ": they are mirrored; take them again, and let the camera not mirror them"
-    family = markers_in(images)
-    if family:
-        return f": there are markers of {family}, but not in the places of a charuco target"
-    return (
-        ": no markers, chessboard or grid of circles; give pictures of a whole, flat target, or "
-        "name it and its squares with --target"
-    )
-
-
-def _why_not(image: Image, target: Target) -> str:
-    """Return why a target is not found in a picture."""
-    other = search_target([image], target.square)
-    marked = target.kind == "charuco" and bool(markers_in([image]))
-    if other is None or (marked and other.kind != "charuco"):
-        return NONE  # the squares between the markers of a charuco target are a chessboard
-    if other.kind != target.kind:
-        return f"it shows {other}"
-    return f"it shows only {other.columns} by {other.rows} of its squares"
 
 
 def calibrate_lens(pictures: TargetPictures) -> LensFit:
@@ -268,22 +113,9 @@ def calibrate_mount(
     pipe with its middle on the axis. ``centre_sd``: standard deviations of the principal point, in
     pixels.
     """
-    target = pictures.target
-    if not target.oriented:
-        raise ParameterError(
-            f"{target} looks the same upside down; use a charuco target, or a chessboard with an "
-            "odd and an even number of squares, for the mount"
-        )
-    _check_size(pictures, lens)
     known = _angles_of_names(pictures) if angles is None else _angles_of_table(angles)
-    missing = [each.name for each in pictures.seen if each.name not in known]
-    if missing:
-        raise RecordError(
-            f"{angles} has no row for {missing[0]}; name every picture of {pictures.folder} in "
-            "its column 'picture'"
-        )
-    joints = np.array([known[each.name] for each in pictures.seen]).reshape(-1, 2)
-    middle = target.size / 2 if on_axis else None
+    joints = _of_pictures(known, pictures, lens, angles)
+    middle = pictures.target.size / 2 if on_axis else None
 
     def fitted(lens: Pinhole) -> MountFit:
         poses = [target_pose(lens, each, corner_sd) for each in pictures.seen]
@@ -303,7 +135,7 @@ def calibrate_mount(
 
 def calibrate_hand_eye(
     pictures: TargetPictures, lens: Pinhole, robot: PathLike, *, corner_sd: float = _CORNER_SD
-) -> HandEyeFit:
+) -> tuple[Measured, ...]:
     """Fit the pose of the camera on the flange of a robot to pictures of a target at rest.
 
     Raises a `RecordError` if the table or a row is missing, or the pictures do not determine the
@@ -314,15 +146,34 @@ def calibrate_hand_eye(
     ``qz``: poses of the flange in the base; ``corner_sd``: standard deviation of a corner, in
     pixels.
     """
+    flange = _of_pictures(_flanges_of_table(robot), pictures, lens, robot)
+    return fit_hand_eye([target_pose(lens, each, corner_sd) for each in pictures.seen], flange)
+
+
+def _of_pictures(
+    known: Mapping[str, FloatArray | tuple[float, float]],
+    pictures: TargetPictures,
+    lens: Pinhole,
+    table: PathLike | None,
+) -> FloatArray:
+    """Return the angles (N, 2) or poses (N, 4, 4) of pictures, by their names in a table.
+
+    Raises a `ParameterError` if the target does not show which way is up; a `RecordError` if a row
+    is missing, or the pictures have another size than those of the lens.
+    """
     _check_size(pictures, lens)
     if not pictures.target.oriented:
-        raise ParameterError(f"{pictures.target} looks the same upside down; use another one")
-    known = _flanges_of_table(robot)
+        raise ParameterError(
+            f"{pictures.target} looks the same upside down; use a charuco target, or a chessboard "
+            "with an odd and an even number of squares, for the mount"
+        )
     missing = [each.name for each in pictures.seen if each.name not in known]
     if missing:
-        raise RecordError(f"{robot} has no row for {missing[0]}; name it in its column 'picture'")
-    flange = np.array([known[each.name] for each in pictures.seen])
-    return fit_hand_eye([target_pose(lens, each, corner_sd) for each in pictures.seen], flange)
+        raise RecordError(
+            f"{table} has no row for {missing[0]}; name every picture of {pictures.folder} in "
+            "its column 'picture'"
+        )
+    return np.array([known[each.name] for each in pictures.seen])
 
 
 def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tuple[str, ...]:
@@ -334,8 +185,8 @@ def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tupl
     far = [k for k in np.argsort(-largest).tolist() if largest[k] > _FAR * angle_sd]
     if not far and mount.rms <= _CONTRADICTED * angle_sd:
         return ()
-    shown = ", ".join(f"{names[k]} ({largest[k]:.2g} deg)" for k in far[:_NAMED])
-    more = f" and {len(far) - _NAMED} more" if len(far) > _NAMED else ""
+    shown = ", ".join(f"{names[k]} ({largest[k]:.2g} deg)" for k in far[:NAMED])
+    more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
     where = f", most in {shown}{more}" if far else ""
     return (
         f"the angles of the joints differ from the pictures by {mount.rms:.2g} deg rms{where}, and "
@@ -390,17 +241,6 @@ def calibrate_leds(
     return np.array(positions), tuple(measured)
 
 
-def led_folders(folder: PathLike) -> list[Path]:
-    """Return the folders of the LEDs in the order of their names.
-
-    Raises a `ParameterError` if there are none.
-    """
-    found = sorted(each for each in Path(folder).glob("*") if each.is_dir())
-    if not found:
-        raise ParameterError(f"{folder} has no folders; give one in it for each LED")
-    return found
-
-
 def _lens_of(head: HeadFile) -> Pinhole:
     """Return the lens of a head that was calibrated before.
 
@@ -432,8 +272,7 @@ def calibrate_head(
     mount: PathLike | None = None,
     angles: PathLike | None = None,
     angle_sd: float = 0.1,
-    leds: FloatArray | None = None,
-    led_pictures: PathLike | None = None,
+    leds: FloatArray | PathLike | None = None,
     radius: float | None = None,
     thickness: float | None = None,
     told: Callable[[str], object] = lambda text: None,
@@ -449,12 +288,12 @@ def calibrate_head(
     ``angles``: table of the angles of the joints, as of `calibrate_mount`, or of the poses of a
     flange, as of `calibrate_hand_eye`.
     ``angle_sd``: standard deviation of an angle of the joints, in degrees.
-    ``leds`` (N, 3): positions of the LEDs in the camera, in metres.
-    ``led_pictures``: instead of ``leds``: folder with a folder of pictures for each LED.
+    ``leds`` (N, 3): positions of the LEDs in the camera, in metres; or a folder with a folder of
+    pictures for each LED.
     ``radius``, ``thickness``: of the pipe and its wall, in metres.
     ``told``: called with a text on the progress.
     """
-    if not (pictures or mount or led_pictures or leds is not None):
+    if not (pictures or mount or leds is not None):
         raise ParameterError("there is nothing to calibrate; give --pictures, --mount or --leds")
     if angles and not mount:
         raise ParameterError("--angles are those of the pictures of --mount; give it too")
@@ -483,7 +322,7 @@ def calibrate_head(
     known = lens.lens if lens else _lens_of(before)
     if mount and angles and _of_flange(angles):
         found = looked(mount, "the flange")
-        measured = calibrate_hand_eye(found, known, angles, corner_sd=sd).measured
+        measured = calibrate_hand_eye(found, known, angles, corner_sd=sd)
     elif mount:
         found = looked(mount, "the mount")
         fit = calibrate_mount(
@@ -491,11 +330,12 @@ def calibrate_head(
             centre_sd=centre_sd_of(lens.measured if lens else before.measured),
         )  # fmt: skip
         doubts = mount_doubts(fit, [each.name for each in found.seen], angle_sd)
-    if led_pictures:
-        lit = [looked(each, f"LED {n}") for n, each in enumerate(led_folders(led_pictures), 1)]
-        leds, places = calibrate_leds(lit, known, sd)
-        measured = (*measured, *places)
-    head, advice = _calibrated(before, lens, fit, leds, measured, radius, thickness)
+    places = leds if isinstance(leds, np.ndarray) else None
+    if leds is not None and not isinstance(leds, np.ndarray):
+        lit = [looked(each, f"LED {n}") for n, each in enumerate(led_folders(leds), 1)]
+        places, found_leds = calibrate_leds(lit, known, sd)
+        measured = (*measured, *found_leds)
+    head, advice = _calibrated(before, lens, fit, places, measured, radius, thickness)
     return CalibratedHead(head, lens, fit, left_out, used, advice, doubts, shown)
 
 

@@ -152,7 +152,7 @@ def _carry_out(lines: list[str], done: str, link: Link) -> None:
     link.ask(done)
 
 
-def open_digitiser(path: PathLike, clock: Callable[[], float] = time.monotonic) -> Digitiser:
+def open_digitiser(path: PathLike) -> Digitiser:
     """Open the pulser and the digitiser in a TOML file.
 
     Raises a `ParameterError` if the file is not valid; an `InstrumentError` if an instrument is
@@ -174,4 +174,4 @@ def open_digitiser(path: PathLike, clock: Callable[[], float] = time.monotonic) 
     except BaseException:
         link.close()
         raise
-    return Digitiser(how, link, pulser, clock)
+    return Digitiser(how, link, pulser)

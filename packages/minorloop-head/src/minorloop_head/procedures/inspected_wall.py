@@ -17,7 +17,7 @@ from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
 from minorloop_head.procedures.pictures import LEAST_GREY
 from minorloop_head.procedures.probe_steps import fused_wall, resampled
 from minorloop_head.procedures.scan import ScannedRaster
-from minorloop_head.procedures.sweep_map import water_angles
+from minorloop_head.procedures.sweep_map import CONTRAST, water_angles
 from minorloop_head.procedures.trace import patch_about, widest
 from minorloop_head.reconstruction.depth_map import (
     ECHOES,
@@ -47,8 +47,6 @@ _AROUND = 3e-3
 """Side in metres of the square of wall whose mean grey level is the brightness of a place."""
 _ACROSS = 9.0 / 320.0
 """Least minor axis of the smallest hole that is found, over the width of the picture."""
-_CONTRAST = 0.6
-"""Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _SIDES = {180: "left", -90: "top", 0: "right", 90: "bottom"}
 _MOST = 0.5
 """Least searched share of a column in the searched range; and of a row, over that of the row with
@@ -223,7 +221,7 @@ def draw_wall(
         return float((phi - start) % 360.0 + start)
 
     extent = (start, start + 360.0, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
-    grey = np.clip(0.5 + seen.picture / (2 * _CONTRAST), 0.0, 1.0)
+    grey = np.clip(0.5 + seen.picture / (2 * CONTRAST), 0.0, 1.0)
     image = {"origin": "lower", "extent": extent, "aspect": "auto", "interpolation": "nearest"}
     axes.set_facecolor("#dfe6ee")
     axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, **image)

@@ -6,6 +6,9 @@ hole is narrow there. A candidate in only one view is listed apart as not confir
 candidate that was not centred and is only in pictures from one place, unless echoes show a defect.
 With a probe, each confirmed defect is touched, then scanned in the flooded pipe for its depth.
 At the end the probe is rolled once round the pipe, which shows the level of the water.
+
+These are the six steps of Boudjabi, Ferreira and Krupa, 2003, section 5.2: look round, centre,
+focus, extract, scan by ultrasound, and merge both into a model; here without their supervisor.
 """
 
 from __future__ import annotations
@@ -14,15 +17,14 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import takewhile
-from typing import Generic, TypeVar
+from itertools import chain, takewhile
+from typing import TypeAlias
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MinorloopError, OutputError, counted
 from minorloop_head.geometry import Pinhole, wall_distance
-from minorloop_head.procedures.extract import SAME, nearest
 from minorloop_head.procedures.inspected_view import (
     AGAIN,
     AROUND,
@@ -50,7 +52,9 @@ from minorloop_head.procedures.steps import (
     search,
 )
 from minorloop_head.procedures.trace import (
+    SAME,
     likely,
+    nearest,
     one_course,
     traced_again,
     traces_of,
@@ -81,7 +85,7 @@ _MOST_HOLES, _MOST_CRACKS = 24, 8
 """Largest number of visited candidates, likeliest first: at 20 s each they take ten minutes."""
 
 
-Candidate = TypeVar("Candidate", Hole, TracedCrack)
+_Defect: TypeAlias = Hole | TracedCrack
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +96,7 @@ class _Seen:
     found: Findings
     camera: CalibratedCamera
 
-    def view(self, *shown: Hole | TracedCrack) -> InspectedView:
+    def view(self, *shown: _Defect) -> InspectedView:
         """Return the view with some of the found defects."""
         return view_with(self.blank, shown, self.camera)
 
@@ -109,11 +113,20 @@ class _Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sighting(Generic[Candidate]):
-    """A candidate on the way round, and the view that shows it."""
+class _Candidate:
+    """A hole or a crack that views on the way round show."""
 
-    shown: Candidate
-    view: InspectedView
+    name: str
+    """Name of its visit."""
+    shown: _Defect
+    """Its surest sighting."""
+    sightings: Sequence[tuple[_Defect, InspectedView]]
+    """All of them, and the views that show them."""
+
+    @property
+    def seen_in(self) -> tuple[str, ...]:
+        """Names of these views."""
+        return tuple(dict.fromkeys(view.picture.name for _, view in self.sightings))
 
 
 def views_of(lens: Pinhole) -> FloatArray:
@@ -151,7 +164,7 @@ def inspect_wall(
     ``unscanned``: why the probe of the head scans nothing, as of `Probing`; without it only the
     camera is used.
     """
-    kept, radius = kept or Kept(), rig.calibration.radius
+    kept = kept or Kept()
     probing = None if unscanned is None else Probing(rig, kept, unscanned)
     visits = _Visits(rig, kept, probing)
     if probing is not None:
@@ -159,26 +172,11 @@ def inspect_wall(
     views = _look_round(rig, advances, kept)
     if unclear := rig.compute(lambda: lens_words(views)):
         rig.say("lens", unclear, succeeded=False)
-    early = _early([*kept.views.values()])
-    holes, traces = _sightings(views, Hole), _sightings(views, TracedCrack)
-    found: list[Hole] = []
-    best = _holes(holes, early, radius)
-    _say_limit(rig, "holes", len(best), _MOST_HOLES)
-    for k, hole in enumerate(best[:_MOST_HOLES], 1):
-        if not _known(hole, found, radius):
-            with visits.going_on(f"hole {k}"):
-                again = visits.hole(hole, _same(hole, holes, radius), f"hole {k}")
-                found += [] if again is None or _known(again, found, radius) else [again]
-    cracks: list[TracedCrack] = []
-    courses = _courses(traces, early, radius)
-    _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
-    for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
-        if not any(one_course(trace.places, each.places, radius) for each in cracks):
-            with visits.going_on(f"crack {k}"):
-                cracks += visits.crack(trace, _names(_alike(trace, traces, radius)), f"crack {k}")
+    holes, cracks = _candidates([*kept.views.values()], rig.calibration.radius)
+    found = visits.each(holes, _MOST_HOLES) + visits.each(cracks, _MOST_CRACKS)
     if probing is not None:
-        places = [hole.place for hole in found] + [crack.places[0] for crack in cracks]
-        ahead = advances[0] + radius / math.tan(_DEFLECTION)
+        ahead = advances[0] + rig.calibration.radius / math.tan(_DEFLECTION)
+        places = [one.place if isinstance(one, Hole) else one.places[0] for one in found]
         with visits.going_on("water line"):
             probing.roll_round(float(places[0][1]) if places else ahead)
     return kept
@@ -204,20 +202,31 @@ class _Visits:
             if self.probing is not None:
                 drain(self.rig)
 
-    def hole(self, hole: Hole, same: Sequence[_Sighting[Hole]], name: str) -> Hole | None:
-        """Visit a candidate for a hole, twice if need be; return it if it is seen again."""
-        view = self.kept.view(name, lambda: self._centred(hole, name))
-        if view.finding is None:
-            again, before = f"{name}{AGAIN}", view.steps
-            view = self.kept.view(again, lambda: self._view_from_aside(hole, same, again, before))
-        self._probe(view, _names(same))
-        return next((one for one in view.seen if isinstance(one, Hole)), None)
+    def each(self, candidates: Sequence[_Candidate], most: int) -> list[_Defect]:
+        """Visit the first ``most`` candidates, and return those that are seen again."""
+        if len(candidates) > most:
+            word = candidates[0].name.partition(" ")[0]
+            many = counted(len(candidates), "candidate")
+            self.rig.say(f"{word}s", f"{many}; the likeliest {most} are visited")
+        found: list[_Defect] = []
+        for one in candidates[:most]:
+            if not _known(one.shown, found, self.rig.calibration.radius):
+                with self.going_on(one.name):
+                    view = self._visit(one)
+                    self._probe(view, one.seen_in)
+                    found += view.seen
+        return found
 
-    def crack(self, trace: TracedCrack, seen_in: tuple[str, ...], name: str) -> list[TracedCrack]:
-        """Visit a candidate for a crack; return it if it is seen again."""
-        view = self.kept.view(name, lambda: _visit_crack(self.rig, trace, seen_in, name))
-        self._probe(view, seen_in)
-        return [one for one in view.seen if isinstance(one, TracedCrack)]
+    def _visit(self, one: _Candidate) -> InspectedView:
+        """Visit a candidate, a hole twice if need be, and return the view that shows it or not."""
+        shown, name, seen_in = one.shown, one.name, one.seen_in
+        if isinstance(shown, TracedCrack):
+            return self.kept.view(name, lambda: _visit_crack(self.rig, shown, seen_in, name))
+        view = self.kept.view(name, lambda: self._centred(shown, name))
+        if view.finding is not None:
+            return view
+        again, before = f"{name}{AGAIN}", view.steps
+        return self.kept.view(again, lambda: self._view_from_aside(shown, one, again, before))
 
     def _centred(self, hole: Hole, name: str) -> InspectedView:
         """Return the view that centres a candidate for a hole."""
@@ -229,23 +238,23 @@ class _Visits:
         return view
 
     def _view_from_aside(
-        self, hole: Hole, same: Sequence[_Sighting[Hole]], name: str, before: tuple[LogEntry, ...]
+        self, hole: Hole, one: _Candidate, name: str, before: tuple[LogEntry, ...]
     ) -> InspectedView:
         """Return a view of a hole from halfway between its surest view and its centred view.
 
         It repeats neither view, so that no accident of one picture confirms a hole. The catheter is
         where the surest view was taken; the steps ``before`` precede those of this view.
         """
-        rig, first = self.rig, next(each for each in same if each.shown is hole)
-        _go(rig, place=first.view.place)
+        rig, first = self.rig, next(view for shown, view in one.sightings if shown is hole)
+        _go(rig, place=first.place)
         centred = aim_at(rig.calibration, hole.place, rig.place)
-        _go(rig, angles=(np.asarray(centred) + first.view.angles) / 2.0)
+        _go(rig, angles=(np.asarray(centred) + first.angles) / 2.0)
         seen = _seen(rig, name).after(before)
         view = _seen_again(rig, seen, hole)
         if view.finding is None:
-            return _not_confirmed(rig, seen, hole, _names(same))
+            return _not_confirmed(rig, seen, hole, one.seen_in)
         if self.probing is None and _doubted(view):
-            return _reject(rig, view, _names(same), ONE_PLACE)
+            return _reject(rig, view, one.seen_in, ONE_PLACE)
         return view
 
     def _probe(self, view: InspectedView, seen_in: tuple[str, ...]) -> None:
@@ -272,66 +281,54 @@ def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed
     ``views``: all of an inspection so far, in the order in which they were taken; ``radius``: of
     the pipe, in metres.
     """
-    names, early = {view.picture.name for view in views}, _early(views)
-    around = [view for view in views if view.looks_round]
+    names = {view.picture.name for view in views}
     visited = [one for view in views if not view.looks_round for one in view.seen]
-    holes, traces = _sightings(around, Hole), _sightings(around, TracedCrack)
-    found = [one for one in visited if isinstance(one, Hole)]
     left = []
-    for k, hole in enumerate(_holes(holes, early, radius), 1):
-        if f"hole {k}{AGAIN}" not in names and not _known(hole, found, radius):
-            why = SEEN_ONCE if f"hole {k}" in names else NOT_VISITED
-            left.append(unconfirmed(hole, _names(_same(hole, holes, radius)), why))
-    cracks = [one for one in visited if isinstance(one, TracedCrack)]
-    for k, trace in enumerate(_courses(traces, early, radius), 1):
-        known = any(one_course(trace.places, each.places, radius) for each in cracks)
-        if f"crack {k}" not in names and not known:
-            left.append(unconfirmed(trace, _names(_alike(trace, traces, radius)), NOT_VISITED))
+    for one in chain(*_candidates(views, radius)):
+        last = f"{one.name}{AGAIN}" if isinstance(one.shown, Hole) else one.name
+        if last not in names and not _known(one.shown, visited, radius):
+            why = SEEN_ONCE if one.name in names else NOT_VISITED
+            left.append(unconfirmed(one.shown, one.seen_in, why))
     return left
 
 
-def _sightings(views: Sequence[InspectedView], kind: type[Candidate]) -> list[_Sighting[Candidate]]:
-    """Return the candidates of a kind that views show."""
-    return [_Sighting(one, view) for view in views for one in view.seen if isinstance(one, kind)]
+def _candidates(
+    views: Sequence[InspectedView], radius: float
+) -> tuple[list[_Candidate], list[_Candidate]]:
+    """Return the candidates for holes and for cracks, each in the order of their visits.
 
-
-def _early(views: Sequence[InspectedView]) -> set[str]:
-    """Return the names of the views before the first visit: their candidates are numbered first.
-
-    Candidates of a view that is taken again after a visit come after them.
+    Those of views before the first visit come first: a view that is taken again after a visit does
+    not change their numbers.
     """
-    return {view.picture.name for view in takewhile(lambda view: view.looks_round, views)}
+    around = [(one, view) for view in views if view.looks_round for one in view.seen]
+    early = [one for view in takewhile(lambda view: view.looks_round, views) for one in view.seen]
+
+    def numbered(word: str, kind: type[_Defect]) -> list[_Candidate]:
+        every = [(one, view) for one, view in around if isinstance(one, kind)]
+        first = _distinct([one for one in early if isinstance(one, kind)], radius)
+        later = _distinct([one for one, _ in every], radius)
+        order = [*first, *(one for one in later if not _known(one, first, radius))]
+        same = [[each for each in every if _known(each[0], [one], radius)] for one in order]
+        found = enumerate(zip(order, same, strict=True), 1)
+        return [_Candidate(f"{word} {k}", one, sightings) for k, (one, sightings) in found]
+
+    return numbered("hole", Hole), numbered("crack", TracedCrack)
 
 
-def _holes(holes: Sequence[_Sighting[Hole]], early: set[str], radius: float) -> list[Hole]:
-    """Return candidates in the order of their visits, those of early views first."""
-    first, every = (
-        strongest([each.shown for each in some], radius, -math.inf)
-        for some in ([each for each in holes if each.view.picture.name in early], holes)
-    )
-    return [*first, *(hole for hole in every if not _known(hole, first, radius))]
+def _distinct(shown: Sequence[_Defect], radius: float) -> list[_Defect]:
+    """Return one of each hole or crack that several views may show, the likeliest first."""
+    holes = [one for one in shown if isinstance(one, Hole)]
+    cracks = [one for one in shown if isinstance(one, TracedCrack)]
+    return [*strongest(holes, radius, -math.inf), *(one for one, _ in likely(cracks, (), radius))]
 
 
-def _courses(
-    traces: Sequence[_Sighting[TracedCrack]], early: set[str], radius: float
-) -> list[TracedCrack]:
-    """Return courses in the order of their visits, those of early views first."""
-    seen = [each.shown for each in traces if each.view.picture.name in early]
-    first = [trace for trace, _ in likely(seen, (), radius)]
-    later = likely([each.shown for each in traces], first, radius)
-    return [*first, *(trace for trace, _ in later)]
-
-
-def _same(hole: Hole, holes: Sequence[_Sighting[Hole]], radius: float) -> list[_Sighting[Hole]]:
-    """Return the sightings of a hole."""
-    return [each for each in holes if _known(each.shown, [hole], radius)]
-
-
-def _alike(
-    trace: TracedCrack, traces: Sequence[_Sighting[TracedCrack]], radius: float
-) -> list[_Sighting[TracedCrack]]:
-    """Return the sightings of a crack."""
-    return [each for each in traces if one_course(each.shown.places, trace.places, radius)]
+def _known(one: _Defect, others: Sequence[_Defect], radius: float) -> bool:
+    """Return whether a hole or a crack is one of others."""
+    if isinstance(one, Hole):
+        places = [other.place for other in others if isinstance(other, Hole)]
+        return any(wall_distance(one.place, place, radius) < SAME for place in places)
+    courses = [other.places for other in others if isinstance(other, TracedCrack)]
+    return any(one_course(one.places, course, radius) for course in courses)
 
 
 def _look_round(rig: InspectionRig, advances: Sequence[float], kept: Kept) -> list[InspectedView]:
@@ -360,11 +357,6 @@ def _search_view(rig: InspectionRig, name: str) -> InspectedView:
     return seen.view(*seen.found.holes, *lines)
 
 
-def _say_limit(rig: InspectionRig, what: str, count: int, most: int) -> None:
-    if count > most:
-        rig.say(what, f"{counted(count, 'candidate')}; the likeliest {most} are visited")
-
-
 def _go(rig: InspectionRig, **where: object) -> None:
     """Move; raise an `InstrumentError` if a sensor failed."""
     go(rig, **where)  # type: ignore[arg-type]
@@ -391,10 +383,6 @@ def _seen(rig: InspectionRig, name: str) -> _Seen:
         place=(advance, roll),
     )
     return _Seen(blank, found, view.camera_at(place))
-
-
-def _known(hole: Hole, found: Sequence[Hole], radius: float) -> bool:
-    return any(wall_distance(hole.place, other.place, radius) < SAME for other in found)
 
 
 def _approach(
@@ -447,18 +435,13 @@ def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:
 
 
 def _not_confirmed(
-    rig: InspectionRig, seen: _Seen, shown: Hole | TracedCrack, names: tuple[str, ...]
+    rig: InspectionRig, seen: _Seen, shown: _Defect, names: tuple[str, ...]
 ) -> InspectedView:
     """Return the view of a visit that does not show its candidate, which other views show."""
     view = seen.view()
     why = f"{seen.missing}; {view.failed}" if view.failed else seen.missing
     rig.say(seen.blank.picture.name, f"{why}; seen in {counted(len(names), 'view')}, not confirmed")
     return replace(view, unconfirmed=unconfirmed(shown, names, why))
-
-
-def _names(same: Sequence[_Sighting[Candidate]]) -> tuple[str, ...]:
-    """Return the names of the views that show a candidate."""
-    return tuple(dict.fromkeys(each.view.picture.name for each in same))
 
 
 def _visit_crack(

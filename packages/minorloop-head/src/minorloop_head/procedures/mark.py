@@ -21,9 +21,8 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import Tool, wall_point
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.centre import CONE, NOT_IN_VIEW, TWO_TICKS, Centring
-from minorloop_head.procedures.extract import acquisition
 from minorloop_head.procedures.go import go
-from minorloop_head.procedures.meter import Light, meter
+from minorloop_head.procedures.meter import Light, acquisition, meter
 from minorloop_head.procedures.values import (
     NOTHING,
     NOW,

@@ -1,4 +1,7 @@
-"""Set the gain of the camera for a middle grey, and the focus for the wall ahead."""
+"""Set the gain of the camera for a middle grey, the focus for the wall ahead, and the lights.
+
+An acquisition is the frames under switched lights in which defects are searched.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,23 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop_head.procedures.calibration import HeadCalibration
-from minorloop_head.procedures.values import NOW, Procedure, Reading, Request, passed
+from minorloop_head.procedures.values import (
+    NOW,
+    LitCamera,
+    Procedure,
+    Reading,
+    Request,
+    Running,
+    passed,
+)
 from minorloop_head.vision.calibrated_camera import Image
+from minorloop_head.vision.defects import SEQUENCE
+from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 from minorloop_head.vision.servo import wall_depth
 
 _EVERY, _REFOCUS = 0.24, 0.2
@@ -41,10 +55,10 @@ class _LightLimits:
         """Return a distance, clipped to the limits of the focus."""
         return float(np.clip(distance, self.nearest, self.farthest))
 
-    def gain(self, before: float, image: Image, share: float = 0.7) -> float:
-        """Return the next gain after an image, by a share of the way on a logarithmic scale."""
+    def gain(self, before: float, image: Image) -> float:
+        """Return the next gain after an image, by 0.7 of the way on a logarithmic scale."""
         mean = max(float(image[::4, ::4].mean()), 1.0)
-        wanted = before * (self.grey / mean) ** share
+        wanted = before * (self.grey / mean) ** 0.7
         return float(np.clip(wanted, self.least_gain, self.most_gain))
 
 
@@ -122,3 +136,37 @@ def _about(
     right, bottom = np.maximum(pixels.max(axis=0).astype(int), 0)
     part = image[top:bottom, left:right]
     return part if part.size else image
+
+
+def acquisition(gain: float) -> Procedure[tuple[LitFrame, ...]]:
+    """Take a frame under each light alone, one under none, and one under all, at a gain."""
+    frames: list[LitFrame] = []
+    for lights in SEQUENCE:
+        exposure = LIMITS.exposure * (1.0 if all(lights) else ALONE), gain
+        now = yield Request(lights=lights, exposure=exposure, frame=True)
+        while now.image is None:  # lights that are set again have to settle again
+            now = yield Request(frame=True)
+        pan, tilt = now.angles.tolist()
+        frames.append(LitFrame(now.image, pan, tilt, lights))
+    yield Request(exposure=(LIMITS.exposure, gain), now=True)
+    return tuple(frames)
+
+
+def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[LitFrame, ...]:
+    """Return the frames of an acquisition by a camera that does not move.
+
+    ``camera``: its lights are all on afterwards; ``angles`` (2,): measured pan and tilt, in
+    radians; ``gain``: under all lights.
+    """
+
+    def carry_out(request: Request) -> None:
+        if request.lights is not None:
+            camera.switch(request.lights)
+        if request.exposure is not None:
+            camera.expose(*request.exposure)
+
+    running, still = Running(acquisition(gain), carry_out), np.asarray(angles, dtype=np.float64)
+    running.advance(Reading(t=0.0, angles=still))
+    while not running.done:
+        running.advance(Reading(t=0.0, angles=still, image=camera.frame().image))
+    return running.result

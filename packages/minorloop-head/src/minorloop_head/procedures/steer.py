@@ -16,13 +16,11 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError, SafetyError
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.run import left_safe
-from minorloop_head.control.controller import within
+from minorloop_head.control.controller import INTERVAL, within
 from minorloop_head.control.head import HeadControl, HeadState
 from minorloop_head.geometry import AXES
 from minorloop_head.procedures.drive_faults import DriveFault, FaultLog
 
-TICK = 0.04
-"""Default seconds of a step."""
 _STEADY = 0.2
 """Share of a hold, at its end, over which the angles are averaged."""
 _CHECK = (
@@ -131,7 +129,7 @@ Unfinished = Callable[[SteeredHead, bool], None]
 
 
 def check_targets(
-    control: HeadControl, targets: npt.ArrayLike, hold: float, tick: float = TICK
+    control: HeadControl, targets: npt.ArrayLike, hold: float, tick: float = INTERVAL
 ) -> tuple[FloatArray, float]:
     """Return targets (N, 2) in degrees, and their hold in seconds in whole ticks.
 

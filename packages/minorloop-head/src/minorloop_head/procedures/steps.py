@@ -13,9 +13,9 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop_head.geometry import AXES, wall_distance, wrapped
 from minorloop_head.procedures.centre import TWO_TICKS, Centred, Centring
-from minorloop_head.procedures.extract import acquisition
 from minorloop_head.procedures.go import go as going
 from minorloop_head.procedures.mark import APPROACH, TOUCHED, Marking, Touch, aim_at
+from minorloop_head.procedures.meter import acquisition
 from minorloop_head.procedures.meter import meter as metering
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image

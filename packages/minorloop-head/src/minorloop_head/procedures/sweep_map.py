@@ -25,8 +25,8 @@ _MOST_FACES = 160  # along a side of a surface
 _WIDE = 7.0  # inches, the width of a map of the pipe
 _FINEST = 4  # largest number of parts of a side of a texel, for smooth rims
 SOURCES = ("unseen", "camera", "echoes", "both")
-SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
-_CONTRAST = 0.5
+_SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
+CONTRAST = 0.6
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _LOUD, _DEEP = (0.0, 1.1), (-0.1, 1.0)
 """Limits of the colour scales of amplitudes relative to a plain wall, and of depths in mm."""
@@ -105,7 +105,7 @@ def _draw_amplitude(
     picture: FloatArray | None, figure: Any, axes: Any, scan: CScan, shown: _Shown
 ) -> None:
     if picture is not None:
-        grey = np.clip(0.5 + picture[:, shown.columns] / (2 * _CONTRAST), 0.0, 1.0)
+        grey = np.clip(0.5 + picture[:, shown.columns] / (2 * CONTRAST), 0.0, 1.0)
         axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, **shown.options)
     loud = scan.amplitude[:, shown.columns]
     drawn = axes.imshow(loud, cmap="viridis", vmin=_LOUD[0], vmax=_LOUD[1], **shown.options)
@@ -135,7 +135,7 @@ def _draw_source(figure: Any, axes: Any, scan: CScan, shown: _Shown) -> None:
     from matplotlib.colors import ListedColormap
 
     source = scan.wall.source[:, shown.columns]
-    drawn = axes.imshow(source, cmap=ListedColormap(SHADES), vmin=-0.5, vmax=3.5, **shown.options)
+    drawn = axes.imshow(source, cmap=ListedColormap(_SHADES), vmin=-0.5, vmax=3.5, **shown.options)
     bar = figure.colorbar(drawn, ax=axes, ticks=range(4))
     bar.ax.set_yticklabels(SOURCES)
     axes.set_title(f"source; {np.mean(source == UNSEEN):.0%} without any")
@@ -262,7 +262,7 @@ def draw_c_scan(scan: CScan) -> Any:
 def _draw_sources(axes: Any, wall: DepthMap, extent: tuple[float, float, float, float]) -> None:
     from matplotlib.colors import ListedColormap
 
-    colours = {"cmap": ListedColormap(SHADES), "vmin": -0.5, "vmax": 3.5}
+    colours = {"cmap": ListedColormap(_SHADES), "vmin": -0.5, "vmax": 3.5}
     shown = axes.imshow(wall.source, origin="lower", extent=extent, **colours)
     bar = axes.figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
     bar.ax.set_yticklabels(SOURCES)

@@ -1,4 +1,4 @@
-"""Trace cracks in acquisitions, compare courses, and choose where to scan across a crack."""
+"""Trace cracks in acquisitions, find cracks and holes again, and choose where to scan a crack."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from minorloop_head.geometry import wall_distance, wrapped
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.vision.crack_evidence import LEAST_EVIDENCE
 from minorloop_head.vision.cracks import TracedCrack, trace_cracks
-from minorloop_head.vision.defects import Findings
+from minorloop_head.vision.defects import Findings, Hole
 
+SAME = 1.5e-3
+"""Largest distance in metres between two views of one defect: more than the error between views
+from two places, and less than the distance between two defects."""
 AGAIN = LEAST_EVIDENCE - 2.0
 """Lower evidence, used if a known course is not found with the usual one: by assumption, an earlier
 view makes a crack exp(2) = 7 times as likely."""
@@ -111,3 +114,10 @@ def patch_about(places: FloatArray, radius: float) -> Patch:
     rows = int((float(places[:, 1].max()) + MARGIN - low) / TEXEL) + 1
     columns = int((float(around.max()) + MARGIN - left) / TEXEL) + 1
     return Patch(middle + left / radius, low, rows, columns, radius, TEXEL)
+
+
+def nearest(holes: Sequence[Hole], place: npt.ArrayLike, radius: float) -> Hole | None:
+    """Return the hole nearest to phi and z (2,) in a pipe of a radius; None beyond `SAME`."""
+    off = [float(wall_distance(hole.place, place, radius)) for hole in holes]
+    best = min(range(len(holes)), key=off.__getitem__, default=None)
+    return None if best is None or off[best] > SAME else holes[best]

@@ -26,6 +26,9 @@ _LOST, _FALSE = 0.02, 3e-4
 """Share of missing echoes below the water line, and of echoes of noise above it. On 28 simulated
 pipes 1 in 100 is missing, where the flank of a dent reflects it elsewhere; noise gives an echo once
 in some thousand bursts."""
+WALL_SD = 0.05e-3
+"""Standard deviation of a wall that only the camera shows, in metres: that of the radius of the
+pipe, since images give no depth."""
 _HEIGHTS = 2001
 """Number of compared heights of the surface, 10 um apart in a pipe of 20 mm."""
 Bytes = npt.NDArray[np.uint8]
@@ -126,19 +129,16 @@ def unseen_map(patch: Patch) -> DepthMap:
     )
 
 
-def camera_map(
-    patch: Patch, seen: BoolArray, defect: npt.ArrayLike, *, sd: float = 0.05e-3
-) -> DepthMap:
+def camera_map(patch: Patch, seen: BoolArray, defect: npt.ArrayLike) -> DepthMap:
     """Return the map of a camera: depth 0 where it sees the wall, unknown at a defect.
 
     ``patch``: the texels of the map. ``seen`` (rows, columns): where the camera has seen the wall.
     ``defect`` (rows, columns): probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
-    ``sd``: standard deviation of the radius of the pipe, in metres.
     """
     open_to = seen & (np.asarray(defect, dtype=np.float64) < 0.5)
     depth = np.where(open_to, 0.0, np.nan)
     source = np.where(seen, CAMERA, UNSEEN).astype(np.uint8)
-    return DepthMap(patch, depth, np.where(open_to, sd, np.inf), source)
+    return DepthMap(patch, depth, np.where(open_to, WALL_SD, np.inf), source)
 
 
 def paste(wall: DepthMap, part: DepthMap) -> DepthMap:
@@ -316,7 +316,7 @@ def faces_of(wall: DepthMap) -> npt.NDArray[np.int64]:
     return np.concatenate([first, second]).astype(np.int64)
 
 
-def colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
+def _colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
     """Return colours (rows, columns, 4): grey by sensor, red by depth, dark where unseen."""
     table = np.array([_COLOURS[n] for n in range(4)], dtype=np.float64)
     base = table[wall.source]
@@ -334,7 +334,7 @@ def mesh_of(wall: DepthMap) -> Any:
     return trimesh.Trimesh(
         vertices=vertices_of(wall).reshape(-1, 3),
         faces=faces_of(wall),
-        vertex_colors=colours_of(wall).reshape(-1, 4),
+        vertex_colors=_colours_of(wall).reshape(-1, 4),
         process=False,
     )
 

@@ -12,7 +12,7 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import SignalError
 from minorloop.threads import one_thread
 from minorloop_head.geometry import wall_point
-from minorloop_head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, DepthMap, Patch
+from minorloop_head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, WALL_SD, DepthMap, Patch
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe, as_complex
 from minorloop_head.ultrasound.joint_fit import DEPTHS, JointFit
@@ -30,8 +30,6 @@ _UNKNOWN = 0.6e-3
 """Prior standard deviation of an unknown depth, in metres."""
 _LEAST_RIM = 0.03e-3
 """Least standard deviation of the place of a rim, in metres: a third of a texel."""
-_WALL = 0.05e-3
-"""Standard deviation of a wall that only the camera shows, in metres; images give no depth."""
 PATCH = 2.4e-3
 """Side of the map about a finding in metres: the raster and a footprint of the beam around it."""
 
@@ -231,9 +229,9 @@ def fuse(
     if means is not None:
         source = source | np.where(_reached(means, patch), ECHOES, UNSEEN)
     if pit.verdict == "through-hole":
-        depth, sd = (np.where(inside >= 0.5, np.inf, 0.0), np.where(inside >= 0.5, np.nan, _WALL))
+        depth, sd = (np.where(inside >= 0.5, np.inf, 0.0), np.where(inside >= 0.5, np.nan, WALL_SD))
     elif means is None:
-        depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, _WALL, np.inf)
+        depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, WALL_SD, np.inf)
     else:
         depth, sd = _fused(pit, means, patch, inside, image)
     known = source != UNSEEN
@@ -255,7 +253,7 @@ def _fused(
     """Return depth and standard deviation of texels with echoes."""
     mean, spread, rim = _prior_of(patch, pit, inside)
     mask = ((inside > 0.003) | _reached(means, patch)).ravel()
-    depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
+    depth, sd = np.zeros(mask.size), np.full(mask.size, WALL_SD)
     if mask.any():
         ties = _ties(patch, inside, image, mask)
         depth[mask], sd[mask] = _solve(means, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
@@ -270,7 +268,7 @@ def _prior_of(
     """Return prior mean and deviation of each texel, and the deviation by its side of the rim."""
     side = np.sqrt(inside * (1 - inside))
     if not np.isfinite(pit.depth):
-        spread = np.hypot(_UNKNOWN * inside, (1 - inside) * _WALL)
+        spread = np.hypot(_UNKNOWN * inside, (1 - inside) * WALL_SD)
         return 0.5 * _UNKNOWN * inside, spread, 0.5 * _UNKNOWN * side
     off = patch.off(pit.phi, pit.z)
     mouth = max(pit.diameter / 2, patch.step)
@@ -278,7 +276,7 @@ def _prior_of(
     dish = float(np.nan_to_num(pit.dish))
     floor = pit.depth + off @ np.array(pit.tilt) + dish * (1 - 2 * share)
     own = np.hypot(pit.depth_sd, 0.01 * mouth)
-    spread = np.sqrt((side * floor) ** 2 + inside * own**2 + (1 - inside) * _WALL**2)
+    spread = np.sqrt((side * floor) ** 2 + inside * own**2 + (1 - inside) * WALL_SD**2)
     return inside * floor, spread, side * floor
 
 

@@ -153,7 +153,7 @@ def head_angles(state, axes, cross, out):
 
 
 @njit(cache=True, nogil=True)
-def film_share(rise, angle, cooling):
+def _film_share(rise, angle, cooling):
     """Return the film coefficient over that of a straight wire at the rise where it is given.
 
     ``rise`` is the temperature over that around the wire, in K; ``angle`` in radians.
@@ -211,7 +211,7 @@ def head_run(
                 force = course(loads[a], now) / axes[a, 17]
                 if count == 2:
                     force += cross[3] * (length[1 - a] - cross[4])
-                own = film * film_share(state[a, 0] - near, length[a] / axes[a, 17], cooling)
+                own = film * _film_share(state[a, 0] - near, length[a] / axes[a, 17], cooling)
                 _wire_step(state[a], axes[a], (current, near, own, force, age), h)
                 flow += cooling[3] * own * axes[a, 4] * axes[a, 5] * (state[a, 0] - body)
             flow += cooling[5] * ambient

@@ -46,10 +46,10 @@ _KINDS = {"pit": 0.0, "hole": 1.0, "white": 2.0}
 Bytes = npt.NDArray[np.uint8]
 
 
-def led_positions(count: int = 3, circle: float = LED_CIRCLE) -> FloatArray:
-    """Return (count, 3) places of LEDs on a circle round the lens, in the camera, in metres."""
-    angles = np.pi / 2 + 2 * np.pi * np.arange(count) / count
-    return np.stack([circle * np.cos(angles), circle * np.sin(angles), np.zeros(count)], axis=1)
+def led_positions() -> FloatArray:
+    """Return (3, 3) places of LEDs on a circle round the lens, in the camera, in metres."""
+    angles = np.pi / 2 + 2 * np.pi * np.arange(3) / 3
+    return LED_CIRCLE * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
 
 
 @dataclass(frozen=True)

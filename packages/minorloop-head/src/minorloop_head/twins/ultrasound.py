@@ -345,9 +345,9 @@ class Ultrasound(Mounted):
         trace[first:stop] = self._scale * piece[: stop - first]
         return trace
 
-    def _floor_level(self, pit: int = 0) -> float:
-        """Return the peak of the floor echo of a pit at right angles, over that of a plain wall."""
-        bore, basis, mouth = self._pits[pit], self._bases[pit], self._mouths[pit]
+    def _floor_level(self) -> float:
+        """Return the peak of the floor echo of the first pit at right angles, over a plain wall."""
+        bore, basis, mouth = self._pits[0], self._bases[0], self._mouths[0]
         axis = np.array([np.cos(bore.phi), np.sin(bore.phi), 0.0])
         origin = axis * self.probe.face + np.array([0.0, 0.0, bore.z])
         spectrum = self._floor(bore, basis, mouth, origin, axis, -np.inf) * self._pulse()

@@ -127,7 +127,7 @@ class Window:
 
 
 def window_in_view(
-    camera: CalibratedCamera, pan: float, tilt: float, *, step: float = 0.05e-3, least: float = 14e3
+    camera: CalibratedCamera, pan: float, tilt: float, *, step: float, least: float
 ) -> Window | None:
     """Return the smallest window that contains all wall in view with enough resolution.
 

@@ -125,7 +125,7 @@ def find_holes(
     Parameters
     ----------
     frames : sequence of LitFrame
-        An acquisition, such as the one of `minorloop_head.procedures.extract`.
+        An acquisition, such as the one of `minorloop_head.procedures.meter`.
     camera : CalibratedCamera
         The camera.
     mode : {"switched", "single", "dither"}

@@ -48,10 +48,12 @@ GOOD, WRONG_SIZE, BLACK, SATURATED, NO_PICTURE, FROZEN, TORN = (
 )
 """Verdicts on a frame."""
 
-# Grey levels of 255, of cells and of pixels, and a share of these: one lit spot makes a frame not
-# black, the noise of a high gain does not; glints and a bright wall do not make it saturated.
 _DARK_LEVEL = 12
-_WHITE, _WHITE_SHARE = 250, 0.6
+"""Largest grey level of the mean and of the cells of a black frame: one lit spot makes it not
+black, the noise of a high gain does not."""
+WHITE, _WHITE_SHARE = 250, 0.6
+"""Grey level of a saturated pixel, since JPEG may lower it from 255; and share of them above which
+a frame is saturated: glints and a bright wall have fewer."""
 _STRIDE = 4  # pixels: a sixteenth of a frame is enough, and fast
 _TEAR_FACTOR, _TEAR_LEAST = 3.0, 3.0
 """A tear is a median step to the next row above 3 times its neighbours plus 3 grey levels."""
@@ -108,7 +110,7 @@ def check_frame(
     few = image[::_STRIDE, ::_STRIDE]
     if lit and few.mean() < _DARK_LEVEL and not (shrunk(image, _CELL) > _DARK_LEVEL).any():
         return BLACK
-    if (few >= _WHITE).mean() > _WHITE_SHARE:
+    if (few >= WHITE).mean() > _WHITE_SHARE:
         return SATURATED
     if _without_picture(image[::_STRIDE]):
         return NO_PICTURE
@@ -161,7 +163,7 @@ def same_light(one: Brightness, other: Brightness) -> str:
     rows and differ in one next to it, ``frozen`` if they are alike in all. Dark blocks are ignored.
     """
     grey = np.minimum(one.blocks, other.blocks)
-    known = (grey >= _LEAST_GREY) & (grey < _WHITE)
+    known = (grey >= _LEAST_GREY) & (grey < WHITE)
     apart = _blocks(np.abs(one.cells - other.cells)) / (_ALIKE * grey + _NOISE)
     alike = known & (apart < 1.0)
     if not (alike == known).all():
@@ -202,7 +204,7 @@ def shares_rows(one: npt.NDArray[np.uint8], other: npt.NDArray[np.uint8]) -> boo
     likely = np.flatnonzero((few[:, ::_CELL] == rest[:, ::_CELL]).all(axis=1))
     equal = few[likely][(few[likely] == rest[likely]).all(axis=1)]
     middle = np.median(equal, axis=1) if len(equal) else np.empty(0)
-    return bool(((middle >= _ROW_GREY) & (middle < _WHITE)).sum() >= _EQUAL_ROWS)
+    return bool(((middle >= _ROW_GREY) & (middle < WHITE)).sum() >= _EQUAL_ROWS)
 
 
 def clarity(image: Image) -> str:
@@ -226,7 +228,7 @@ def clarity(image: Image) -> str:
         return VEILED
     logarithm = np.log(grey + _DARK)
     lit = uniform_filter(grey, 2 * _COARSE + 1) > _LIT
-    lit &= ~maximum_filter(np.asarray(image) >= _WHITE, 2 * _COARSE + 1)
+    lit &= ~maximum_filter(np.asarray(image) >= WHITE, 2 * _COARSE + 1)
     shares = _area_means(lit)
     usable = shares > _SHARE
     if usable.sum() < _FEWEST:

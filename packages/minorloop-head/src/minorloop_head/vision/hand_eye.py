@@ -7,7 +7,6 @@ C of the target in the camera and Z of the target in the base, F X C = Z in ever
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -27,24 +26,8 @@ _LARGEST_MISFIT = 2.0
 """Largest rms difference between turns of camera and flange, in degrees."""
 
 
-@dataclass(frozen=True, eq=False)
-class HandEyeFit:
-    """Mount of a camera on the flange of a robot.
-
-    ``measured``: position in mm, and rotation vector in degrees, of the camera on the flange;
-    ``rotation`` (3, 3): from the camera to the flange; ``position`` (3,): of the lens on the
-    flange, in metres; ``residuals`` (N, 2): apparent turn in degrees and displacement in mm of the
-    target in each picture.
-    """
-
-    measured: tuple[Measured, ...]
-    rotation: FloatArray
-    position: FloatArray
-    residuals: FloatArray
-
-
-def fit_hand_eye(poses: Sequence[TargetPose], flange: FloatArray) -> HandEyeFit:
-    """Fit the pose of a camera on the flange of a robot.
+def fit_hand_eye(poses: Sequence[TargetPose], flange: FloatArray) -> tuple[Measured, ...]:
+    """Return the pose of a camera on the flange: x, y, z in mm, and a rotation vector in degrees.
 
     Raises a `RecordError` if there are too few poses, the robot turned about one axis only, or the
     poses do not belong to the pictures.
@@ -89,24 +72,14 @@ def fit_hand_eye(poses: Sequence[TargetPose], flange: FloatArray) -> HandEyeFit:
         sds = np.array([np.sqrt((part**2).mean() / freedom) + 1e-12 for part in off(x)])
     jacobian = np.asarray(found.jac)
     spread = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
-    turned, moved = off(x)
-    residuals = np.stack([np.degrees(np.linalg.norm(turned, axis=1)),
-                          1e3 * np.linalg.norm(moved, axis=1)], axis=1)  # fmt: skip
-    measured = [
-        *(("camera on the flange", k, 3 + k, 1e3, "mm") for k in range(3)),
-        *(
-            ("turn of the camera on the flange", k, k, float(np.degrees(1.0)), "deg")
-            for k in range(3)
-        ),
-    ]
-    return HandEyeFit(
-        tuple(
-            Measured(f"{name} {'xyz'[k]}", scale * float(x[n]), scale * float(spread[n]), unit)
-            for name, k, n, scale, unit in measured
-        ),
-        Rotation.from_rotvec(x[:3]).as_matrix(),
-        x[3:6].copy(),
-        residuals,
+    parts = (
+        ("camera on the flange", 3, 1e3, "mm"),
+        ("turn of the camera on the flange", 0, float(np.degrees(1.0)), "deg"),
+    )
+    return tuple(
+        Measured(f"{name} {axis}", scale * float(x[n]), scale * float(spread[n]), unit)
+        for name, first, scale, unit in parts
+        for n, axis in enumerate("xyz", first)
     )
 
 

@@ -183,7 +183,7 @@ class Servo:
         if np.abs(inside - aimed).max() > 1e-12:
             verdict = AT_CONE
         # The cone is convex: a shorter step from inside stays inside.
-        move = shortened(inside - state.angles, self.rate_limit * self.interval)
+        move = _shortened(inside - state.angles, self.rate_limit * self.interval)
         if verdict == TURNING and (move != inside - state.angles).any():
             verdict = AT_RATE
         step = ServoStep(state.angles + move, move / self.interval, pixels, verdict)
@@ -199,7 +199,7 @@ def _pair(values: npt.ArrayLike | None) -> FloatArray:
     return pair if pair.shape == (2,) else np.full(2, np.nan)
 
 
-def shortened(vector: FloatArray, most: float) -> FloatArray:
+def _shortened(vector: FloatArray, most: float) -> FloatArray:
     """Return the vector, shortened to a length of ``most``."""
     length = float(np.hypot(*vector))
     return vector if length <= most else np.asarray(vector * (most / length))
@@ -261,7 +261,7 @@ def _rotation_columns(point: npt.ArrayLike) -> FloatArray:
     return np.array([[x * y, -(1 + x * x), y], [1 + y * y, -x * y, -x]])
 
 
-def translation_columns(point: npt.ArrayLike, depth: float) -> FloatArray:
+def _translation_columns(point: npt.ArrayLike, depth: float) -> FloatArray:
     """Return (2, 3) rates of a (2,) point at a depth in metres for 1 m/s along x, y, z.
 
     Raises a `ParameterError` if the depth is not positive; it may be infinite.
@@ -276,9 +276,9 @@ def pan_tilt_jacobian(
     point: npt.ArrayLike,
     tilt: float,
     *,
-    lever: float = 0.0,
-    depth: float = math.inf,
-    camera: FloatArray | None = None,
+    lever: float,
+    depth: float,
+    camera: FloatArray,
 ) -> FloatArray:
     """Return (2, 2) rates of a point for 1 rad/s of pan and of tilt.
 
@@ -286,14 +286,12 @@ def pan_tilt_jacobian(
 
     ``point`` (2,): normalised coordinates. ``tilt``: of the head, in radians. ``lever``: from the
     pivot to the lens along the optical axis, in metres. ``depth``: of the point along the optical
-    axis, in metres; without it, the lever is ignored. ``camera`` (3, 3): rotation from the camera
-    to the joints, see `Mount.camera`; no rotation without it.
+    axis, in metres. ``camera`` (3, 3): rotation from the camera to the joints, see `Mount.camera`.
     """
     # The velocity of the lens is the angular velocity crossed with the lever along z.
     carried = lever * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    columns = _rotation_columns(point) + translation_columns(point, depth) @ carried
-    turns = body_rates(tilt)
-    rates: FloatArray = columns @ (turns if camera is None else camera.T @ turns)
+    columns = _rotation_columns(point) + _translation_columns(point, depth) @ carried
+    rates: FloatArray = columns @ (camera.T @ body_rates(tilt))
     return rates
 
 
@@ -411,7 +409,7 @@ class PointHold:
         inside = self.servo.cone.clip(wanted)
         if verdict == TURNING and np.abs(inside - wanted).max() > 1e-12:
             verdict = AT_CONE
-        move = shortened(inside - state.wanted, self.servo.rate_limit * self.servo.interval)
+        move = _shortened(inside - state.wanted, self.servo.rate_limit * self.servo.interval)
         if verdict == TURNING and (move != inside - state.wanted).any():
             verdict = AT_RATE
         inside = state.wanted + move
@@ -424,7 +422,7 @@ class PointHold:
 
     def correction(self, integral: FloatArray, error: FloatArray | None) -> FloatArray:
         """Return the integral part of the angles (2,), with its lead if there is an error."""
-        ahead = np.zeros(2) if error is None else self.lead * shortened(error, self.near)
+        ahead = np.zeros(2) if error is None else self.lead * _shortened(error, self.near)
         return np.asarray(-self.integral_gain * (integral + ahead))
 
     def _waited(self, state: _HoldState) -> _HoldState:

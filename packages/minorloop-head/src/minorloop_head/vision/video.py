@@ -33,7 +33,7 @@ from minorloop_head.vision.imaging import opencv
 NO_NEW_PICTURE = "gives no new picture"
 """Message on a camera that gave pictures before, and gives none in time."""
 SCHEME, _CAMERAS = "camera:", "minorloop.cameras"
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
+_IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 """Endings of the images in a folder."""
 _Target: TypeAlias = int | str | Path | Callable[[], FrameSource]
 _STREAMS = ("rtsp://", "http://", "https://")
@@ -314,11 +314,11 @@ def _opened(target: _Target, address: str = "") -> Any:
 def _images(target: Path) -> list[Path]:
     """Return the images of a folder in the order of their names, or a single image."""
     if target.is_dir():
-        found = sorted(path for path in target.iterdir() if path.suffix.lower() in IMAGES)
+        found = sorted(path for path in target.iterdir() if path.suffix.lower() in _IMAGES)
         if not found:
-            raise ParameterError(f"{target} has no images; they end in {', '.join(IMAGES)}")
+            raise ParameterError(f"{target} has no images; they end in {', '.join(_IMAGES)}")
         return found
-    return [target] if target.suffix.lower() in IMAGES else []
+    return [target] if target.suffix.lower() in _IMAGES else []
 
 
 def _image(path: Path, damaged: bool) -> Image:
