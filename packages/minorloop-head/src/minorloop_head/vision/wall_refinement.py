@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,12 +30,31 @@ degree, equally in neighbouring pictures. By trial on seeds 1000 to 1008: with a
 degrees the result departs from a true calibration by three standard deviations."""
 _STEP = 0.01
 """Steps of numerical derivatives, in standard deviations before the correction."""
-_ANGLE_SD = math.radians(0.17)
-"""Standard deviation of the angles of the mount and of the head at rest, in radians."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraDoubt:
+    """Standard deviations of a calibration, before its correction.
+
+    The defaults are those of errors uniform within the bounds of ``head calibrate``: 0.3 % of the
+    focal length, 1 pixel, 0.3 degrees and 0.1 mm.
+    """
+
+    focal: float = 0.0017
+    """Relative standard deviation of the focal length."""
+    centre: float = 0.6
+    """Standard deviation of the principal point, in pixels of a picture 640 wide."""
+    angle: float = math.radians(0.17)
+    """Standard deviation of the angles of the mount and of the head at rest, in radians."""
+    length: float = 0.06e-3
+    """Standard deviation of the lever and of the pivot's place, in metres."""
 
 
 def refined(
-    estimator: WallAngles, frames: Sequence[Frame], rest: FloatArray
+    estimator: WallAngles,
+    frames: Sequence[Frame],
+    rest: FloatArray,
+    doubt: CameraDoubt | None = None,
 ) -> tuple[CalibratedCamera, FloatArray]:
     """Return the camera and the rest angles (2,) with which the pictures of a sweep agree best.
 
@@ -45,17 +64,18 @@ def refined(
     ``estimator``: with the calibrated camera; ``frames``: pictures while the head turns, the first
     at rest; ``rest`` (2,): pan and tilt of the line of sight at rest, in radians.
     """
+    doubt = doubt or CameraDoubt()
     known = estimator.camera
-    change, start = np.zeros(len(_sds(known))), np.asarray(rest, dtype=np.float64)
+    change, start = np.zeros(len(_sds(doubt, known))), np.asarray(rest, dtype=np.float64)
     zero = start
     for _ in range(_ROUNDS):
-        at = replace(estimator, camera=_changed(known, change))
+        at = replace(estimator, camera=_changed(known, change, doubt))
         angles, pictures, state = _tracked(at, frames, zero)
         more, turn = _adjusted(
-            at, angles[::_EVERY], pictures[::_EVERY], state, change, zero - start
+            at, angles[::_EVERY], pictures[::_EVERY], state, doubt, change, zero - start
         )
         change, zero = change + more, zero + turn
-    return _changed(known, change), zero
+    return _changed(known, change, doubt), zero
 
 
 def _tracked(
@@ -82,6 +102,7 @@ def _adjusted(
     angles: FloatArray,
     pictures: list[Frame],
     state: WallState,
+    doubt: CameraDoubt,
     before: FloatArray,
     turned_before: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -94,12 +115,12 @@ def _adjusted(
     count = before.size
     views, number = np.unique(np.vstack([patches.origins, angles]), axis=0, return_inverse=True)
     origin, view = np.split(number.ravel(), [len(patches.origins)])
-    others = [_changed(camera, _STEP * unit) for unit in np.eye(count)]
+    others = [_changed(camera, _STEP * unit, doubt) for unit in np.eye(count)]
     moved = np.array([_seen_again(patches.places, patches.origins, camera, one) for one in others])
     turned = np.array(
         [
             _seen_again(patches.places, patches.origins, camera, camera, turn)
-            for turn in _STEP * _ANGLE_SD * np.eye(2)
+            for turn in _STEP * doubt.angle * np.eye(2)
         ]
     )
     size = count + views.shape[0] * 2
@@ -107,8 +128,8 @@ def _adjusted(
     normal[:count, :count] = np.eye(count)
     right[:count] = -before
     fixed = slice(count + 2 * view[0], count + 2 * view[0] + 2)
-    normal[fixed, fixed] += np.eye(2) / _ANGLE_SD**2
-    right[fixed] -= turned_before / _ANGLE_SD**2
+    normal[fixed, fixed] += np.eye(2) / doubt.angle**2
+    right[fixed] -= turned_before / doubt.angle**2
     for k, frame in enumerate(pictures):
         chosen = estimator.pictures.in_view(patches, angles[k])
         some = patches.of(chosen)
@@ -139,7 +160,7 @@ def _adjusted(
             row[:, :count] = back @ by_camera[:, p].T / _STEP
             own_view, first = count + 2 * view[k], count + 2 * origin[chosen[p]]
             row[:, own_view : own_view + 2] += np.eye(2)
-            row[:, first : first + 2] += back @ by_turn[:, p].T / (_STEP * _ANGLE_SD)
+            row[:, first : first + 2] += back @ by_turn[:, p].T / (_STEP * doubt.angle)
             normal += row.T @ weight @ row
             right += row.T @ weight @ votes[p]
     found = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
@@ -163,21 +184,16 @@ def _seen_again(
     return found
 
 
-def _sds(camera: CalibratedCamera) -> FloatArray:
-    """Standard deviations (8,) before the correction, in pixels, metres and radians.
-
-    Of focal length, u, v, lever, offset, squint and camera roll. They are those of errors uniform
-    within the bounds of ``head calibrate``: 0.3 % of the focal length, 1 pixel of a picture 640
-    wide, 0.1 mm and 0.3 degrees.
-    """
-    pixels = 0.6 * camera.lens.width / 640.0
-    lengths, angles = [0.06e-3] * 3, [_ANGLE_SD] * 2
-    return np.array([0.0017 * camera.lens.focal, pixels, pixels, *lengths, *angles])
+def _sds(doubt: CameraDoubt, camera: CalibratedCamera) -> FloatArray:
+    """Standard deviations: focal length, u, v, lever, offset, squint, camera roll."""
+    pixels = doubt.centre * camera.lens.width / 640.0
+    lengths, angles = [doubt.length] * 3, [doubt.angle] * 2
+    return np.array([camera.lens.focal * doubt.focal, pixels, pixels, *lengths, *angles])
 
 
-def _changed(camera: CalibratedCamera, change: FloatArray) -> CalibratedCamera:
+def _changed(camera: CalibratedCamera, change: FloatArray, doubt: CameraDoubt) -> CalibratedCamera:
     """Return a camera after a change in standard deviations."""
-    focal, u, v, lever, x, y, squint, roll = (change * _sds(camera)).tolist()
+    focal, u, v, lever, x, y, squint, roll = (change * _sds(doubt, camera)).tolist()
     lens, mount = camera.lens, camera.mount
     return replace(
         camera,
