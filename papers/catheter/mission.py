@@ -109,8 +109,7 @@ def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
         yield rig
         plant.safe()
 
-    needs = np.array([view.joints(pair) for pair in RasterScan(calibration=view).needs.T]).T
-    reachable = scoring.reaches(Head(seed), around, needs)
+    reachable = scoring.reaches(Head(seed), around, RasterScan(calibration=view).joints)
     truth = Results(bore=bore, crack=crack, water=water, tip=tip, reachable=reachable)
     begun = {
         "head": head.serial,
@@ -162,7 +161,7 @@ def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
     holes = [row for row in found if row["kind"] not in ("crack", "mark")]
     off = [wall_distance(_place(row), (bore.phi, bore.z), RADIUS) for row in holes]
     near = [row for row, far in zip(holes, off, strict=True) if far < SAME]
-    pit = next((row for row in near if row["verdict"] == "measured"), None)
+    pit = next((row for row in near if shown(row, "measured")), None)
     touches = [scoring.apart(place, bore, RADIUS) for place in truth.tip.tool.touches]
     touched = min((touch for touch in touches if touch < 2 * SAME), default=math.nan)
     depth = band = position = wide = math.nan
@@ -186,6 +185,15 @@ def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
         "in_band": bool(abs(depth) <= PER_DEVIATION * band),
         **_crack_figures([row for row in found if row["kind"] == "crack"], truth.crack),
     }
+
+
+def shown(row: Mapping[str, Any], verdict: str) -> bool:
+    """Return whether echoes of all places or some give a verdict on a finding, and no step failed.
+
+    ``row``: of the finding.
+    """
+    said: str = row["verdict"]
+    return said.startswith(verdict) and "but failed" not in said
 
 
 def _place(row: Mapping[str, Any]) -> tuple[float, float]:
@@ -267,11 +275,10 @@ def needed(probe: Probe | None = None) -> FloatArray:
     """
     view = _nominal(probe or Probe())
     if probe is None:
-        pairs = RasterScan(calibration=view).needs.T
-    else:
-        square = probe.perpendicular(view.mount_at(np.zeros(2)), 0.0)
-        phi, z = view.probe_at(np.zeros(2)).spots([[square, 0.0]])[0, :2].tolist()
-        pairs = raster(view.probe_at(np.zeros(2)), (phi, z))
+        return RasterScan(calibration=view).joints
+    square = probe.perpendicular(view.mount_at(np.zeros(2)), 0.0)
+    phi, z = view.probe_at(np.zeros(2)).spots([[square, 0.0]])[0, :2].tolist()
+    pairs = raster(view.probe_at(np.zeros(2)), (phi, z))
     joints = np.array([view.joints(pair) for pair in pairs])
     return np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
 
