@@ -20,7 +20,7 @@ from minorloop_head.twins.surroundings import Surroundings, convection
 from minorloop_head.twins.wire import DIAMETER
 from minorloop_head.ultrasound.pits import raster
 from papers.catheter import scoring
-from papers.catheter.mission import TEMPERATURES, extremes, needed
+from papers.catheter.mission import TEMPERATURES, needed
 
 GAS = 0.026
 """Conductivity of air, in W/(m K)."""
@@ -47,7 +47,8 @@ def bent(probe: Probe) -> FloatArray:
     view, rest = HeadCalibration(lens=LENS, leds=np.empty((0, 3)), probe=probe), np.zeros(2)
     square = probe.perpendicular(view.mount_at(rest), 0.0)
     phi, z = view.probe_at(rest).spots([[square, 0.0]])[0, :2].tolist()
-    return extremes(view, raster(view.probe_at(rest), (phi, z)))
+    joints = np.array([view.joints(pair) for pair in raster(view.probe_at(rest), (phi, z))])
+    return np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
 """``python -m benchmarks.inspections --seed S``: unattended inspections of simulated pipes.
 
 Dry, partly and fully flooded pipes in turn, at 5 to 40 degrees, are inspected from three places.
-Counted are pits, holes and cracks within reach that are found; those under water that are measured;
+Counted are pits, holes and cracks in the searched wall that are found; those under water that are
+measured, if the wires reach a raster in this water, and otherwise those whose finding says so;
 findings that are graded confirmed and are none; levels of the water in their 90 % bands; and
 inspections that, cut off at a line of their journal, give other findings when they are resumed.
 """
@@ -25,9 +26,15 @@ from minorloop_head.geometry import Probe, wall_distance
 from minorloop_head.inspection.heads import Water, inspected_head
 from minorloop_head.inspection.inspect_pipe import inspect
 from minorloop_head.procedures.probe_steps import CONFIRMED
+from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.steps import REFUSED
 from minorloop_head.procedures.trace import SAME, one_course
+from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.twins.surroundings import Surroundings
+from papers.catheter import scoring
 from papers.catheter.crack_scenes import fine_course
+from papers.catheter.mission import shown
 
 ADVANCES = (4e-3, 8e-3, 12e-3)
 """Places of the catheter in metres: a pit and a crack are then within reach."""
@@ -42,10 +49,12 @@ RESUMED = 5
 KINDS = ("dry", "part", "full")
 
 
-def scored(seed: int, kind: str, level: str, content: dict[str, Any]) -> Counter[str]:
+def scored(seed: int, kind: str, water: Water, content: dict[str, Any]) -> Counter[str]:
     """Return counts of an inspection by its ``findings.json``."""
-    tip, _ = open_tip("twin:pipe", specimen=seed, seed=seed)
+    tip, view = open_tip("twin:pipe", specimen=seed, seed=seed, water=water.filling())
     pipe: Pipe = tip.pipe  # type: ignore[attr-defined]
+    around, joints = water.filling().around(Surroundings()), RasterScan(calibration=view).joints
+    reachable = scoring.reaches(Head(seed), around, joints)
     counts = Counter({"pipes": 1, "reports": int(content["ended"] == "finished")})
     found, radius = content["findings"], pipe.radius
     low, high = (1e-3 * z for z in (content["wall"] or {"z [mm]": (0.0, 0.0)})["z [mm]"])
@@ -61,9 +70,12 @@ def scored(seed: int, kind: str, level: str, content: dict[str, Any]) -> Counter
             continue
         what = "hole" if bore.through else "pit"
         counts.update({f"{what}s": 1, f"{what}s found": int(bool(near))})
-        if _under(bore, level, radius):
+        if _under(bore, water.level, radius) and reachable:
             done = any(_measured(bore, found[n]) for n in near)
             counts.update({f"{what}s under water": 1, f"{what}s measured": int(done)})
+        elif _under(bore, water.level, radius):
+            said = any(found[n]["verdict"].startswith(REFUSED) for n in near)
+            counts.update({f"{what}s out of reach": 1, f"{what}s said to be": int(said)})
     for crack in pipe.cracks:
         course, _ = fine_course(crack, radius)
         same = [
@@ -80,7 +92,7 @@ def scored(seed: int, kind: str, level: str, content: dict[str, Any]) -> Counter
         counts["false confirmed"] += not one and row["grade"] == CONFIRMED
     stated = content.get("water above the axis [mm]")
     if kind == "part" and stated:
-        off = abs(stated[0] - float(level))
+        off = abs(stated[0] - float(water.level))
         counts.update({"levels": 1, "in their band": int(off <= PER_DEVIATION * stated[1])})
     counts["surfaces that are none"] += bool(kind != "part" and stated)
     return counts
@@ -99,9 +111,9 @@ def _under(bore: Bore, level: str, radius: float) -> bool:
 
 def _measured(bore: Bore, row: dict[str, Any]) -> bool:
     if bore.through:
-        return bool(row["verdict"] == "through-hole")
+        return shown(row, "through-hole")
     off = abs(1e-3 * (row["depth [mm]"] or math.inf) - bore.depth)
-    return bool(row["verdict"] == "measured" and off <= PROMISED * 1e-3 * row["depth_sd [mm]"])
+    return bool(shown(row, "measured") and off <= PROMISED * 1e-3 * row["depth_sd [mm]"])
 
 
 def inspected(seed: int, kind: str, folder: Path) -> tuple[Counter[str], dict[str, Any], str]:
@@ -117,7 +129,7 @@ def inspected(seed: int, kind: str, folder: Path) -> tuple[Counter[str], dict[st
         return content
 
     content = run(False)
-    counts = scored(seed, kind, level, content)
+    counts = scored(seed, kind, water, content)
     if seed % RESUMED == 0:
         journal = folder / "journal.jsonl"
         lines = journal.read_text().splitlines(keepends=True)

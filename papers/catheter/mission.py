@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -107,8 +107,7 @@ def draw_mission(seed: int) -> tuple[InspectedHead, Results]:
         yield rig
         plant.safe()
 
-    needs = np.array([view.joints(pair) for pair in RasterScan(calibration=view).needs.T]).T
-    reachable = scoring.reaches(Head(seed), around, needs)
+    reachable = scoring.reaches(Head(seed), around, RasterScan(calibration=view).joints)
     truth = Results(bore=bore, crack=crack, water=water, tip=tip, reachable=reachable)
     begun = {
         "head": head.serial,
@@ -160,7 +159,7 @@ def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
     holes = [row for row in found if row["kind"] not in ("crack", "mark")]
     off = [wall_distance(_place(row), (bore.phi, bore.z), RADIUS) for row in holes]
     near = [row for row, far in zip(holes, off, strict=True) if far < SAME]
-    pit = next((row for row in near if row["verdict"] == "measured"), None)
+    pit = next((row for row in near if shown(row, "measured")), None)
     touches = [scoring.apart(place, bore, RADIUS) for place in truth.tip.tool.touches]
     touched = min((touch for touch in touches if touch < 2 * SAME), default=math.nan)
     depth = band = position = wide = math.nan
@@ -184,6 +183,15 @@ def scored(content: Mapping[str, Any], truth: Results) -> dict[str, Any]:
         "in_band": bool(abs(depth) <= PER_DEVIATION * band),
         **_crack_figures([row for row in found if row["kind"] == "crack"], truth.crack),
     }
+
+
+def shown(row: Mapping[str, Any], verdict: str) -> bool:
+    """Return whether echoes of all places or some give a verdict on a finding, and no step failed.
+
+    ``row``: of the finding.
+    """
+    said: str = row["verdict"]
+    return said.startswith(verdict) and "but failed" not in said
 
 
 def _place(row: Mapping[str, Any]) -> tuple[float, float]:
@@ -256,16 +264,12 @@ def water(temperature: float) -> Surroundings:
     return Filling(level=FULL * RADIUS, temperature=temperature).around(Surroundings())
 
 
-def extremes(view: HeadCalibration, pairs: Iterable[FloatArray]) -> FloatArray:
-    """Return the least and largest reading (2, 2) of the joints for lines of sight, in degrees."""
-    joints = np.array([view.joints(pair) for pair in pairs])
-    return np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
-
-
 def needed() -> FloatArray:
-    """Return the readings of the joints in a raster of the nominal head, as of `extremes`."""
-    view = HeadCalibration(lens=LENS, leds=np.empty((0, 3)))
-    return extremes(view, RasterScan(calibration=view).needs.T)
+    """Return the least and largest reading (2, 2) of the joints in a raster, in degrees.
+
+    The head is the nominal one.
+    """
+    return RasterScan(calibration=HeadCalibration(lens=LENS, leds=np.empty((0, 3)))).joints
 
 
 def reach_figures(seed: int) -> dict[str, float]:

@@ -76,6 +76,7 @@ class Script:
         log, self.safe, self.logged = [], False, logged
         try:
             yield _Rig(
+                control=None,
                 calibration=VIEW, travels=self.travels, place=(0.0, 0.0), say=say, log=log,
                 compute=lambda work: work(), check_sensors=lambda: None, has_tool=True,
                 reading=lambda request: None,
@@ -174,6 +175,8 @@ def script(tmp_path, monkeypatch, without_pictures):
     fake(inspection, views_of=lambda _: np.zeros((2, 2)), traced_again=again)
     fake(inspection, look=lambda rig, name, angles: found.look(rig, name))
     fake(probing, go=nothing, meter=nothing, approach=nothing, scan=scan, ring_sweep=ringed)
+    point = SimpleNamespace(perpendicular=np.zeros(2), out_of_reach=lambda control: "")
+    fake(probing, ring_scan=lambda rig: point)
     fake(probing, touch=lambda rig, hole: rig.say("touch", "touched"))
     fake(probing, reach_words=lambda rig: ("within reach", True))
     fake(probe_steps, measure_pit=pit, crack_depth=lambda *_: found.crack_depth)

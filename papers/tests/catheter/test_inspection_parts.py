@@ -116,6 +116,8 @@ def test_findings_are_scored_by_place_depth_and_touch():
     silent = scored([row("hole or pit", 0.0, 20e-3, "no floor echo", None)])
     assert (silent["found"], silent["measured"]) == (True, False)
     assert np.isnan(silent["depth_off_um"])
+    assert scored([row("pit", 0.0, 20e-3, "measured (34 of 36 places)")])["measured"]
+    assert not scored([row("pit", 0.0, 20e-3, "measured, but failed: touch")])["measured"]
 
 
 def test_a_line_beside_the_true_crack_is_false():

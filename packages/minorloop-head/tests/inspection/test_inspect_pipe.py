@@ -104,19 +104,27 @@ def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(script):
 
 
 @pytest.mark.usefixtures("unreported")
-def test_a_finding_says_that_its_centring_failed_also_after_a_resume(script, monkeypatch):
+@pytest.mark.parametrize(
+    ("reach", "failed"), [("", "failed: centre"), ("out of reach: ", "")], ids=["within", "beyond"]
+)
+def test_a_finding_says_that_its_centring_failed_unless_it_is_out_of_reach_also_after_a_resume(
+    script, monkeypatch, reach, failed
+):
+    said = f"{reach}28.5 px from the middle of 640 by 480"
+
     def off(rig, *_, **__):
-        rig.say("centre", "28.5 px from the middle of 640 by 480", succeeded=False)
+        rig.say("centre", said, succeeded=False)
 
     monkeypatch.setattr(inspection, "centre", off)
     script.probe = False
     content = script.run().content
-    assert [row["verdict"] for row in content["findings"]] == [
-        "not scanned, but failed: centre"
-    ] * 2
-    step = {"step": "centre", "outcome": "28.5 px from the middle of 640 by 480"}
+    verdict = f"not scanned, but {failed}" if failed else "not scanned"
+    assert [row["verdict"] for row in content["findings"]] == [verdict] * 2
+    step = {"step": "centre", "outcome": said}
     assert content["findings"][0]["steps"] == [step | {"succeeded": False}]
-    assert content["unconfirmed"][0]["why"] == "not seen again; failed: centre"
+    assert not content["findings"][0]["centred"]
+    why = f"not seen again; {failed}" if failed else "not seen again"
+    assert content["unconfirmed"][0]["why"] == why
     script.rewrite(script.lines()[:-1])
     assert script.run(resume=True).findings == content["findings"]
 

@@ -48,7 +48,7 @@ def test_echoes_confirm_a_finding_and_odds_make_it_probable(verdict, evidence, g
 
 @given(st.floats(0.1e-3, 1.2e-3), st.floats(1e-6, 0.1e-3), st.floats(0.5, 2.0))
 def test_a_finding_is_accepted_if_enough_wall_is_left_by_the_end_of_its_band(depth, sd, least):
-    row = visit_row(finding(depth=depth, depth_sd=sd), 2e-3, least)
+    row = visit_row(finding(depth=depth, depth_sd=sd, bursts=34, planned=36), 2e-3, least)
     assert row["wall [mm]"] == pytest.approx(2.0 - 1e3 * depth, abs=1e-4)
     assert row["wall_sd [mm]"] == pytest.approx(1e3 * np.hypot(sd, 0.017 * 2e-3), abs=1e-4)
     assert row["accepted"] == (2.0 - 1e3 * depth - 1.6448536 * np.hypot(1e3 * sd, 0.034) >= least)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -39,6 +40,7 @@ class Head(Rig):
     """A rig with a tool, which touches at once."""
 
     has_tool = True
+    control = None
 
     def check_sensors(self):
         pass
@@ -103,8 +105,25 @@ def test_what_the_probe_does_not_reach_is_said_before_travel_and_of_each_finding
     assert np.isnan(hole.depth)
     assert (crack.kind, crack.verdict) == ("crack", SAID)
     assert made == []
-    probing.roll_round(20e-3)
-    assert kept.ring is None
+
+
+@pytest.mark.parametrize(
+    ("raster", "point"), [("", ""), (SAID, ""), (SAID, SAID), ("no water", "")]
+)
+def test_the_pipe_is_swept_round_if_one_point_is_within_reach(monkeypatch, raster, point):
+    for name in ("go", "meter"):
+        monkeypatch.setattr(module, name, lambda *given, **more: None)
+    sweep = SimpleNamespace(perpendicular=np.zeros(2), out_of_reach=lambda control: point)
+    monkeypatch.setattr(module, "ring_scan", lambda rig: sweep)
+    monkeypatch.setattr(module, "ring_sweep", lambda rig: Ring(None, None))
+    rig, kept = Head(), Kept()
+    Probing(rig, kept, raster).roll_round(20e-3)
+    swept = not point and raster != "no water"
+    assert (kept.ring is not None) == swept
+    assert [request.water for request in rig.asked] == ([True, False] if swept else [])
+    assert [(step.what, step.outcome, step.succeeded) for step in rig.log] == (
+        [("water line", SAID, False)] if point else []
+    )
 
 
 def test_a_dry_pipe_is_not_scanned(made):
@@ -120,16 +139,6 @@ def test_a_dry_pipe_is_not_scanned(made):
     ]
 
 
-def test_the_pipe_is_swept_round_in_water_and_drained_after(monkeypatch):
-    rig, kept = Head(), Kept()
-    for name in ("go", "meter"):
-        monkeypatch.setattr(module, name, lambda *given, **more: None)
-    monkeypatch.setattr(module, "ring_sweep", lambda rig: Ring(None, None))
-    Probing(rig, kept).roll_round(20e-3)
-    assert kept.ring is not None
-    assert [request.water for request in rig.asked] == [True, False]
-
-
 class BlindRig(Head):
     """A rig whose camera never shows by how much the base is turned."""
 
@@ -139,6 +148,7 @@ class BlindRig(Head):
 
 def test_a_sweep_round_the_pipe_without_a_burst_that_can_be_used_says_so(monkeypatch):
     monkeypatch.setattr(ring_module, "go", lambda *given, **more: None)
+    monkeypatch.setattr(ring_module, "ring_scan", lambda rig: SimpleNamespace(perpendicular=None))
     rig = BlindRig()
     found = ring_sweep(rig)
     assert (found.profile.detected.size, found.water.words) == (0, "not seen")

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from minorloop_head.control.head import head_control
+from minorloop_head.geometry import REACH
 from minorloop_head.procedures.go import go
 from minorloop_head.procedures.scan import (
     MOST_OFF,
@@ -183,6 +184,20 @@ def test_what_cold_water_puts_out_of_reach_is_said():
     words = r"out of reach: (pan|tilt) needs 1\d degrees, has 1\d \(\d to \d+\) in water of 1 C"
     assert re.fullmatch(words, cold.out_of_reach(control()))
     assert not SCAN.out_of_reach(control())
+
+
+def test_one_point_at_a_smaller_reading_of_the_tilt_is_within_reach_in_cold_water():
+    head, cold = control(), replace(CALIBRATION, temperature=1.0)
+    usual, point = SCAN.in_water(head), RasterScan(calibration=cold, points=1)
+    assert usual.tilt == SCAN.tilt
+    assert point.out_of_reach(head)
+    found = point.in_water(head)
+    assert not found.out_of_reach(head)
+    assert np.hypot(*found.perpendicular) <= REACH
+    spot, before = (
+        cold.probe_at((12e-3, 0.2)).spots(each.perpendicular)[0] for each in (found, point)
+    )
+    assert spot[1:] == pytest.approx(before[1:], abs=0.2e-3)
 
 
 EAR = CALIBRATION.probe_at((12e-3, 0.2))

@@ -1,4 +1,4 @@
-"""Looks in a direction that the wires may not reach."""
+"""Looks in a direction that the wires may not reach, and at a place beyond the cone."""
 
 import math
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from minorloop_head.geometry import wrapped
-from minorloop_head.procedures.steps import look
+from minorloop_head.procedures.mark import aim_at
+from minorloop_head.procedures.steps import centre, look
 
 from .fakes import CALIBRATION, Loop
 
@@ -18,8 +19,8 @@ class Rig(Loop):
 
     calibration = CALIBRATION
 
-    def __init__(self, *, travels=True, most=10.0):
-        super().__init__()
+    def __init__(self, *, travels=True, most=10.0, **known):
+        super().__init__(**known)
         self.top, self.travels = most, travels
         self.most, self.said = np.full(2, np.inf), []
 
@@ -53,3 +54,15 @@ def test_a_head_that_falls_short_in_the_right_direction_or_has_no_catheter_is_no
     assert not look(rig, "view 1", np.array([RING, 0.0]))
     assert rig.said[0][1].endswith(f", has {rig.top:.0f}")
     assert rig.place.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("off", "reached"), [(29.0, True), (31.0, False)])
+def test_a_place_beyond_the_cone_is_said_to_be_out_of_reach_and_tried_once(off, reached):
+    place = np.array([0.5, 1e-3 + CALIBRATION.radius / math.tan(math.radians(off))])
+    before = 0.7 * aim_at(CALIBRATION, place, (1e-3, 0.0))
+    rig = Rig(most=90.0, sees=True, angles=before, place=(1e-3, 0.0))
+    centre(rig, place)
+    ((what, outcome, succeeded),) = rig.said
+    assert (what, succeeded) == ("centre", reached)
+    assert outcome.startswith("out of reach: ") != reached
+    assert rig.t < 16.0

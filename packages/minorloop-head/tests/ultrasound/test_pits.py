@@ -11,6 +11,7 @@ from minorloop_head.reconstruction.findings import finding_of
 from minorloop_head.reconstruction.fusion import mean_depths
 from minorloop_head.twins.pipe import Bore, Dent, Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
+from minorloop_head.ultrasound import pits as module
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.joint_fit import solve_without_floor
 from minorloop_head.ultrasound.pits import (
@@ -168,3 +169,12 @@ def test_only_a_mouth_without_a_floor_is_a_through_hole(gain, through):
     fit = fit_of(pit(gain=gain, depth=0.8e-3))
     hole = solve_without_floor(fit, fit.solve(pit(gain=gain, depth=0.8e-3)))
     assert is_through_hole(fit, hole) == through
+
+
+def test_a_poor_floor_in_a_mouth_that_is_much_wider_than_in_the_image_is_disturbed(monkeypatch):
+    monkeypatch.setattr(module, "detect_deep_floor", lambda *_: module.ABSENT)
+    wide = pit(size=0.35, gain=0.4)
+    fit = fit_of(wide)
+    found = module._assessed(fit, fit.solve(wide), ambiguous=False, bursts=[])
+    assert found.verdict == "disturbed"
+    assert found.diameter_sd > 0.07 * found.diameter

@@ -183,7 +183,8 @@ def visit_row(
     if view.finding.kind == "hole":
         left, left_sd = 0.0, math.nan
     surely = left if math.isnan(left_sd) else left - PER_DEVIATION * left_sd
-    sure = view.finding.kind == "hole" or view.finding.verdict == MEASURED
+    measured = view.probed is not None and view.probed.verdict == MEASURED and not view.failed
+    sure = view.finding.kind == "hole" or measured
     known = least_wall is not None and sure
     last = {each.what: each.succeeded for each in view.steps}
     if last.get("modality") is False:

@@ -14,7 +14,7 @@ from minorloop_head.procedures.pictures import (
     crack_in,
     hole_in,
 )
-from minorloop_head.procedures.steps import CLAIMED
+from minorloop_head.procedures.steps import CLAIMED, REFUSED
 from minorloop_head.procedures.values import LogEntry
 from minorloop_head.reconstruction.findings import UNDECIDED, Finding, finding_of, kind_of, outlined
 from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_finding
@@ -94,19 +94,23 @@ class InspectedView:
     def failed(self) -> str:
         """The word failed and the names of the failed steps; empty if no step failed.
 
-        A step whose outcome is the verdict of the echoes is left out, and so is the touch of a
-        through-hole, where the tool meets no wall.
+        A step whose outcome is the verdict of the echoes is left out. So are the touch of a
+        through-hole, where the tool meets no wall, and the centring of a place beyond the cone.
         """
         said = None if self.probed is None else self.probed.verdict
         bad = [each for each in self.steps if not each.succeeded and each.outcome != said]
         counts = [name for name in CLAIMED if said != HOLE or name != "touch"]
-        names = [each.what for each in bad if each.what in counts]
+        names = [each.what for each in bad if each.what in counts and not _beyond_cone(each)]
         return f"failed: {', '.join(names)}" if names else ""
 
     @property
     def looks_round(self) -> bool:
         """Whether it looks round, instead of visiting a candidate."""
         return self.picture.name.partition(" ")[0] == AROUND
+
+
+def _beyond_cone(step: LogEntry) -> bool:
+    return step.what == "centre" and step.outcome.startswith(REFUSED)
 
 
 def first_visit(name: str) -> str:

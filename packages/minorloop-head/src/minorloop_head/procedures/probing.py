@@ -20,8 +20,8 @@ from minorloop_head.procedures.probe_steps import (
     scanned_pit,
 )
 from minorloop_head.procedures.rig import InspectionRig
-from minorloop_head.procedures.ring import Ring, ring_sweep
-from minorloop_head.procedures.scan import RasterScan, ScannedRaster
+from minorloop_head.procedures.ring import Ring, ring_scan, ring_sweep
+from minorloop_head.procedures.scan import ScannedRaster
 from minorloop_head.procedures.steps import REFUSED, approach, go, meter, touch
 from minorloop_head.procedures.values import LogEntry, Request
 from minorloop_head.ultrasound.crack_depth import CrackDepth
@@ -116,12 +116,19 @@ class Probing:
         return with_finding(replace(view, steps=steps, probed=probed), rig.calibration.radius)
 
     def roll_round(self, z: float) -> None:
-        """Sweep once round the flooded pipe at a place along it in metres, unless it is done."""
-        rig = self.rig
-        if self.kept.ring is not None or self.refused:
+        """Sweep once round the flooded pipe at a place along it in metres, unless it is done.
+
+        Its one point is within reach in colder water than a raster.
+        """
+        rig, dry = self.rig, self.refused and not self.refused.startswith(REFUSED)
+        if self.kept.ring is not None or dry:
+            return
+        sweep = ring_scan(rig)
+        if refused := sweep.out_of_reach(rig.control):
+            rig.say("water line", refused, succeeded=False)
             return
         go(rig, place=np.array([z, 0.0]))
-        go(rig, angles=RasterScan(calibration=rig.calibration).perpendicular)
+        go(rig, angles=sweep.perpendicular)
         meter(rig)
         rig.reading(Request(water=True))
         ring = ring_sweep(rig)

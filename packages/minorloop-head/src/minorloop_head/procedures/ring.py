@@ -34,13 +34,18 @@ class Ring:
     water: WaterLine
 
 
+def ring_scan(rig: InspectionRig) -> RasterScan:
+    """Return the scan of one point that has the angles of the sweep in the present water."""
+    return RasterScan(calibration=rig.calibration, points=1).in_water(rig.control)
+
+
 def ring_sweep(rig: InspectionRig) -> Ring:
     """Roll the catheter once round in the flooded pipe, and measure profile and water line.
 
     Places at which the camera does not see the turn of the base are skipped.
     """
     view, profiles = rig.calibration, []
-    go(rig, angles=RasterScan(calibration=view).perpendicular)
+    go(rig, angles=ring_scan(rig).perpendicular)
     # Each picture is matched with those before it; cables are wound up by half a turn at most.
     start, way = float(rig.place[1]), -1.0 if rig.place[1] > 0 else 1.0
     for k in range(TURNS):

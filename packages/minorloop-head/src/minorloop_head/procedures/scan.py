@@ -124,6 +124,8 @@ class RasterScan:
     calibration: HeadCalibration
     points: int = POINTS
     """Number of points in a row of the raster."""
+    tilt: float = _TILT
+    """Tilt of the head in radians at which the beam is square to the wall."""
 
     def scan(
         self,
@@ -247,8 +249,7 @@ class RasterScan:
     def out_of_reach(self, control: HeadControl) -> str:
         """Return why the wires of a head do not reach the points in water; empty if they do."""
         view = self.calibration
-        water, middle = view.temperature, view.joints(self.perpendicular)
-        wanted = np.array([view.joints(pair) for pair in self.needs.T]).T
+        water, middle, wanted = view.temperature, view.joints(self.perpendicular), self.joints
         has, worst, best = (
             flooded_reach(control, middle, water + warmer, cooling=SLEEVED * share)
             for warmer, share in (
@@ -269,11 +270,24 @@ class RasterScan:
                     )
         return ""
 
+    def in_water(self, control: HeadControl) -> RasterScan:
+        """Return the scan with the tilt nearest to its own that the wires surely reach in water.
+
+        The beam can be square to the wall at any tilt, and the line of sight stays in the cone.
+        """
+        view, (pan, _) = self.calibration, self.perpendicular.tolist()
+        coldest, most_cooled = view.temperature - _WATER_BAND, SLEEVED * (1 + _SLEEVE_BAND)
+        middle = view.joints(self.perpendicular)
+        has = flooded_reach(control, middle, coldest, cooling=most_cooled)[1, 1]
+        beyond = max(float(self.joints[1, 1] - has), 0.0)
+        steepest = -math.sqrt(REACH**2 - pan**2)
+        return replace(self, tilt=max(self.tilt - math.radians(beyond), steepest))
+
     @property
     def perpendicular(self) -> FloatArray:
         """(2,) pan and tilt at which the beam meets the wall at a right angle."""
         mount = self.calibration.mount_at(np.zeros(2))
-        return np.array([self.calibration.probe.perpendicular(mount, _TILT), _TILT])
+        return np.array([self.calibration.probe.perpendicular(mount, self.tilt), self.tilt])
 
     @property
     def needs(self) -> FloatArray:
@@ -282,6 +296,11 @@ class RasterScan:
         pan, tilt = self.perpendicular.tolist()
         left = NEAR[1] / abs(math.sin(pan))
         return np.array([[pan - half, pan + half], [tilt - left, tilt + left]])
+
+    @property
+    def joints(self) -> FloatArray:
+        """(2, 2) least and largest reading of pan and tilt in a raster, in degrees."""
+        return np.array([self.calibration.joints(pair) for pair in self.needs.T]).T
 
     def rolled(self, phi: float, place: npt.ArrayLike) -> FloatArray:
         """Return a place (2,) rolled, by the shorter way, until the beam is square to a phi."""

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop_head.geometry import AXES, wall_distance, wrapped
-from minorloop_head.procedures.centre import TWO_TICKS, Centred, Centring
+from minorloop_head.geometry import AXES, wall_distance, wall_point, wrapped
+from minorloop_head.procedures.centre import CONE, TWO_TICKS, Centred, Centring
 from minorloop_head.procedures.go import go as going
 from minorloop_head.procedures.mark import APPROACH, TOUCHED, Marking, Touch, aim_at
 from minorloop_head.procedures.meter import acquisition
@@ -171,6 +171,8 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
     If the place is lost, white, or cut off by the edge of the picture, the joints turn the head
     there, the gain is set for the place, and the picture is tried again.
 
+    The step is out of reach where the place stays beside the middle because it is beyond the cone.
+
     ``place`` (2,): phi and z. ``outlined``: whether to centre the middle of the round outline there
     instead, if there is one: places from another view are some pixels off. The outline is then
     found anew in the middle of the picture, and centred again if it is not in the middle.
@@ -188,7 +190,7 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
             go(rig, angles=aim_at(rig.calibration, place, rig.place))
             meter(rig, place)
             continue
-        if not outlined or found.stuck:
+        if not outlined or found.stuck or _beyond(rig, found):
             break
         place, pixel = found.place, _outlined(rig, centring, found.place)
         lens = rig.calibration.lens
@@ -198,6 +200,14 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
             break
         centring = replace(centring, in_middle=CENTRED_PX, integral_gain=0.0)
     _log_centred(rig, found)
+
+
+def _beyond(rig: InspectionRig, found: Centred) -> bool:
+    """Return whether a tracked point stays beside the middle because it is beyond the cone."""
+    phi, z = found.place.tolist()
+    point = wall_point(phi, z, rig.calibration.radius)
+    off = np.hypot(*rig.calibration.mount_at(rig.place).aim(point))
+    return bool(found.error > CENTRED_PX and off > CONE.half)
 
 
 def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> FloatArray:
@@ -218,7 +228,9 @@ def _log_centred(rig: InspectionRig, found: Centred) -> None:
         lens = rig.calibration.lens
         words = f"{found.error:.1f} px from the middle of {lens.width} by {lens.height}"
         good = found.error <= CENTRED_PX
-        rig.say("centre", words if good else f"{words}, more than {CENTRED_PX:g}", succeeded=good)
+        words += "" if good else f", more than {CENTRED_PX:g}"
+        beyond = f"{REFUSED}: " if _beyond(rig, found) else ""
+        rig.say("centre", f"{beyond}{words}", succeeded=good)
 
 
 def bring_in_reach(rig: InspectionRig, marking: Marking, where: npt.ArrayLike) -> None:

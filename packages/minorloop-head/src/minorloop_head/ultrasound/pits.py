@@ -254,8 +254,10 @@ def _assessed(
     hole = solve_without_floor(fit, best)
     verdict, depth_sd = _verdict(fit, best, hole.cost)
     ambiguous = ambiguous or best.unknowns[4] > _LOUDEST
-    if verdict == MEASURED and (disturbed or ambiguous):
-        verdict, depth_sd = (DISTURBED, _WIDE) if disturbed else (AMBIGUOUS, np.nan)
+    if disturbed and verdict in (MEASURED, UNEVEN):
+        verdict, depth_sd = DISTURBED, _WIDE
+    elif ambiguous and verdict == MEASURED:
+        verdict, depth_sd = AMBIGUOUS, np.nan
     verdict = _if_deeper(fit, best, verdict, bursts)
     if verdict == HOLE and not is_through_hole(fit, hole):
         verdict = SILENT
