@@ -1,7 +1,8 @@
-"""Height of thin lines on maps of the wall, averaged over all lights.
+"""Heights of thin lines on maps of the wall, averaged over all lights.
 
 Under each light a line is darker or brighter than the wall on both of its sides, along some length.
-An edge has one such side only, and a spot has no length.
+An edge has one such side only, and a spot has no length. The flanks of a groove answer differently
+to lights from different sides; differences between lights show them, and not the colour of a wall.
 """
 
 from __future__ import annotations
@@ -30,17 +31,18 @@ _MARGIN = 24
 def line_heights(
     stack: Image32, seen: npt.NDArray[np.bool_]
 ) -> tuple[Image32, npt.NDArray[np.bool_]]:
-    """Return the height of a line through each texel over both sides, and the middles of lines.
+    """Return the heights of lines through each texel over both sides, and the middles of lines.
 
     ``stack`` (K, rows, columns): logarithm of the reflectance under each of K lights; ``seen``
     (rows, columns): where all of them are known.
 
     Returns
     -------
-    heights : (rows, columns) array of float32
+    heights : (J, rows, columns) array of float32
         In the logarithm of the reflectance, averaged along and across the filter and over the
-        lights; 0 where there is no line.
-    middle : (rows, columns) array of bool
+        lights; 0 where there is no line. J is 2: lines of the maps, and of their differences from
+        the mean over the lights; or 1 with one light, without the latter.
+    middle : (J, rows, columns) array of bool
         Where no texel beside the line is higher.
     """
     rows, columns = seen.shape
@@ -49,8 +51,9 @@ def line_heights(
     waves = [fft.rfft2(_levelled(level, seen, share), shape) for level in stack]
     v = 2 * np.pi * np.fft.fftfreq(shape[0])[:, None].astype(np.float32)
     u = 2 * np.pi * np.fft.rfftfreq(shape[1])[None].astype(np.float32)
-    best = np.full((rows, columns), -np.inf, dtype=np.float32)
-    sides = np.zeros((2, rows, columns), dtype=np.int8)
+    kinds = min(len(stack), 2)
+    best = np.full((kinds, rows, columns), -np.inf, dtype=np.float32)
+    sides = np.zeros((kinds, 2, rows, columns), dtype=np.int8)
     smooth, product = np.empty((len(stack), *shape), dtype=np.float32), np.empty_like(waves[0])
     for heading in np.pi * np.arange(_HEADINGS) / _HEADINGS:
         c, s = float(np.cos(heading)), float(np.sin(heading))
@@ -59,9 +62,11 @@ def line_heights(
             filtered = np.exp(-0.5 * ((_ALONG * along) ** 2 + (wide * across) ** 2))
             for wave, one in zip(waves, smooth, strict=True):
                 one[:] = fft.irfft2(np.multiply(wave, filtered, out=product), shape)
-            step = round(aside * c), round(-aside * s)
-            keep_highest(smooth, step, (round(1.4 * c), round(-1.4 * s)), best, sides)
-    return best, _middle(best, sides)
+            step, side = (round(aside * c), round(-aside * s)), (round(1.4 * c), round(-1.4 * s))
+            for highest, at in zip(best, sides, strict=True):
+                keep_highest(smooth, step, side, highest, at)
+                smooth -= smooth.mean(axis=0)
+    return best, np.stack([_middle(*one) for one in zip(best, sides, strict=True)])
 
 
 def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:

@@ -38,9 +38,10 @@ from minorloop_head.vision.crack_links import FEWEST, cut_at_crossings, followed
 from minorloop_head.vision.imaging import Image32, shrunk
 from minorloop_head.vision.reflectance_map import STEP
 
-_HIGH, _LOW, _LEAST = 3.5, 2.2, 0.02
+_HIGH, _LOW, _LEAST = 3.5, 2.2, (0.02, 0.01)
 """Height that a piece reaches, and height above which it stays, in multiples of the median height
-of the map; and its least value: walls differ by a factor of five in their texture. By trial."""
+of the map; and its least values, for the maps of the lights and for their differences: walls differ
+by a factor of five in their texture. By trial."""
 _EDGE = 4
 """Width in texels of the edge of the known wall, where a line has no second side."""
 _SHORTEST = 0.8e-3
@@ -254,10 +255,15 @@ def lined_wall(
         return None
     # A profile beyond the map continues with the last brightness of the wall.
     _, near = ndimage.distance_transform_edt(~seen, return_indices=True)
-    heights, middle = line_heights(levels, seen)
+    each, middles = line_heights(levels, seen)
     margin = seen & ~ndimage.binary_erosion(seen, iterations=_EDGE)
-    heights[~seen | margin] = 0
-    texture = max(float(np.median(heights[seen & ~margin])), _LEAST)
+    each[:, ~seen | margin] = 0
+    medians = np.median(each[:, seen & ~margin], axis=1)
+    textures = np.maximum(medians, _LEAST[: len(each)])
+    # A line counts by the kind of map in which it stands out most from the texture.
+    shares = each / textures[:, None, None]
+    texture, heights = float(textures[0]), textures[0] * shares.max(axis=0)
+    middle = np.take_along_axis(middles, shares.argmax(axis=0)[None], axis=0)[0]
     _mask_out(heights, window, radius, apart)
     heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
     least = _SHORTEST / window.step
