@@ -36,7 +36,7 @@ def test_instruments_are_described_by_a_file_and_have_no_specimen(tmp_path):
         connect(f"visa:{tmp_path / 'bench.json'}")
     with pytest.raises(ParameterError, match="is not simulated; leave specimen"):
         connect("visa:bench.json", specimen=1)
-    with pytest.raises(ParameterError, match="has no option 'tick'; it takes clock"):
+    with pytest.raises(ParameterError, match="has no option 'tick'; it takes none"):
         connect("visa:bench.json", tick=1.0)
 
 

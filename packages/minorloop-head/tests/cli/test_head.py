@@ -413,7 +413,8 @@ SEES = "head identify --actuator twin:pipe --specimen 3"
 @pytest.mark.usefixtures("targets")
 def test_a_refusal_is_one_sentence_and_writes_nothing(run, command, sentence, monkeypatch):
     """It comes before a device is opened and before the head waits for its pictures."""
-    monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", Still)
+    for where in ("vision.video", "procedures.target_pictures"):
+        monkeypatch.setattr(f"minorloop_head.{where}.LiveCamera", Still)
     waited = "minorloop_head.procedures.seen_angles.SeenHead"
     monkeypatch.setattr(waited, lambda *_, **__: pytest.fail("it waited"))
     known = HeadFile(serial="H-07", calibration=VIEW, calibrated=LATER)

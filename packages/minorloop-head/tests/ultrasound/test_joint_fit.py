@@ -89,8 +89,8 @@ def test_a_pit_in_a_dent_is_measured_below_the_wall_about_it(dented, dented_scan
     probe, bursts = dented_scan
     found = measure_pit(bursts, probe, dented.centre, dented.diameter)
     assert found.verdict == "measured"
-    assert found.depth == pytest.approx(dented.depth, abs=3 * found.depth_sd)
-    assert found.depth == pytest.approx(dented.depth, abs=20e-6)
+    assert found.depth == pytest.approx(dented.site.depth, abs=3 * found.depth_sd)
+    assert found.depth == pytest.approx(dented.site.depth, abs=20e-6)
 
 
 def test_the_shape_explains_the_distances(dented, dented_scan, unbent):
@@ -98,7 +98,7 @@ def test_the_shape_explains_the_distances(dented, dented_scan, unbent):
     fit = bent_fit(dented_scan[1], unbent)
     assert fit.range_error < 2e-6
     assert 0 < fit.unknown < 10e-6
-    again = renewed(fit, np.array([0.0, 0.0, 0.0, dented.depth, 1.0, 0.0, 0.0, 0.0]))
+    again = renewed(fit, np.array([0.0, 0.0, 0.0, dented.site.depth, 1.0, 0.0, 0.0, 0.0]))
     assert again.unknown < 10e-6
 
 
