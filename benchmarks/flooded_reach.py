@@ -40,7 +40,7 @@ HEADS = {
 
 
 def bent(probe: Probe) -> FloatArray:
-    """Return the same for a raster that is bent only, with a catheter at rest.
+    """Return the readings of `needed` for a raster that is bent only, with a catheter at rest.
 
     The probe is square to the wall at a tilt of 0.
     """

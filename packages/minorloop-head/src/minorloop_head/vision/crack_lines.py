@@ -63,9 +63,10 @@ def line_heights(
             for wave, one in zip(waves, smooth, strict=True):
                 one[:] = fft.irfft2(np.multiply(wave, filtered, out=product), shape)
             step, side = (round(aside * c), round(-aside * s)), (round(1.4 * c), round(-1.4 * s))
-            for highest, at in zip(best, sides, strict=True):
-                keep_highest(smooth, step, side, highest, at)
+            keep_highest(smooth, step, side, best[0], sides[0])
+            if kinds > 1:
                 smooth -= smooth.mean(axis=0)
+                keep_highest(smooth, step, side, best[1], sides[1])
     return best, np.stack([_middle(*one) for one in zip(best, sides, strict=True)])
 
 

@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 
 from minorloop.errors import RecordError
@@ -30,8 +30,13 @@ def split_header(header: str) -> tuple[str, str]:
     match = re.fullmatch(r"\s*(.*?)\s*\(([^()]*)\)\s*", header)
     if match and match[1] and match[2].strip() in UNITS:
         return match[1], match[2].strip()
-    name, _, end = header.strip().rpartition("_")
-    return (name, end) if name.strip("_") and end in _ENDINGS else (header.strip(), "")
+    return split_ending(header.strip(), _ENDINGS)
+
+
+def split_ending(name: str, units: Container[str]) -> tuple[str, str]:
+    """Return a name and the unit after its last underscore, if that is one of some units."""
+    stem, _, end = name.rpartition("_")
+    return (stem, end) if stem.strip("_") and end in units else (name, "")
 
 
 def find_column(name: str, headers: Sequence[str], *, source: object) -> str:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
 from minorloop.errors import ParameterError, RecordError, are, counted
-from minorloop.lab.headers import split_header
+from minorloop.lab.headers import split_ending, split_header
 
 SECONDS = {
     "": 1.0,
@@ -107,10 +107,8 @@ def split_time(header: str) -> tuple[str, str]:
     name, unit = split_header(header)
     if re.fullmatch(r"[dmyhsfjt:.,/ -]{4,}", unit.casefold()):
         return name, ""
-    stem, _, last = name.rpartition("_")
-    if not unit and last in SECONDS and stem.casefold() in _NAMES:
-        return stem, last
-    return name, unit
+    stem, last = split_ending(name, SECONDS)  # min, h and d are units after the name of a time
+    return (stem, last) if not unit and stem.casefold() in _NAMES else (name, unit)
 
 
 def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> TimeCheck:
